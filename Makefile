@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test lint bench clean
+.PHONY: help setup build demo test lint bench lock clean
 
 python := .venv/bin/python3
 
@@ -14,7 +14,8 @@ build:  ## build and install anew, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
 
-demo: setup  ## a simulated robot picks and places; GUI=1 shows it in a window, DEMO_ARGS="--disturb slip" disturbs it
+demo:  ## a simulated robot picks and places; GUI=1 shows it in a window, DEMO_ARGS="--disturb slip" disturbs it
+	@.ci/setup run planner sim
 	@exec .ci/in_ros rosrun skiros2_sim_skills pick_place_demo $(if $(filter-out 0 false no,$(GUI)),--gui) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
@@ -28,8 +29,17 @@ lint: setup  ## check style and types
 	@echo "mypy" && $(python) -m mypy --no-error-summary
 
 bench: setup  ## measure, print a table, write build/bench.json
-	@$(python) -m pip install --quiet --requirement tests/benchmarks/requirements.txt || echo "goes on without some planners"
+	@$(python) -m pip install --quiet --require-hashes --requirement requirements/bench.txt || echo "some planners are missing"
 	@exec .ci/in_ros $(python) tests/benchmarks/run.py --json build/bench.json
+
+# Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
+lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
+	@python3 -m venv build/lock && build/lock/bin/pip install --quiet uv==0.13.9
+	@cd requirements && for list in run planner sim dev bench; do \
+		../build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
+			$$list.in --output-file $$list.txt || exit; \
+	done
 
 clean:  ## remove what was built and the tools' caches (the environment in .venv stays)
 	@rm -rf build install .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from support.ros import Ros, RosMaster
+from support.ros import Ros, RosMaster, SharedSystem
 
 pytest_plugins = ["skiros2_skill.testing", "skiros2_bags.testing"]
 
@@ -90,6 +90,9 @@ def ros(ros_master: RosMaster, request: pytest.FixtureRequest) -> Iterator[Ros]:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     report = yield
-    if report.failed and (ros := item.stash.get(_ROS, None)):
-        report.sections += [(f"{program}", program.output_tail(400)) for program in ros.programs]
+    if report.failed:
+        systems = [value for value in getattr(item, "funcargs", {}).values() if isinstance(value, SharedSystem)]
+        systems += [ros] if (ros := item.stash.get(_ROS, None)) else []
+        programs = [program for system in systems for program in system.programs]
+        report.sections += [(f"{program}", program.output_tail(400)) for program in programs]
     return report

@@ -16,38 +16,52 @@ CORES = [file for file in FILES if file.part in ("core", "tools")]
 #: What the core of a package may import beside the standard library, itself and `skiros2_common`.
 OUTSIDE = {
     "skiros2_common": {"numpy"},
+    "skiros2_runs": {"numpy"},
     "skiros2_world_model": {"numpy", "rdflib", "pyoxigraph", "oxrdflib", "pyshacl"},
     "skiros2_skill": {"numpy"},
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
     "skiros2_std_reasoners": {"numpy"},
     "skiros2_bags": {"numpy", "rosbags", "matplotlib"},
-    "skiros2_sim": {"numpy", "pybullet", "pybullet_data", "PIL"},
+    "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL"},
     "skiros2_sim_skills": set(),
     "skiros2_gui": {"numpy"},
 }
 #: Of lower packages, only the port.
 PORTS = {
-    "skiros2_skill": {"skiros2_world_model.core.world_model_abstract_interface"},
+    "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.world_model_abstract_interface"},
     "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
     "skiros2_bags": {
+        "skiros2_runs.core",
         "skiros2_world_model.core",
         "skiros2_skill.core",
         "skiros2_task.core",
         "skiros2_std_reasoners.core",
     },
     "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
-    "skiros2_sim_skills": {"skiros2_sim.core.names", "skiros2_std_reasoners.core"},
+    "skiros2_sim_skills": {"skiros2_runs.core", "skiros2_sim.core.names", "skiros2_std_reasoners.core"},
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {
+        "skiros2_runs.core",
         "skiros2_world_model.core",
         "skiros2_world_model.command_line",
         "skiros2_skill.core",
+        "skiros2_skill.client.description",
         "skiros2_skill.command_line",
         "skiros2_task.core",
         "skiros2_task.command_line",
         "skiros2_bags.core",
         "skiros2_std_reasoners.core",
     },
+}
+
+#: What the parts of `skiros2_skill.core` may not import: the tree is below the engine, that below running tasks; what
+#: explains and checks reads the records of the parts below it.
+ABOVE = {
+    "tree": ("engine", "runtime", "library", "diagnosis", "lint"),
+    "engine": ("runtime", "diagnosis", "lint"),
+    "library": ("engine", "runtime", "diagnosis", "lint"),
+    "runtime": ("diagnosis", "lint"),
+    "lint": ("engine", "runtime", "diagnosis"),
 }
 
 WINDOW_CORES = tuple(f"skiros2_gui.{subject}" for subject in WINDOW_SUBJECTS)
@@ -72,6 +86,18 @@ def test_cores_import_no_ros_and_no_higher_layer() -> None:
             and (not _under(name, (*own, *WINDOW_CORES, *PORTS.get(file.package, ()))) or _under(name, WINDOW_ADAPTERS))
         ]
     assert not wrong
+
+
+def test_parts_of_skills_import_no_higher_part() -> None:
+    core = "skiros2_skill.core"
+    assert not [
+        f"{file}:{line}: {name}"
+        for file in CORES
+        for part, above in ABOVE.items()
+        if _under(file.module, (f"{core}.{part}",))
+        for line, name in file.imports()
+        if _under(name, tuple(f"{core}.{other}" for other in above))
+    ]
 
 
 def test_window_uses_qt_in_widgets_and_ros_in_adapters_only() -> None:

@@ -26,6 +26,21 @@ LONG: dict[str, str] = {
 }
 
 
+#: Private names that the contract fixes for libraries, and those of other projects that have no public name.
+CONTRACT_NAMES = {
+    "_getReasoner", "_id", "_label", "_param_type", "_params", "_progress_code", "_properties", "_relations",
+    "_setProgress", "_setState", "_type", "_wmi",
+}  # fmt: skip
+FOREIGN_NAMES = {"_chain", "_connection_header", "_exit", "_getframe", "_tcpros_server"}
+#: Folders in which modules still access private names of others.
+PRIVATE_ACCESS_REMAINS = (
+    "skiros2/skiros2_common/src/skiros2_common/ros/",
+    "skiros2/skiros2_world_model/",
+    "skiros2_std_lib/skiros2_bags/",
+    "skiros2_gui/",
+)
+
+
 def test_no_wildcard_import() -> None:
     assert not list(_wildcard_imports(FILES))
 
@@ -57,6 +72,29 @@ def test_each_exception_from_the_length_rules_is_needed() -> None:
     for file in FILES:
         long |= {name for name, lines in _class_lengths(file).items() if lines > CLASS_LINES}
     assert not set(LONG) - long
+
+
+def test_no_module_accesses_private_names_of_another() -> None:
+    files = [file for file in FILES if not str(file).startswith(PRIVATE_ACCESS_REMAINS)]
+    assert not list(_private_accesses(files)), "make what another module needs public"
+
+
+def test_each_folder_with_private_access_has_some() -> None:
+    accesses = list(_private_accesses(FILES))
+    assert not [name for name in PRIVATE_ACCESS_REMAINS if not any(access.startswith(name) for access in accesses)]
+
+
+def _private_accesses(files: Iterable[SourceFile]) -> Iterator[str]:
+    """The accesses to private attributes that no class of the file defines or uses as its own."""
+    for file in files:
+        names = [node for node in ast.walk(file.tree) if isinstance(node, ast.Attribute)]
+        own = {node.attr for node in names if ast.unparse(node.value) in ("self", "cls", "super()")}
+        own |= {getattr(node, "name", "") for node in ast.walk(file.tree)}
+        own |= {node.id for node in ast.walk(file.tree) if isinstance(node, ast.Name)}
+        for node in names:
+            is_private = node.attr.startswith("_") and not node.attr.startswith("__")
+            if is_private and node.attr not in own | CONTRACT_NAMES | FOREIGN_NAMES:
+                yield f"{file}:{node.lineno}: {ast.unparse(node)}"
 
 
 def _wildcard_imports(files: Iterable[SourceFile]) -> Iterator[str]:
@@ -127,9 +165,12 @@ def _contract_defaults() -> Iterator[tuple[str, str]]:
                     yield function, argument
 
 
-@pytest.mark.parametrize("rule", [_wildcard_imports, _broad_excepts, _prints, _mutable_defaults])
+RULES = [_wildcard_imports, _broad_excepts, _prints, _mutable_defaults, _private_accesses]
+
+
+@pytest.mark.parametrize("rule", RULES)
 def test_each_rule_finds_a_file_that_breaks_it(rule: Callable[..., Iterator[str]], tmp_path: Path) -> None:
     bad = SourceFile(tmp_path / "src" / "bad.py", "skiros2_common", "core")
     bad.path.parent.mkdir()
-    bad.path.write_text("from os import *\ntry:\n    print()\nexcept(BaseException):\n    pass\ndef f(a=[]): ...\n")
+    bad.path.write_text("from os import *\ntry:\n    print()\nexcept(BaseException):\n    pass\ndef f(a=[]): a._x\n")
     assert list(rule([bad]))

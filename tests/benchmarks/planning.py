@@ -12,14 +12,11 @@ from importlib import resources
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, paired
-from skiros2_task.core.archive import Archive
-from skiros2_task.core.durations import Durations
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.engine_worker import DOMAIN_FILE, PROBLEM_FILE, write_pddl
-from skiros2_task.core.planner import Limits
-from skiros2_task.core.planners import UpPlanner, makespan, planner_named
+from skiros2_task.core.engine_worker import write_pddl
+from skiros2_task.core.engines import DOMAIN_FILE, PROBLEM_FILE, EngineProcesses, Limits
+from skiros2_task.core.planners import engine_planner, planner_named
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.schedule import seconds_of
+from skiros2_task.core.store import Archive, Durations
 from skiros2_task.core.up_model import UpProblem
 from support.planning_world import PlanningWorld, transport_world
 
@@ -97,19 +94,20 @@ def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterat
     durations = Durations()
     for action in TaskPlanner(world.wm, planner_named(processes), Limits()).read_task(_goal(world)).actions:
         durations.record(action.skill, "/any", SECONDS[action.skill.label])
-    cost = makespan(durations)
-    ours = _plan(TaskPlanner(world.wm, planner_named(processes, "best", durations), Limits(OTHERS_TIME)), _goal(world))
-    assert ours.task is not None
-    name, figure = f"makespan, robots/places/products {_text(size)}", cost(ours.task, ours.steps)
-    one_by_one = sum(seconds_of(ours.task, step, durations) for step in ours.steps)
+    best = planner_named(processes, "best")
+    ours = _plan(TaskPlanner(world.wm, best, Limits(OTHERS_TIME), durations=durations), _goal(world)).plan
+    assert ours is not None
+    name, figure = f"makespan, robots/places/products {_text(size)}", ours.makespan
+    one_by_one = sum(step.end - step.start for step in ours.steps)
     yield _compared(name, figure, "its steps one after the other", one_by_one, None)
     for engine in OTHERS:
         if engine not in processes.engines():
             print(f"    {engine} is not installed", file=sys.stderr)
             continue
-        theirs = TaskPlanner(world.wm, UpPlanner(processes, engine), Limits(OTHERS_TIME)).plan(_goal(world))
-        if theirs.verdict is Verdict.PLANNED and theirs.task is not None:
-            yield _compared(name, figure, engine, cost(theirs.task, theirs.steps), 1.0)
+        other = engine_planner(processes, engine)
+        theirs = TaskPlanner(world.wm, other, Limits(OTHERS_TIME), durations=durations).plan(_goal(world))
+        if theirs.plan is not None:
+            yield _compared(name, figure, engine, theirs.plan.makespan, 1.0)
         else:
             print(f"    {engine}, {_text(size)}: {theirs.message.splitlines()[0]}", file=sys.stderr)
 

@@ -7,10 +7,9 @@ import time
 from collections.abc import Iterator
 
 from benchmarks.measurement import Measurement, paired
-from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
-from skiros2_task.core.planner import Limits, Planner
-from skiros2_task.core.planners import planner_named
+from skiros2_task.core.planners import Planner, planner_named
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from support.planning_world import PlanningWorld, transport_world
 from support.stand_in_step_runner import StandInStepRunner

@@ -98,8 +98,8 @@ def test_the_recorded_definitions_have_todays_sums(bag: Path) -> None:
 def test_a_bag_of_skiros2_is_read(bag: Path) -> None:
     run = Run.open(bag)
     (task,) = run.tasks()
-    assert (task.robot, task.has_ended, task.message) == ("/robot", True, "End")
-    assert [node.name for node in task.nodes.values() if node.depth == 1] == ["drive"]
+    assert (task.robot, task.state, task.latest.message(0)) == ("/robot", "succeeded", "End")
+    assert task.latest.shape.skills_text() == "drive"
     assert [(c.change.author, c.change.action) for c in run.changes()] == [
         ("/robot", "add"),
         ("/robot", "update"),

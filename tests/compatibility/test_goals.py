@@ -15,9 +15,8 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.skill import SkillDescription
 from skiros2_skill.testing import SkillBench
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
-from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner
 
 LIBRARIES = Path(__file__).parents[1] / "libraries"
@@ -46,7 +45,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[SkillBench]:
 
 
 def plan(bench: SkillBench, processes: EngineProcesses, goal: str, author: str = "") -> PlanningResult:
-    return TaskPlanner(bench.wmi, UpPlanner(processes), Limits(seconds=30.0)).plan(goal, asked_by=author)
+    return TaskPlanner(bench.wmi, engine_planner(processes), Limits(seconds=30.0)).plan(goal, asked_by=author)
 
 
 def steps(result: PlanningResult) -> list[tuple[str, dict[str, str]]]:

@@ -18,7 +18,8 @@ from skiros2_skill.core.skill import SerialStar, SkillBase, SkillDescription
 from skiros2_skill.core.tree.node import all_nodes
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_skill.testing import SkillBench
-from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.engines import FoundPlan, Limits, Outcome
+from skiros2_task.core.planners import PlannerAnswer
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.task import PlanningTask, PlanStep
 
@@ -99,7 +100,7 @@ class GivenPlan:
         self._plan = plan
 
     def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
-        return PlannerAnswer(Outcome.SOLVED, self._plan)
+        return PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", self._plan),))
 
 
 @rule("wire", "A plan is the first that a planner finds", better="steps that it works without are removed from it")

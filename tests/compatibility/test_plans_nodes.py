@@ -20,7 +20,7 @@ from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support.ros import Ros, wait_until
+from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -33,8 +33,8 @@ WAIT = 30.0  # s
 class Plant:
     """A robot with a third-party library in a third-party scene."""
 
-    def __init__(self, ros: Ros) -> None:
-        self.ros = ros
+    @staticmethod
+    def launch(ros: Ros) -> None:
         env = {**ros.master.env, "PYTHONPATH": f"{LIBRARIES}:{ros.master.env['PYTHONPATH']}"}
         ros.launch(
             "skiros2", "skiros.launch", env=env, gui=False, robot_name="carrier", robot_ontology_prefix="plant",
@@ -42,9 +42,12 @@ class Plant:
             libraries_list=["skiros2_std_skills", "plant_skills"], skill_list=["task_plan"],
             primitive_list=["drive_fake", "locate_fake", "pick_fake", "place_fake", "wait"],
         )  # fmt: skip
+        ros.service(f"{ROBOT}/command", srvs.SkillCommand)
+
+    def __init__(self, ros: Ros) -> None:
         self.command = ros.service(f"{ROBOT}/command", srvs.SkillCommand)
         self.listed = {s.name: s for s in ros.service(f"{ROBOT}/get_skills", srvs.ResourceGetDescriptions)().list}
-        self.progress = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+        self.progress = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
         self.wmi = WorldModelInterface("tests")
         self.client = actionlib.SimpleActionClient("tm/task_plan", msgs.AssignTaskAction)
         assert self.client.wait_for_server(_seconds(WAIT))
@@ -75,9 +78,17 @@ def _seconds(seconds: float) -> Any:
     return rospy.Duration.from_sec(seconds)
 
 
+@pytest.fixture(scope="module")
+def shared(ros_master: RosMaster) -> Iterator[SharedSystem]:
+    with SharedSystem(ros_master, Plant.launch) as system:
+        yield system
+
+
 @pytest.fixture
-def plant(ros: Ros) -> Iterator[Plant]:
+def plant(ros: Ros, shared: SharedSystem) -> Iterator[Plant]:
+    shared.use()
     yield Plant(ros)
+    shared.restore()
 
 
 def labels(plan: Any) -> list[str]:
@@ -165,7 +176,8 @@ def test_a_goal_that_names_a_template_is_planned_and_executed(plant: Plant) -> N
 
 
 @rule("wire", "Skills in older idioms (conditions after `setDescription`, narrower classes, `Or`) are planned and run")
-def test_a_library_in_older_idioms_is_planned_and_executed(ros: Ros) -> None:
+def test_a_library_in_older_idioms_is_planned_and_executed(ros: Ros, shared: SharedSystem) -> None:
+    shared.stop()
     env = {**ros.master.env, "PYTHONPATH": f"{LIBRARIES}:{ros.master.env['PYTHONPATH']}"}
     ros.launch(
         "skiros2", "skiros.launch", env=env, gui=False, journal=False,
@@ -220,7 +232,10 @@ def test_the_author_of_a_goal_has_a_slash_or_not(plant: Plant) -> None:
 
 
 @rule("client", "`TaskManagerInterface.plan()` returns True; without a task manager False, and the error is logged")
-def test_plan_returns_whether_the_goal_was_sent(ros: Ros, caplog: pytest.LogCaptureFixture) -> None:
+def test_plan_returns_whether_the_goal_was_sent(
+    ros: Ros, shared: SharedSystem, caplog: pytest.LogCaptureFixture
+) -> None:
+    shared.stop()
     tasks = TaskManagerInterface()
     assert tasks.plan("(skiros:at a b)") is False
     assert "no task manager answers on /tm/task_plan" in caplog.text

@@ -29,7 +29,7 @@ def other(world):
 # -- compare and set -----------------------------------------------------------------------------------------------
 
 
-def test_an_element_that_nobody_changed_is_written(wm, part):
+def test_unchanged_element_is_written(wm, part):
     mine = wm.get_element(part.id)
     mine.setProperty("skiros:State", "mine")
     assert wm.update_element_if_unchanged(mine) == part.id
@@ -38,7 +38,7 @@ def test_an_element_that_nobody_changed_is_written(wm, part):
     assert wm.get_element(part.id).value_of("skiros:State") == "mine again"
 
 
-def test_an_element_that_somebody_changed_meanwhile_is_not_written_and_the_error_names_him(wm, other, part):
+def test_write_of_an_outdated_element_is_refused_with_the_other_author(wm, other, part):
     mine, theirs = wm.get_element(part.id), other.get_element(part.id)
     theirs.setProperty("skiros:Weight", 2.0)
     other.update_element(theirs)
@@ -50,7 +50,7 @@ def test_an_element_that_somebody_changed_meanwhile_is_not_written_and_the_error
     assert (now.value_of("skiros:State"), now.value_of("skiros:Weight")) == ("new", 2.0)
 
 
-def test_a_relation_of_somebody_else_is_a_change_too(world, wm, other, part):
+def test_relation_by_another_client_makes_an_element_outdated(world, wm, other, part):
     mine = wm.get_element(part.id)
     box = world.add("skiros:LargeBox", "box")
     other.set_relation(part.id, "skiros:at", box.id)
@@ -66,7 +66,7 @@ def test_hand_made_element_cannot_be_compared(wm, part):
         wm.update_element_if_unchanged(by_hand)
 
 
-def test_of_several_clients_that_take_something_at_once_one_gets_it(world, wm, part):
+def test_one_of_several_concurrent_claims_succeeds(world, wm, part):
     clients = [world.connect(f"client_{i}") for i in range(4)]
     ready, winners, seen_by_others = threading.Barrier(len(clients)), [], []
 
@@ -93,7 +93,7 @@ def test_of_several_clients_that_take_something_at_once_one_gets_it(world, wm, p
 # -- several changes in one request --------------------------------------------------------------------------------
 
 
-def test_several_elements_and_relations_are_changed_as_one(world, wm, part):
+def test_elements_and_relations_are_changed_in_one_request(world, wm, part):
     box = world.add("skiros:LargeBox", "box")
     old = world.add("skiros:Part", "old")
     outcome = wm.transact(
@@ -110,7 +110,7 @@ def test_several_elements_and_relations_are_changed_as_one(world, wm, part):
     assert not wm.is_scene_element(old.id)
 
 
-def test_one_wrong_part_refuses_all(wm, other, part):
+def test_request_with_one_wrong_part_is_refused(wm, other, part):
     version = wm.get_element(part.id).version
     changed = other.get_element(part.id)
     changed.setProperty("skiros:Weight", 1.0)
@@ -123,7 +123,7 @@ def test_one_wrong_part_refuses_all(wm, other, part):
     assert sorted(e.id for e in other.get_scene_elements()) == before
 
 
-def test_an_expectation_alone_changes_nothing(wm, part):
+def test_expectation_without_change_changes_nothing(wm, part):
     version = wm.get_element(part.id).version
     assert wm.transact([Expect(part.id, version)]).changes == []
     assert wm.get_element(part.id).version >= part.version
@@ -141,7 +141,7 @@ def test_wait_ends_at_the_timeout(wm, part):
     assert not wm.wait_for_relation(part.id, "skiros:contain", SCENE, timeout=0.05)
 
 
-def test_a_relation_that_somebody_else_makes_ends_the_waiting(world, wm, other, part):
+def test_wait_ends_when_another_client_adds_the_relation(world, wm, other, part):
     box = world.add("skiros:LargeBox", "box")
     answers = []
     waiting = threading.Thread(
@@ -155,7 +155,7 @@ def test_a_relation_that_somebody_else_makes_ends_the_waiting(world, wm, other, 
     assert answers == [True]
 
 
-def test_a_property_can_be_waited_for(wm, other, part):
+def test_wait_ends_when_a_property_has_the_value(wm, other, part):
     answers = []
     waiting = threading.Thread(
         target=lambda: answers.append(
@@ -171,7 +171,7 @@ def test_a_property_can_be_waited_for(wm, other, part):
     assert answers == [True]
 
 
-def test_waiting_leaves_no_listener_behind(wm, part):
+def test_wait_removes_its_listener(wm, part):
     calls = []
 
     def check():
@@ -184,6 +184,6 @@ def test_waiting_leaves_no_listener_behind(wm, part):
     assert len(calls) == seen
 
 
-def test_a_time_that_is_no_number_is_refused(wm):
+def test_timeout_that_is_no_number_is_refused(wm):
     with pytest.raises(ValueError, match="not a number"):
         wm.wait_until(lambda: False, timeout=float("nan"))

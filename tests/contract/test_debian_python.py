@@ -1,4 +1,4 @@
-"""Programs of others run on Debian's own Python, which has ROS but none of the packages from requirements.txt."""
+"""Programs of others run on Debian's own Python, which has ROS but none of the packages from requirements/."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ MODULES = sorted(
 
 
 @pytest.mark.parametrize("module", [*sorted(set(MODULES)), "skiros2_skill.testing"])
-def test_what_others_import_needs_nothing_beyond_debian(module: str) -> None:
+def test_public_module_imports_with_debian_packages_only(module: str) -> None:
     folders = [path for path in sys.path if path.startswith(str(ROOT)) and "/.venv/" not in path]
     done = subprocess.run(
         ["/usr/bin/python3", "-c", f"import {module}"],

@@ -23,7 +23,7 @@ def state(wm, arm):
     return found.value_of("skiros:StateProperty"), found.value_of("skiros:LockedBy")
 
 
-def test_of_two_managers_at_once_exactly_one_gets_a_device(world, arm):
+def test_one_of_two_concurrent_device_locks_succeeds(world, arm):
     managers = [world.connect("/one"), world.connect("/two")]
     outcomes = {manager.author: [] for manager in managers}
     together = threading.Barrier(2)
@@ -56,7 +56,7 @@ def test_of_two_managers_at_once_exactly_one_gets_a_device(world, arm):
     assert state(world.wm, arm) == ("Idle", None)
 
 
-def test_another_life_frees_what_the_former_one_has_locked(world, arm):
+def test_restarted_manager_releases_the_devices_of_its_former_process(world, arm):
     locks_in(former := world.connect("/one")).acquire(arm.id, former, former)
     assert state(world.wm, arm) == ("Busy", "/one")
     another, again = world.connect("/two"), world.connect("/one")

@@ -49,17 +49,17 @@ FIELDS = {  # names and order; the md5 sums cover them, but a failing list says 
 
 
 @pytest.mark.parametrize(("kind", "md5"), [(f"msg.{name}", md5) for name, md5 in MESSAGES.items()])
-def test_the_message_has_the_md5_sum_of_the_field(kind: str, md5: str) -> None:
+def test_message_has_the_md5_sum_of_existing_systems(kind: str, md5: str) -> None:
     assert definition(kind)._md5sum == md5
 
 
 @pytest.mark.parametrize(("kind", "md5"), [(f"srv.{name}", md5) for name, md5 in SERVICES.items()])
-def test_the_service_has_the_md5_sum_of_the_field(kind: str, md5: str) -> None:
+def test_service_has_the_md5_sum_of_existing_systems(kind: str, md5: str) -> None:
     assert definition(kind)._md5sum == md5
 
 
 @pytest.mark.parametrize(("name", "fields"), FIELDS.items())
-def test_the_fields_have_their_names_and_order(name: str, fields: list[str]) -> None:
+def test_message_fields_keep_names_and_order(name: str, fields: list[str]) -> None:
     assert definition(f"msg.{name}").__slots__ == fields
 
 

@@ -7,6 +7,7 @@ import importlib
 import inspect
 import re
 import textwrap
+import types
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,14 +49,14 @@ def entries() -> Iterator[Entry]:
 
 
 @pytest.mark.parametrize("entry", sorted(set(entries()), key=str), ids=str)
-def test_it_is_there_as_others_use_it(entry: Entry) -> None:
+def test_public_name_exists_with_its_signature(entry: Entry) -> None:
     place: Any = importlib.import_module(entry.module)
     if entry.owner:
         place = getattr(place, entry.owner)
     CHECKS[entry.kind](place, entry.text)
 
 
-def test_the_listing_covers_every_package_with_a_public_surface() -> None:
+def test_listing_covers_every_public_package() -> None:
     packages = {entry.module.partition(".")[0] for entry in entries()}
     assert packages == {
         "skiros2_common",
@@ -112,7 +113,8 @@ def check_method(kind: type, text: str) -> None:
 
 
 def check_property(kind: type, text: str) -> None:
-    assert isinstance(inspect.getattr_static(kind, text), property)
+    """A property, or an attribute that each instance has by its class's slots."""
+    assert isinstance(inspect.getattr_static(kind, text), property | types.MemberDescriptorType)
 
 
 def check_attribute(kind: type, text: str) -> None:

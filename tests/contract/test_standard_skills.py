@@ -48,7 +48,7 @@ def library():
 
 
 @pytest.mark.parametrize("label", SKILLS)
-def test_a_skill_has_its_type_and_parameters(library, label):
+def test_standard_skill_has_its_type_and_parameters(library, label):
     stype, expected = SKILLS[label]
     declared = library.by_label(label).declared
     assert declared.type == stype
@@ -65,13 +65,13 @@ def test_a_skill_has_its_type_and_parameters(library, label):
             assert (param.default, type(param.default)) == (default, type(default)), key
 
 
-def test_moving_an_object_starts_where_it_is(library):
+def test_moved_object_starts_at_its_location(library):
     (condition,) = library.by_label("wm_move_object").declared.pre_conditions
     assert condition.relation == "skiros:spatiallyRelated"
     assert (condition.subject_key, condition.object_key) == ("StartLocation", "Object")
 
 
-def test_a_type_without_a_label_finds_both_ways_to_move(library):
+def test_type_without_label_selects_both_implementations(library):
     assert [i.label for i in library.candidates("WmMoveObject", "")] == [
         "wm_move_object",
         "wm_move_and_transform_object",

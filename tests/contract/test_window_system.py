@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,8 +16,10 @@ from skiros2_gui.app.event_queue import EventQueue
 from skiros2_gui.app.events import Event, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
 from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_skill.command_line.assignments import Step
-from skiros2_skill.command_line.tree import SUCCESS, has_ended
+from skiros2_runs.core.progress import has_ended
+from skiros2_runs.core.states import SUCCESS
+from skiros2_skill.client.description import Step
+from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
@@ -60,9 +61,9 @@ class Desk:
         return self.system.managers[ROBOT]
 
     def start(self, label: str, **values: Any) -> int:
-        skill = next(s for s in self.manager.skills() if s.label == label)
+        skill = next(s for s in self.manager.read_skills() if s.label == label)
         params = [skill.parameters[key].wire([value]) for key, value in values.items()]
-        return int(self.manager.command("start", -1, [Step(skill.type, label, {}, params)]))
+        return int(self.manager.command("start", -1, [Step(skill.type, label, params)]))
 
     def end_of(self, task: int) -> TaskProgress:
         return self.wait_for(TaskProgress, lambda e: e.task == task and has_ended(e.nodes))
@@ -108,7 +109,7 @@ def test_parts_are_up(desk: Desk) -> None:
 
 
 def test_manager_returns_its_skills(desk: Desk) -> None:
-    skills = {skill.label: skill for skill in desk.manager.skills()}
+    skills = {skill.label: skill for skill in desk.manager.read_skills()}
     assert sorted(skills) == sorted(SKILLS)
     assert skills["add"].parameters["A"].wire_type == "float"
 
@@ -119,7 +120,7 @@ def test_started_task_reports_its_end(desk: Desk) -> None:
     assert end.manager == ROBOT
     assert end.nodes[0].state == SUCCESS
     assert [(node.parent_id, node.label) for node in end.nodes[1:]] == [(end.nodes[0].id, "add")]
-    assert desk.manager.tasks() == []
+    assert desk.manager.read_tasks() == []
 
 
 def test_task_is_paused_stepped_and_stopped(desk: Desk) -> None:
@@ -127,11 +128,11 @@ def test_task_is_paused_stepped_and_stopped(desk: Desk) -> None:
     desk.wait_for(TaskProgress, lambda e: e.task == task)
     desk.manager.command("pause", task)
     desk.manager.command("tick_once", task)
-    assert [nodes[0].id for nodes in desk.manager.tasks(task)] == [task]
+    assert [nodes[0].id for nodes in desk.manager.read_tasks(task)] == [task]
     desk.manager.command("preempt", task)
     end = desk.end_of(task)
     assert end.nodes[0].state != SUCCESS
-    assert json.loads(desk.manager.why(task).json)[-1]["stage"] == "preempt"
+    assert desk.manager.why(task).explanations[-1].stage == "preempt"
 
 
 @pytest.mark.parametrize("action", ["start", "pause", "preempt", "dance"])
@@ -147,13 +148,14 @@ def test_refused_start_is_explained(desk: Desk) -> None:
 
 
 def test_breakpoints_are_added_listed_and_removed(desk: Desk) -> None:
-    number, known = desk.manager.breakpoint("add", "node", "stay")
-    assert [(b["number"], b["kind"], b["pattern"]) for b in known] == [(number, "node", "stay")]
+    number = desk.manager.set_breakpoint("node", "stay")
+    assert desk.manager.breakpoints() == {number: Breakpoint("node", "stay", "start")}
     task = desk.start("stay")
     desk.wait_for(TaskProgress, lambda e: e.task == task and "breakpoint" in e.nodes[0].progress_message)
     desk.manager.command("preempt", task)
     desk.end_of(task)
-    assert desk.manager.breakpoint("remove", number=number)[1] == []
+    desk.manager.remove_breakpoint(number)
+    assert desk.manager.breakpoints() == {}
 
 
 def test_scene_change_is_reported_after_it_can_be_read(desk: Desk) -> None:

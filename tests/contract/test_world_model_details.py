@@ -20,12 +20,12 @@ def ids(elements):
 # -- ids and names -------------------------------------------------------------------------------------------------
 
 
-def test_an_id_of_another_class_gives_its_number_alone(wm):
+def test_id_of_another_class_keeps_its_number(wm):
     assert wm.add_element(Element("skiros:Part", "part", "skiros:Product-70")).id == "skiros:Part-70"
     assert wm.add_element(Element("skiros:Part", "part", "some words")).id.startswith("skiros:Part-")
 
 
-def test_names_may_be_short_or_iris(world, wm):
+def test_names_are_short_or_iris(world, wm):
     part = world.add(":Part", "part")
     whole = world.add("http://rvmi.aau.dk/ontologies/skiros.owl#Part", "whole", relation="contain")
     assert part.type == whole.type == "skiros:Part"
@@ -35,13 +35,13 @@ def test_names_may_be_short_or_iris(world, wm):
         assert [r["type"] for r in wm.get_relations(SCENE, name, part.id)] == ["skiros:contain"]
 
 
-def test_elements_of_any_class_are_found_by_their_label(world, wm):
+def test_label_finds_elements_of_any_class(world, wm):
     part, tray = world.add("skiros:Part", "same"), world.add("skiros:LargeBox", "same")
     assert ids(wm.resolve_elements(Element("", "same"))) == [part.id, tray.id]
     assert ids(wm.resolve_elements(Element("Unknown", "same"))) == [part.id, tray.id]
 
 
-def test_text_that_cannot_be_written_is_refused_wherever_it_stands(world, wm):
+def test_text_that_rdf_cannot_hold_is_refused(world, wm):
     part, half = world.add("skiros:Part", "part"), "\ud800"
     labelled, valued = Element("skiros:Part", half), Element("skiros:Part")
     valued.setProperty("skiros:anything", half)
@@ -66,7 +66,7 @@ def test_text_that_cannot_be_written_is_refused_wherever_it_stands(world, wm):
 @pytest.mark.parametrize(
     "value", [2**70, -0.0, math.inf, math.nan, True, "", "\x00\u2028日本", [], [[1], [2]], {}, {"a": None}]
 )
-def test_values_of_all_kinds_come_back_as_they_were(world, wm, value):
+def test_property_values_are_returned_unchanged(world, wm, value):
     part = world.add("skiros:Part", "part")
     part.setProperty("skiros:anything", [value])
     wm.update_element(part)
@@ -76,7 +76,7 @@ def test_values_of_all_kinds_come_back_as_they_were(world, wm, value):
     wm.query_ontology("ASK {}", context="scene")
 
 
-def test_the_type_of_a_property_without_values_is_kept(world, wm):
+def test_property_without_values_keeps_its_type(world, wm):
     part = world.add("skiros:Part", "part")
     part.setProperty("skiros:anything", float)
     wm.update_element(part)
@@ -84,7 +84,7 @@ def test_the_type_of_a_property_without_values_is_kept(world, wm):
     assert (found.values, found.dataType()) == ([], float)
 
 
-def test_texts_of_numbers_and_bools_become_such_where_the_property_is_declared(world, wm):
+def test_text_is_converted_to_the_declared_type_of_a_property(world, wm):
     part = world.add("skiros:Part", "part", Weight="3", PublishTf="False", anything="3")
     found = wm.get_element(part.id)
     assert [found.value_of(f"skiros:{key}") for key in ("Weight", "PublishTf", "anything")] == [3.0, False, "3"]
@@ -93,13 +93,13 @@ def test_texts_of_numbers_and_bools_become_such_where_the_property_is_declared(w
 # -- relations -----------------------------------------------------------------------------------------------------
 
 
-def test_a_relation_is_removed_with_those_under_it(world, wm):
+def test_relation_is_removed_with_its_subproperties(world, wm):
     part = world.add("skiros:Part", "part")
     wm.set_relation(SCENE, "skiros:spatiallyRelated", part.id, False)
     assert wm.get_relations(SCENE, "", part.id) == []
 
 
-def test_a_relation_that_is_there_is_there_once(world, wm):
+def test_repeated_relation_is_stored_once(world, wm):
     part = world.add("skiros:Part", "part")
     before = wm.get_element(part.id)
     assert wm.set_relation(SCENE, "skiros:contain", part.id)
@@ -108,7 +108,7 @@ def test_a_relation_that_is_there_is_there_once(world, wm):
     assert wm.set_relation(SCENE, "skiros:hasA", part.id, False)
 
 
-def test_relations_that_are_not_or_are_abstract_are_no_facts(world, wm):
+def test_negated_and_abstract_relations_are_not_stored(world, wm):
     part = Element("skiros:Part", "part")
     part.addRelation(SCENE, "skiros:contain", "-1", value=False)
     part.addRelation("-1", "skiros:at", SCENE, abstract=True)
@@ -116,7 +116,7 @@ def test_relations_that_are_not_or_are_abstract_are_no_facts(world, wm):
     assert wm.get_element(part.id).getRelations() == []
 
 
-def test_a_relation_that_replaces_others_is_written_so(world, wm):
+def test_replacing_relation_is_written(world, wm):
     one, two = world.add("skiros:LargeBox", "one"), world.add("skiros:LargeBox", "two")
     part = world.add("skiros:Part", "part", one)
     part.setRelation(two.id, "skiros:contain", "-1")
@@ -124,13 +124,13 @@ def test_a_relation_that_replaces_others_is_written_so(world, wm):
     assert [r["src"] for r in wm.get_relations("", "skiros:contain", part.id)] == [two.id]
 
 
-def test_a_relation_leads_to_an_individual_under_its_full_name(world, wm):
+def test_relation_to_an_individual_has_its_full_name(world, wm):
     part = world.add("skiros:Part", "part")
     wm.set_relation(part.id, "skiros:partReference", "starter")
     assert [r["dst"] for r in wm.get_relations(part.id, "skiros:partReference", "")] == ["skiros:starter"]
 
 
-def test_elements_that_hold_each_other_are_refused_together(wm):
+def test_cyclic_children_are_refused(wm):
     one, two = Element("skiros:LargeBox", "one"), Element("skiros:LargeBox", "two")
     one.addRelation("-1", "skiros:contain", two)
     two.addRelation("-1", "skiros:hasA", one)
@@ -155,7 +155,7 @@ def test_long_chain_of_children_is_added_completely(wm):
 # -- contexts ------------------------------------------------------------------------------------------------------
 
 
-def test_a_relation_may_lead_to_an_element_of_another_context(world, wm):
+def test_relation_may_refer_to_another_context(world, wm):
     part = world.add("skiros:Part", "part")
     note = Element("skiros:Part", "note")
     note.addRelation("-1", "skiros:at", part.id)
@@ -177,7 +177,7 @@ def test_invalid_context_name_is_refused(wm, context):
 # -- elements that are held for long -------------------------------------------------------------------------------
 
 
-def test_an_element_that_is_gone_is_named_when_it_is_written(world, wm):
+def test_write_of_a_removed_element_names_it(world, wm):
     part = world.add("skiros:Part", "part")
     held = wm.get_element(part.id)
     wm.remove_element(part)
@@ -188,7 +188,7 @@ def test_an_element_that_is_gone_is_named_when_it_is_written(world, wm):
     assert wm.find_element(part.id) is None
 
 
-def test_concurrent_changes_of_another_client_are_kept(world, wm):
+def test_concurrent_changes_are_kept(world, wm):
     part = world.add("skiros:Part", "part", SizeX=1.0)
     held = wm.get_element(part.id)
     tray = world.add("skiros:LargeBox", "tray")
@@ -208,7 +208,7 @@ def test_concurrent_changes_of_another_client_are_kept(world, wm):
 # -- files ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_scene_of_odd_texts_is_the_same_for_other_rdf_tools(world, wm):
+def test_scene_with_special_characters_is_read_by_other_rdf_tools(world, wm):
     rdflib = pytest.importorskip("rdflib")
     part = world.add("skiros:Part", 'a "red" \\ one\n\t日本\x00', anything='é\'"""', flow=[1, 2], SizeX=0.1)
     world.add("lab:Größe", "x.y")
@@ -255,7 +255,7 @@ def test_client_reads_its_own_statements(world, wm, slow_monitor):
 
 
 @pytest.mark.parametrize("filename", [".", "a\x00b", "x" * 300, "folder"])
-def test_a_file_that_cannot_be_is_refused_for_loading_and_saving(world, wm, filename):
+def test_invalid_file_name_is_refused(world, wm, filename):
     (world.workspace / "folder").mkdir(exist_ok=True)
     for act in (wm.load, wm.save):
         with pytest.raises(WmException) as error:

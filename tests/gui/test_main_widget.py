@@ -28,7 +28,7 @@ from skiros2_gui.app.widgets.error_bar import ErrorHistory
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import palette_of
 from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_skill.command_line.assignments import Step
+from skiros2_skill.client.description import Step
 from unit.skiros2_gui.lab_skills import break_down, fetch, furnish
 
 
@@ -134,7 +134,9 @@ def test_stop_does_not_wait_for_an_inspection_that_blocks(
     running.presenter.select(1)
     qtbot.waitUntil(is_asked.is_set, timeout=20_000)
     try:
-        qtbot.mouseClick(window.findChild(QToolButton, "stopTask"), Qt.LeftButton)
+        stop = window.findChild(QToolButton, "stopTask")
+        qtbot.waitUntil(stop.isEnabled)
+        qtbot.mouseClick(stop, Qt.LeftButton)
         qtbot.waitUntil(lambda: running.presenter.run.latest.has_ended, timeout=9_000)
     finally:
         gate.set()

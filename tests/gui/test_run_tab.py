@@ -24,7 +24,7 @@ from skiros2_gui.run.widgets.details import NodeDetails
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_gui.testing.local_system import LocalManager, LocalSystem
 from skiros2_gui.testing.synchronous import make_window
-from skiros2_skill.command_line.assignments import Step
+from skiros2_skill.client.description import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree
 from support.recorded_run import ROOT
 from unit.skiros2_skill.skills import describe
@@ -332,11 +332,11 @@ def test_breakpoints_are_added_shown_and_removed(tab: RunTab, waiting: LocalMana
     qtbot.waitUntil(lambda: listed.count() == 1)
     assert listed.item(0).text() == "before the start of node wait*"
     assert pattern.text() == ""
-    assert waiting.breakpoint("list")[1][0]["pattern"] == "wait*"
+    assert [b.pattern for b in waiting.breakpoints().values()] == ["wait*"]
     listed.setCurrentRow(0)
     qtbot.mouseClick(button(tab, "breakpointRemove"), Qt.LeftButton)
     qtbot.waitUntil(lambda: listed.count() == 0)
-    assert waiting.breakpoint("list")[1] == []
+    assert waiting.breakpoints() == {}
 
 
 def test_banner_shows_why_a_task_is_paused_or_failed(tab: RunTab, window: Window, qtbot: QtBot) -> None:

@@ -13,18 +13,25 @@ from python_qt_binding.QtCore import QPoint, QPointF, QRect, Qt
 from python_qt_binding.QtGui import QWheelEvent
 from python_qt_binding.QtWidgets import (
     QApplication,
+    QCheckBox,
     QComboBox,
     QLabel,
     QLineEdit,
     QPlainTextEdit,
     QPushButton,
+    QSlider,
+    QTableView,
+    QToolButton,
     QTreeWidget,
     QWidget,
 )
 
+from skiros2_common.core.errors import Refused
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.skills.fields import ElementChoice
+from skiros2_gui.skills.fields import ElementChoice, Field
+from skiros2_gui.skills.presenter import SkillsPresenter
+from skiros2_gui.skills.widgets import editors
 from skiros2_gui.skills.widgets.tab import SkillsTab
 from skiros2_gui.testing.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
@@ -62,7 +69,7 @@ def _states(tab: SkillsTab) -> list[str]:
 def test_skill_is_started_and_stopped_by_clicks(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(FETCH)
     thing = _child(tab, QComboBox, "param_Thing")
-    qtbot.waitUntil(lambda: thing.currentText() == "infer: bolt  (skiros:Product-3)")
+    qtbot.waitUntil(lambda: thing.currentText() == "infer: bolt")
     start = _child(tab, QPushButton, "startButton")
     assert not start.isEnabled()
     assert "Times: a whole number is needed" in tab.form.why_not.text()
@@ -85,7 +92,7 @@ def test_skill_is_started_and_stopped_by_clicks(tab: SkillsTab, qtbot: QtBot) ->
     qtbot.waitUntil(lambda: pause.text().endswith("Resume"))
     _click(qtbot, tab, "stepButton")
     _click(qtbot, tab, "stopButton")
-    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+    qtbot.waitUntil(lambda: _states(tab) == ["preempted"])
     qtbot.waitUntil(lambda: not _child(tab, QPushButton, "stopButton").isEnabled())
 
 
@@ -98,7 +105,7 @@ def test_typed_element_is_chosen_and_refusal_explained(tab: SkillsTab, qtbot: Qt
     qtbot.keyClicks(thing.lineEdit(), "nut")
     qtbot.keyClick(thing.lineEdit(), Qt.Key_Return)
     qtbot.waitUntil(lambda: "no element of the scene fits Box" in tab.form.why_not.text())
-    assert thing.currentText() == "nut  (skiros:Product-4)"
+    assert thing.currentText() == "nut"
     assert "LargeBox in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
 
 
@@ -119,7 +126,7 @@ def test_long_list_is_filled_on_focus(tab: SkillsTab, qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: thing.count() == 3)
     many = tuple(ElementChoice(f"skiros:Product-{n}", f"part {n}") for n in range(2000))
     thing.parent().show_inferred(many[7], many)
-    assert (thing.count(), thing.currentText()) == (1, "infer: part 7  (skiros:Product-7)")
+    assert (thing.count(), thing.currentText()) == (1, "infer: part 7")
     thing.setFocus()
     qtbot.waitUntil(lambda: thing.count() == 2001)
 
@@ -145,7 +152,7 @@ def test_space_starts_and_stops(tab: SkillsTab, qtbot: QtBot) -> None:
     qtbot.keyClick(tab.tree.tree, Qt.Key_Space)
     qtbot.waitUntil(lambda: _states(tab) == ["running"])
     qtbot.keyClick(tab.tree.tree, Qt.Key_Space)
-    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+    qtbot.waitUntil(lambda: _states(tab) == ["preempted"])
 
 
 def test_enter_in_the_search_selects_the_first_skill(tab: SkillsTab, qtbot: QtBot) -> None:
@@ -172,7 +179,7 @@ def test_reason_of_a_failure_is_shown_below_the_list(tab: SkillsTab, qtbot: QtBo
     qtbot.keyClick(loud, Qt.Key_Up)
     _click(qtbot, tab, "startButton")
     qtbot.waitUntil(lambda: "too loud" in _child(tab, QPlainTextEdit, "taskWhy").toPlainText())
-    assert tab.tasks.list.topLevelItem(0).text(3) == "✕ failed"
+    assert tab.tasks.list.topLevelItem(0).text(3) == "✗ failed"
 
 
 def test_settings_are_restored_and_invalid_ones_skipped(tab: SkillsTab) -> None:
@@ -183,16 +190,37 @@ def test_settings_are_restored_and_invalid_ones_skipped(tab: SkillsTab) -> None:
     assert tab.skills.rows[0].skills[0].offer.key == NOTE
 
 
+def test_registered_editor_edits_the_fields_that_it_accepts(
+    tab: SkillsTab, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(editors, "_editors", list(editors._editors))
+
+    @editors.register_editor
+    class SpeedSlider(editors.FieldEditor):
+        @classmethod
+        def accepts(cls, field: Field) -> bool:
+            return field.limits.unit == "m/s"
+
+        def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+            self.slider = QSlider(Qt.Horizontal)
+            super().__init__(field, skills, self.slider)
+            self.slider.valueChanged.connect(lambda value: skills.write(field.key, str(value / 10)))
+
+    tab.tree.choose(FETCH)
+    _child(tab, QSlider, "param_Speed").setValue(12)
+    assert tab.skills.form.given()["Speed"] == [1.2]
+
+
 # -- the goal line -------------------------------------------------------------------------------------------------
 
 
 def test_goal_line_completes_words_and_shows_errors(tab: SkillsTab, qtbot: QtBot) -> None:
     line = _child(tab, QLineEdit, "goalLine")
     tab.goals.refresh()
-    qtbot.waitUntil(lambda: bool(tab.goals.completions(0).items) and bool(tab.goals._vocabulary.elements))
+    qtbot.waitUntil(lambda: bool(tab.goals.completions(0).items) and bool(tab.goals.vocabulary.elements))
     line.setFocus()
     qtbot.keyClicks(line, "(skiros:contain empty")
-    popup = line._completer.popup()
+    popup = line.popup
     qtbot.waitUntil(popup.isVisible)
     qtbot.keyClick(popup, Qt.Key_Return)
     assert line.text() == "(skiros:contain skiros:LargeBox-2 "
@@ -207,7 +235,7 @@ def goal_line(tab: SkillsTab, qtbot: QtBot) -> Any:
     """The goal line with the words of the scene, in a window that is active."""
     qtbot.waitActive(tab.window())
     tab.goals.refresh()
-    qtbot.waitUntil(lambda: bool(tab.goals._vocabulary.elements))
+    qtbot.waitUntil(lambda: bool(tab.goals.vocabulary.elements))
     line = _child(tab, QLineEdit, "goalLine")
     qtbot.mouseClick(line, Qt.LeftButton)
     return line
@@ -216,21 +244,21 @@ def goal_line(tab: SkillsTab, qtbot: QtBot) -> Any:
 def _type(qtbot: QtBot, line: Any, text: str) -> None:
     """Types a text; keys go to the suggestions while they are shown, as those of users do."""
     for sign in text:
-        popup = line._completer.popup()
+        popup = line.popup
         qtbot.keyClicks(popup if popup.isVisible() else line, sign)
 
 
 def _press(qtbot: QtBot, line: Any, *keys: int) -> None:
     for key in keys:
-        popup = line._completer.popup()
+        popup = line.popup
         qtbot.keyClick(popup if popup.isVisible() else line, key)
 
 
 def test_closing_bracket_hides_the_completions(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
     _type(qtbot, goal_line, "(skiros:contain skiros:LargeBox-1 bolt")
-    assert goal_line._completer.popup().isVisible()
+    assert goal_line.popup.isVisible()
     _type(qtbot, goal_line, ")")
-    assert not goal_line._completer.popup().isVisible()
+    assert not goal_line.popup.isVisible()
     _press(qtbot, goal_line, Qt.Key_Return)
     assert goal_line.text() == "(skiros:contain skiros:LargeBox-1 bolt)"
 
@@ -239,24 +267,35 @@ def test_leaving_the_word_hides_the_completions(tab: SkillsTab, goal_line: Any, 
     goal_line.setText("(skiros:contain skiros:LargeBox-1 )")
     goal_line.setCursorPosition(34)
     _type(qtbot, goal_line, "bo")
-    assert goal_line._completer.popup().isVisible()
+    assert goal_line.popup.isVisible()
     _press(qtbot, goal_line, Qt.Key_End)
-    assert not goal_line._completer.popup().isVisible()
+    assert not goal_line.popup.isVisible()
     assert goal_line.text() == "(skiros:contain skiros:LargeBox-1 bo)"
 
 
-def test_enter_in_a_complete_goal_plans_and_inserts_nothing(
-    tab: SkillsTab, goal_line: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+class TaskManager:
+    """Remembers the goals, and refuses them."""
+
+    def __init__(self) -> None:
+        self.goals: list[str] = []
+
+    def plan(self, goals: str) -> Any:
+        self.goals.append(goals)
+        raise Refused("no robot in the world model offers skills")
+
+
+def test_enter_in_a_complete_goal_plans_and_inserts_nothing(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    system: Any = tab.window().system
+    system.planner = TaskManager()
     goal_line.setText("(skiros:contain box )")
     goal_line.setCursorPosition(20)
     _type(qtbot, goal_line, "nut")
-    assert goal_line._completer.popup().isVisible()
+    assert goal_line.popup.isVisible()
     assert tab.goals.is_complete
     with qtbot.waitSignal(goal_line.returnPressed):
         _press(qtbot, goal_line, Qt.Key_Return)
     assert goal_line.text() == "(skiros:contain box nut)"
-    assert tab.goals.history == ["(skiros:contain box nut)"]
+    qtbot.waitUntil(lambda: system.planner.goals == ["(skiros:contain box nut)"])
 
 
 def test_enter_inserts_a_completion_selected_with_arrows(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
@@ -283,7 +322,7 @@ def test_completion_replaces_the_whole_word_at_the_cursor(
 
 def test_completions_do_not_cover_the_error_line(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
     _type(qtbot, goal_line, "(skiros:contain b")
-    popup, mistake = goal_line._completer.popup(), _child(tab, QLabel, "goalMistake")
+    popup, mistake = goal_line.popup, _child(tab, QLabel, "goalMistake")
     qtbot.waitUntil(mistake.isVisible)
     QApplication.processEvents()
     label = QRect(mistake.mapToGlobal(QPoint(0, 0)), mistake.size())
@@ -308,7 +347,7 @@ def test_focus_stays_after_start_and_space_stops_the_task(tab: SkillsTab, qtbot:
     assert QApplication.focusWidget() is start
     assert tab.below.currentWidget() is tab.tasks
     qtbot.keyClick(QApplication.focusWidget(), Qt.Key_Space)
-    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+    qtbot.waitUntil(lambda: _states(tab) == ["preempted"])
     assert line.text() == "(skiros:contain box nut)"
 
 
@@ -319,7 +358,7 @@ def test_space_during_a_pending_start_stops_the_task(tab: SkillsTab, qtbot: QtBo
     start = _child(tab, QPushButton, "startButton")
     qtbot.mouseClick(start, Qt.LeftButton)
     qtbot.keyClick(start, Qt.Key_Space)
-    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+    qtbot.waitUntil(lambda: _states(tab) == ["preempted"])
 
 
 # -- how goals go on -----------------------------------------------------------------------------------------------
@@ -333,8 +372,8 @@ def test_goal_execution_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
     )
     tab.goals.execution = execution
     tab.goals.on_goal()
-    steps = _child(tab, QTreeWidget, "planView")
-    assert [steps.topLevelItem(0).text(i) for i in (0, 1, 5)] == ["1", "▶ running", "drive"]
+    steps = _child(tab, QTableView, "planView")
+    assert [steps.model().index(0, i).data() for i in (0, 1, 5)] == ["1", "▶ running", "drive"]
     done = json.dumps([{**step, "state": "failed", "message": "no mode"}])
     tab.goals.execution = execution.after_result(
         SimpleNamespace(state="failed", message="given up", done=done, explanations="[]")
@@ -342,3 +381,76 @@ def test_goal_execution_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.goals.on_goal()
     assert _child(tab, QLabel, "planHead").text() == "✕ given up"
     assert "1. drive: no mode" in _child(tab, QPlainTextEdit, "planWhy").toPlainText()
+
+
+def test_long_cells_of_a_plan_are_wrapped(tab: SkillsTab, qtbot: QtBot) -> None:
+    arguments = {f"Parameter{n}": f"a long name of an element {n}" for n in range(12)}
+    step = {"number": 1, "label": "drive", "robot": "/a", "start": 0.0, "end": 2.0, "arguments": arguments}
+    feedback = SimpleNamespace(phase="running", message="", plan=json.dumps([step]), steps="")
+    tab.below.setCurrentWidget(tab.goal_view)
+    tab.goals.execution = GoalExecution("(a b)").after_feedback(feedback)
+    tab.goals.on_goal()
+    steps = _child(tab, QTableView, "planView")
+    qtbot.waitUntil(lambda: steps.rowHeight(0) > 3 * steps.fontMetrics().height())
+    assert not steps.horizontalScrollBar().isVisible()
+
+
+# -- the lines of a goal -------------------------------------------------------------------------------------------
+
+
+def test_goal_is_built_from_lists(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    tab.below.setCurrentWidget(tab.goal_lines)
+    _click(qtbot, tab, "addConditionButton")
+    for name, text in (("goalSubject_0", "empty box"), ("goalPredicate_0", "contain"), ("goalObject_0", "bolt")):
+        box = _child(tab, QComboBox, name)
+        box.lineEdit().selectAll()
+        qtbot.keyClicks(box.lineEdit(), text)
+        qtbot.keyClick(box.lineEdit(), Qt.Key_Return)
+    assert goal_line.text() == "(skiros:contain skiros:LargeBox-2 skiros:Product-3)"
+    _child(tab, QCheckBox, "goalNot_0").click()
+    assert goal_line.text() == "(not (skiros:contain skiros:LargeBox-2 skiros:Product-3))"
+
+
+def test_lines_follow_the_text_of_the_goal(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    tab.below.setCurrentWidget(tab.goal_lines)
+    goal_line.setText("(forall (?x - skiros:Product) (skiros:contain box ?x)), (> (skiros:Weight bolt) 2)")
+    shown = [_child(tab, QComboBox, f"goal{box}").currentText() for box in ("Subject_0", "Object_0", "Subject_1")]
+    assert shown == ["box", "every Product", "bolt"]
+    assert _child(tab, QComboBox, "goalValue_1").currentText() == "2"
+    qtbot.keyClicks(_child(tab, QComboBox, "goalValue_1").lineEdit(), "5")
+    assert goal_line.text().endswith("(> (skiros:Weight bolt) 25)")
+    qtbot.mouseClick(_child(tab, QToolButton, "removeCondition_0"), Qt.LeftButton)
+    assert goal_line.text() == "(> (skiros:Weight bolt) 25)"
+    goal_line.setText("(> (skiros:Weight")
+    assert not tab.goal_lines.add.isEnabled()
+
+
+def test_line_of_a_new_property_has_a_value(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    tab.below.setCurrentWidget(tab.goal_lines)
+    goal_line.setText("(skiros:contain box nut)")
+    box = _child(tab, QComboBox, "goalPredicate_0")
+    box.lineEdit().selectAll()
+    qtbot.keyClicks(box.lineEdit(), "Weight")
+    qtbot.keyClick(box.lineEdit(), Qt.Key_Return)
+    value = _child(tab, QComboBox, "goalValue_0")
+    qtbot.waitUntil(value.isVisible)
+    assert goal_line.text() == ""
+    qtbot.keyClicks(value.lineEdit(), "2.5")
+    assert goal_line.text() == "(= (skiros:Weight box) 2.5)"
+
+
+# -- stopping ------------------------------------------------------------------------------------------------------
+
+
+def test_stop_all_ends_the_tasks_of_all_robots(tab: SkillsTab, qtbot: QtBot) -> None:
+    for name in ("/robot", "/second"):
+        if name != "/robot":
+            tab.window().system.add_manager(name, [fetch], robot="skiros:second")
+            qtbot.waitUntil(lambda: len(tab.skills.rows) == 2)
+        tab.tree.choose((name, "skiros:Fetch", "" if name == "/robot" else "fetch"))
+        tab.skills.write("Times", "2")
+        qtbot.waitUntil(lambda: tab.skills.can_start)
+        tab.skills.start()
+    qtbot.waitUntil(lambda: _states(tab) == ["running", "running"])
+    qtbot.mouseClick(tab.window().stop, Qt.LeftButton)
+    qtbot.waitUntil(lambda: _states(tab) == ["preempted", "preempted"])

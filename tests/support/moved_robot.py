@@ -57,7 +57,7 @@ class MovedRobot:
         return CartesianMotion(self.controller, CartesianGoal(Pose(position, DOWN), **more))  # type: ignore[arg-type]
 
     def grip(self, width: float, effort: float = 0.0) -> GripperMotion:
-        return GripperMotion(self.world, self.gripper, width, effort)
+        return GripperMotion(self.gripper, width, effort)
 
     def drive(self, x: float, y: float, yaw: float = 0.0) -> BaseMotion:
         return BaseMotion(self.world, self.robot, Pose2D(x, y, yaw))

@@ -76,7 +76,7 @@ class PhysicalDrivers(StandInDrivers):
         if kind == "move_base":
             return BaseMotion.to_pose(self.world, self._robot, pose_of(goal.target_pose.pose))
         if kind == "gripper_action":
-            return GripperMotion(self.world, self._arm.gripper, goal.command.position, goal.command.max_effort)
+            return GripperMotion(self._arm.gripper, goal.command.position, goal.command.max_effort)
         if kind == "follow_joint_trajectory":
             points = [JointPoint(p.time_from_start.to_sec(), tuple(p.positions)) for p in goal.trajectory.points]
             return JointMotion(self._controller, JointGoal(tuple(goal.trajectory.joint_names), tuple(points)))

@@ -21,8 +21,9 @@ from skiros2_common.core.abstract_skill import SkillCore
 from skiros2_common.core.conditions import ConditionGenerate
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
+from skiros2_task.core.engines import Limits, Outcome
 from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
+from skiros2_task.core.planners import Planner, PlannerAnswer
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.up_model import UpProblem
 from skiros2_world_model.core.local_world_model import LocalWorldModel
@@ -54,7 +55,7 @@ class CheckedPlanner:
         for part in meant:
             assert written[part] == meant[part], f"{part}: {written[part]} instead of {meant[part]}"
         if answer.outcome is Outcome.SOLVED:
-            assert len(files["plan.txt"].splitlines()) == len(answer.plan)
+            assert len(answer.plans[0].text.splitlines()) == len(answer.plan)
             check_plan(task, answer.plan, UpProblem(task, sparse=False).problem)
             if not self._goal_action:
                 check_plan(task, answer.plan, read)

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
 
-SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
+from skiros2_runs.core.progress import status_text
+from skiros2_runs.core.states import FAILURE, IDLE, RUNNING, SUCCESS, TaskState
+
+__all__ = ["FAILURE", "IDLE", "RUNNING", "SUCCESS", "ProgressNode", "fresh", "pick_and_place", "random_tree", "root"]
 
 
 @dataclass
@@ -23,10 +29,14 @@ class ProgressNode:
     progress_message: str = ""
     robot: str = "/robot"
     task_id: int = 5
+    params: Sequence[Any] = ()
 
 
-def root(task_id: int = 5, state: int = RUNNING, code: int = 0, message: str = "") -> ProgressNode:
-    return ProgressNode(task_id, -1, "root", ":Root", "->*", state, code, 0.0, message, task_id=task_id)
+def root(
+    task_id: int = 5, state: int = RUNNING, code: int = 0, message: str = "", status: TaskState | None = None
+) -> ProgressNode:
+    params = () if status is None else (SimpleNamespace(param=status_text(status)),)
+    return ProgressNode(task_id, -1, "root", ":Root", "->*", state, code, 0.0, message, task_id=task_id, params=params)
 
 
 def pick_and_place(pick: int = RUNNING, place: int = IDLE, task_id: int = 5, **of_root: object) -> list[ProgressNode]:

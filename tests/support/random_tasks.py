@@ -5,21 +5,9 @@ from __future__ import annotations
 from hypothesis import strategies as st
 
 from skiros2_task.core.actions import Action, Effect, Variable
-from skiros2_task.core.formula import (
-    Atom,
-    Exists,
-    ForAll,
-    Formula,
-    Kind,
-    Not,
-    Predicate,
-    conjunction,
-    disjunction,
-    holds,
-)
-from skiros2_task.core.semantics import apply_step
+from skiros2_task.core.formula import Atom, Exists, ForAll, Formula, Kind, Not, Predicate, conjunction, disjunction
 from skiros2_task.core.skills import Skill
-from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep, precondition_of
+from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep
 
 ROBOT, THING = "cora:Robot", "skiros:Product"
 ROBOTS, THINGS = ("robot-0", "robot-1", "robot-2"), ("thing-0", "thing-1")
@@ -51,12 +39,16 @@ def _effects() -> st.SearchStrategy[tuple[Effect, ...]]:
     return st.lists(st.one_of(plain, plain, for_each), min_size=1, max_size=3).map(tuple)
 
 
+#: Built once: building a strategy takes longer than drawing from it.
+_FORMULAS, _EFFECTS, _FACT = _formulas(), _effects(), st.sampled_from(FACTS)
+
+
 @st.composite
 def _actions(draw: st.DrawFn, name: str) -> Action:
-    needed = [draw(_formulas())]
+    needed = [draw(_FORMULAS)]
     during: tuple[Effect, ...] = ()
     if draw(st.booleans()):  # it locks something: that is free when it starts, and taken while it runs
-        lock = Atom(draw(st.sampled_from(FACTS)), (_ONE,))
+        lock = Atom(draw(_FACT), (_ONE,))
         needed.append(lock)
         during = (Effect(lock, False),)
     can = Atom(Predicate(Kind.CAN, name), ("?Robot",))
@@ -67,7 +59,7 @@ def _actions(draw: st.DrawFn, name: str) -> Action:
         tuple((robot, f"/{robot}") for robot in ROBOTS),
         (Variable("?Robot", "Robot", (ROBOT,)), Variable(_ONE, "One", (THING,)), Variable(_OTHER, "Other", (THING,))),
         conjunction([can, *needed]),
-        draw(_effects()),
+        draw(_EFFECTS),
         during,
     )
 
@@ -85,14 +77,15 @@ def planned_tasks(draw: st.DrawFn, most: int = 6) -> tuple[PlanningTask, tuple[P
     members = {ROBOT: ROBOTS, THING: THINGS, EVERYTHING: ROBOTS + THINGS}
     objects = {**dict.fromkeys(ROBOTS, ROBOT), **dict.fromkeys(THINGS, THING)}
     task = PlanningTask(actions, objects, members, (*FACTS, READY), init, conjunction([]))
-    every = [PlanStep(a.name, (r, x, y)) for a in actions for r in ROBOTS for x in THINGS for y in THINGS]
+    steps = [PlanStep(a.name, (r, x, y)) for a in actions for r in ROBOTS for x in THINGS for y in THINGS]
+    every = [(step, task.ground(step)) for step in steps]
     state, plan = init, []
     for _ in range(draw(st.integers(0, most))):
-        possible = [step for step in every if holds(precondition_of(task, step), state)]
+        possible = [step for step, ground in every if ground.can_start(state)]
         if not possible:
             break
         plan.append(draw(st.sampled_from(possible)))
-        state = apply_step(task, state, plan[-1])
+        state = task.ground(plan[-1]).apply(state)
     wanted = draw(st.lists(st.sampled_from(facts), unique=True, max_size=4))
     goal = conjunction(atom if atom in state else Not(atom) for atom in wanted)
     return PlanningTask(actions, objects, members, (*FACTS, READY), init, goal), tuple(plan)

@@ -35,6 +35,9 @@ from support.programs import ProcessId, Program, descendants
 ROOT = Path(__file__).resolve().parents[2]
 INSTALL = ROOT / "install"
 
+#: The nodes that belong to the master and to the test process.
+_TEST_NODES = ("/rosout", "/tests")
+
 #: Of these, a test's programs get no other values than the harness gives them.
 _ROS_VARIABLES = ("CMAKE_PREFIX_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH", "ROS_NAMESPACE", "ROS_IP", "ROS_LOG_DIR")
 
@@ -86,11 +89,16 @@ class RosMaster:
             "PYTHONUNBUFFERED": "1",
         }
         self._roscore: Program | None = None
+        #: The systems that run on it.
+        self.systems: list[Ros] = []
+        #: The parameters that it has by itself.
+        self.own_parameters: set[str] = set()
 
     def start(self) -> None:
         self._roscore = Program(["roscore", "-p", str(self.port)], self.env)
         self._roscore.wait_for_line(r"started core service")
         wait_until(lambda: "/rosout" in self.nodes(), what="rosout on the new master")
+        self.own_parameters = self.parameters()
 
     def stop(self) -> None:
         if self._roscore is not None:
@@ -175,6 +183,7 @@ class Ros:
         self._subscriptions: list[Messages] = []
         self._nodes_before = master.nodes()
         self._parameters_before = master.parameters()
+        master.systems.append(self)
 
     # -- starting -------------------------------------------------------------------------------------------------
 
@@ -259,9 +268,15 @@ class Ros:
             messages.close()
         for program in reversed(self.programs):
             program.stop()
-        for name in self.master.parameters() - self._parameters_before:
+        if self in self.master.systems:
+            self.master.systems.remove(self)
+        # Another system may have ended since: what it left under the same names goes with the last one.
+        alone = not self.master.systems
+        before = self.master.own_parameters if alone else self._parameters_before
+        for name in self.master.parameters() - before:
             self.master.delete_parameter(name)
-        if self.master.nodes() - self._nodes_before:  # killed ones have not said goodbye to the master
+        remaining = {name for name in self.master.nodes() if not name.startswith(_TEST_NODES)}
+        if remaining - (set() if alone else self._nodes_before):  # killed ones have not said goodbye to the master
             subprocess.run(["rosnode", "cleanup"], env=self.master.env, input=b"y\n", capture_output=True, check=True)
 
     def _start(self, command: list[str], namespace: str, env: Mapping[str, str] | None) -> Program:
@@ -271,6 +286,79 @@ class Ros:
         program = Program(command, environment, cwd=self.master.home)
         self.programs.append(program)
         return program
+
+
+class SharedSystem:
+    """A running system that the tests of a file share; it starts with the first test that uses it.
+
+    A fixture calls `use` before a test and `restore` after it. A test that breaks the system, or starts nodes of the
+    same names, calls `stop`; the next test gets a new system. A context manager.
+
+    :param start: starts the nodes and waits for them.
+    """
+
+    def __init__(self, master: RosMaster, start: Callable[[Ros], None]) -> None:
+        self._master, self._start = master, start
+        self._ros: Ros | None = None
+        self._wmi: Any = None
+        self._scene: dict[str, Any] = {}
+
+    def __enter__(self) -> SharedSystem:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.stop()
+
+    @property
+    def programs(self) -> list[Program]:
+        return self._ros.programs if self._ros else []
+
+    def use(self) -> Ros:
+        """Starts the system unless it runs, and remembers the scene."""
+        from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+
+        if self._ros is None:
+            self._ros = Ros(self._master)
+            self._start(self._ros)
+            self._wmi = WorldModelInterface("shared_system")
+        self._scene = self._elements()
+        return self._ros
+
+    def restore(self) -> None:
+        """Undoes the changes of the scene since `use`. Stops the system if an element was removed."""
+        now = self._elements() if self._ros is not None else {}
+        if self._ros is None or self._scene.keys() - now.keys():
+            self.stop()
+            return
+        for eid in now.keys() - self._scene.keys():
+            if self._wmi.find_element(eid) is not None:  # it may have gone with the element that contains it
+                self._wmi.remove_element(eid)
+        for eid, before in self._scene.items():
+            if _properties(now[eid]) != _properties(before):
+                self._wmi.update_element_properties(before)
+            for subj, pred, obj in _relations(now[eid]) - _relations(before):
+                if obj in self._scene:
+                    self._wmi.set_relation(subj, pred, obj, False)
+            for subj, pred, obj in _relations(before) - _relations(now[eid]):
+                self._wmi.set_relation(subj, pred, obj)
+
+    def stop(self) -> None:
+        if self._ros is not None:
+            self._ros.stop()
+            self._ros = None
+
+    def _elements(self) -> dict[str, Any]:
+        self._wmi.catch_up()
+        return {element.id: element for element in self._wmi.get_scene_elements()}
+
+
+def _properties(element: Any) -> dict[str, list[Any]]:
+    return {prop.key: prop.values for prop in element.properties}
+
+
+def _relations(element: Any) -> set[tuple[str, str, str]]:
+    """The relations of which the element is the subject."""
+    return {(element.id, r["type"], r["dst"]) for r in element.getRelations() if r["src"] == "-1"}
 
 
 class Messages:
@@ -309,6 +397,11 @@ class Messages:
                         f"{seen} messages on {self.topic} in {timeout:g} s, none as wanted; last:\n{last}"
                     )
                 self._change.wait(left)
+
+    def connected(self) -> Messages:
+        """Waits until a publisher is connected, so that the next message is not missed; returns itself."""
+        wait_until(self._subscriber.get_num_connections, what=f"a publisher of {self.topic}")
+        return self
 
     def clear(self) -> None:
         """Forgets what has come so far."""

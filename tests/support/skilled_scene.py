@@ -7,9 +7,8 @@ from contextlib import contextmanager
 
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
-from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
@@ -40,7 +39,7 @@ def planner_of(wmi: LocalWorldModel) -> Iterator[TaskPlanner]:
     """Plans for the robots of the scene."""
     processes = EngineProcesses()
     try:
-        yield TaskPlanner(wmi, UpPlanner(processes), Limits(30.0))
+        yield TaskPlanner(wmi, engine_planner(processes), Limits(30.0))
     finally:
         processes.close()
 

@@ -13,6 +13,7 @@ from support.ros import ROOT
 #: The folders of the packages, bottom first: a package imports itself and what stands before it.
 PACKAGES = {
     "skiros2_common": "skiros2/skiros2_common",
+    "skiros2_runs": "skiros2/skiros2_runs",
     "skiros2_world_model": "skiros2/skiros2_world_model",
     "skiros2_skill": "skiros2/skiros2_skill",
     "skiros2_task": "skiros2/skiros2_task",

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from skiros2_task.core.executor import Ended
-from skiros2_task.core.steps import Step
+from skiros2_task.core.plan import Step
 from support.plan_checks import do
 from support.planning_world import PlanningWorld
 

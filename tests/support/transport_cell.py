@@ -5,19 +5,29 @@ It executes the commands of an execution state machine, and reports the results.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from skiros2_task.core.commands import Claim, Command, End, Plan, ReadWorld, Start, Stop, Wake
-from skiros2_task.core.durations import Durations
-from skiros2_task.core.execution import ExecutionStateMachine
+from skiros2_common.core.world_element import Element
+from skiros2_task.core.execution import (
+    Claim,
+    Command,
+    End,
+    ExecutionStateMachine,
+    MakePlan,
+    ReadWorld,
+    Start,
+    Stop,
+    Wake,
+)
 from skiros2_task.core.formula import And, Atom, holds
 from skiros2_task.core.partial_order import deorder
-from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.plan import Step, plan_of
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.schedule import schedule
-from skiros2_task.core.steps import Step, make_steps, with_steps_done, without_skills
-from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
+from skiros2_task.core.semantics import Facts
+from skiros2_task.core.store import Durations
+from skiros2_task.core.task import PlanningTask, PlanStep
 from support.transport_task import CONTAIN, GRIPPER, PLACE, ROBOT, contain, transport_task
 
 PLANNING_TIME, STEP_TIME = 0.5, 2.0
@@ -81,7 +91,7 @@ class TransportCell:
         """Executes commands."""
         for command in commands:
             assert self.end is None, f"{command} after the end"
-            if isinstance(command, Plan):
+            if isinstance(command, MakePlan):
                 self.plans += 1
                 self._later(PLANNING_TIME, self._plan(command))
             elif isinstance(command, Claim):
@@ -101,18 +111,17 @@ class TransportCell:
     def _later(self, seconds: float, event: Callable[[], Sequence[Command]]) -> None:
         self._due.append((self.now + seconds, event))
 
-    def _plan(self, command: Plan) -> Callable[[], Sequence[Command]]:
+    def _plan(self, command: MakePlan) -> Callable[[], Sequence[Command]]:
         """Plans with the world as it is now; the answer comes later."""
         seen, first = self.task, self.machine.first_number
         gone = frozenset((manager, "") for manager in command.lost)
         for avoided in (gone | command.avoided, gone):
-            task = without_skills(with_steps_done(seen, command.running), avoided)
+            task = seen.after(_facts_after(seen, command.running)).without_skills(avoided)
             steps = transport_plan(task, [r for r in self.robots if (r, "") not in avoided])
             if steps is not None:
-                plan = schedule(task, deorder(task, steps), Durations())
-                calls = [SkillCall(robot_of(task, s), "", s.action, ()) for s in plan.order.steps]
-                steps = make_steps(task, plan, calls, first)
-                return lambda: self.machine.planned(seen, steps)
+                objects = {name: Element("", eid=name) for name in task.objects}
+                plan = plan_of(task, schedule(task, deorder(task, steps), Durations()), objects)
+                return lambda: self.machine.planned(seen, plan.numbered_from(first))
         return lambda: self.machine.no_plan(Verdict.IMPOSSIBLE, "impossible", False)
 
     def _start(self, step: Step) -> None:
@@ -180,6 +189,13 @@ class TransportCell:
         self.gone.discard(robot)
         if self.end is None:
             self.tell(self.machine.robot_found(robot))
+
+
+def _facts_after(task: PlanningTask, steps: Iterable[Step]) -> Facts:
+    facts = task.init
+    for step in steps:
+        facts = step.apply(facts)
+    return facts
 
 
 def transport_plan(task: PlanningTask, robots: Sequence[str]) -> list[PlanStep] | None:

@@ -44,7 +44,7 @@ def transport_task(robots: int, places: int, products: int, goal: Formula | None
         goal = conjunction(contain(there[PLACE][(i + 1) % places], p) for i, p in enumerate(there[PRODUCT]))
     everything = tuple(name for names in there.values() for name in names)
     return PlanningTask(
-        actions=_actions(),
+        actions=_actions(there[ROBOT]),
         objects={name: cls for cls, names in there.items() for name in names},
         members={OBJECT: everything, **there, EVERYTHING: everything},
         predicates=(AT, CONTAIN, HAS_A, *(Predicate(Kind.CAN, name) for name in _NAMES)),
@@ -57,16 +57,18 @@ def _can(name: str, robot: str) -> Atom:
     return Atom(Predicate(Kind.CAN, name), (robot,))
 
 
-def _actions() -> tuple[Action, ...]:
+def _actions(robots: tuple[str, ...]) -> tuple[Action, ...]:
     robot, start = Variable("?Robot", "Robot", (ROBOT,)), Variable("?Place", "Place", (PLACE,))
     gripper, product = Variable("?Gripper", "Gripper", (GRIPPER,)), Variable("?Object", "Object", (PRODUCT,))
     here, held, inside = at("?Robot", "?Place"), contain("?Gripper", "?Object"), contain("?Place", "?Object")
     owned = Atom(HAS_A, ("?Robot", "?Gripper"))
 
+    managers = tuple((robot, robot) for robot in robots)
+
     def action(name: str, variables: tuple[Variable, ...], needs: tuple[Atom, ...], gone: Atom, made: Atom) -> Action:
         skill = Skill(f"skiros:{name.capitalize()}", name, (), (), (), ())
         effects = (Effect(gone, False), Effect(made, True))
-        return Action(name, skill, "?Robot", (), variables, conjunction([_can(name, "?Robot"), *needs]), effects)
+        return Action(name, skill, "?Robot", managers, variables, conjunction([_can(name, "?Robot"), *needs]), effects)
 
     return (
         action("drive", (robot, start, Variable("?To", "To", (PLACE,))), (here,), here, at("?Robot", "?To")),

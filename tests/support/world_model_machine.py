@@ -357,5 +357,5 @@ def thing_of(element: Any) -> Thing:
 def _property(key: str, values: list[Any]) -> Property:
     """A property as one makes it that has not asked for its type."""
     prop = Property(key, type(values[0]))
-    prop._values = list(values)
+    prop.current = list(values)
     return prop

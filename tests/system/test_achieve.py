@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld
-from support.ros import Ros, wait_until
+from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -99,13 +99,43 @@ class Request:
         return list(json.loads(self.result.done))
 
 
+@pytest.fixture(scope="module")
+def shared(ros_master: RosMaster) -> Iterator[SharedCell]:
+    with SharedCell(ros_master) as system:
+        yield system
+
+
+class SharedCell(SharedSystem):
+    """A cell with the specialists, for tests that leave its nodes alone."""
+
+    def __init__(self, master: RosMaster) -> None:
+        super().__init__(master, self._build)
+        self.cell: Cell
+
+    def _build(self, ros: Ros) -> None:
+        self.cell = Cell(ros, SPECIALISTS)
+
+
+@pytest.fixture
+def cell(shared: SharedCell) -> Iterator[Cell]:
+    shared.use()
+    yield shared.cell
+    shared.restore()
+
+
+@pytest.fixture
+def own(ros: Ros, shared: SharedCell) -> Ros:
+    """For a cell whose nodes the test kills."""
+    shared.stop()
+    return ros
+
+
 def running(feedback: Any) -> list[dict[str, Any]]:
     """The running steps, by the last message."""
     return [step for step in json.loads(feedback.steps) if step["state"] == "running"]
 
 
-def test_robots_with_different_skills_reach_a_goal_together(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_robots_with_different_skills_reach_a_goal_together(cell: Cell) -> None:
     request = cell.achieve()
     result = request.result
     assert (result.state, result.message) == (AchieveResult.SUCCEEDED, "the goal is reached")
@@ -118,8 +148,8 @@ def test_robots_with_different_skills_reach_a_goal_together(ros: Ros) -> None:
 
 
 @pytest.mark.parametrize("finished", [1, 5])
-def test_goal_is_reached_after_a_manager_is_killed(ros: Ros, finished: int) -> None:
-    cell = Cell(ros, CREW)
+def test_goal_is_reached_after_a_manager_is_killed(own: Ros, finished: int) -> None:
+    cell = Cell(own, CREW)
     managers = {f"/{name}": SkillManagerInterface(f"/{name}", "tests") for name in CREW}  # connected beforehand
     request = cell.achieve()
     # The one that has just begun a step, held so that it is still at it when it is killed.
@@ -136,7 +166,7 @@ def test_goal_is_reached_after_a_manager_is_killed(ros: Ros, finished: int) -> N
     managers[victim].pause_all()
     for manager in managers.values():
         manager.shutdown()
-    ros.kill_node(victim)
+    own.kill_node(victim)
     assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
     assert cell.is_done
     lost = [step for step in request.done if step["message"] == f"{victim} has disappeared"]
@@ -145,19 +175,18 @@ def test_goal_is_reached_after_a_manager_is_killed(ros: Ros, finished: int) -> N
     assert victim not in {step["robot"] for step in after}
 
 
-def test_goal_waits_for_an_irreplaceable_manager(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_goal_waits_for_an_irreplaceable_manager(own: Ros) -> None:
+    cell = Cell(own, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(lambda f: any(step["robot"] == "/washer" for step in running(f)))
-    ros.kill_node("/washer")
+    own.kill_node("/washer")
     request.wait_for(lambda f: f.phase == f.PLANNING and "robot is lost" in f.message)
     cell.start_manager("washer", SPECIALISTS["washer"])
     assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
     assert cell.is_done
 
 
-def test_external_changes_trigger_replanning(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_external_changes_trigger_replanning(cell: Cell) -> None:
     request = cell.achieve()
     product = request.wait_for(lambda f: [s for s in json.loads(f.plan) if s["label"] == "wash"])[-1]["arguments"][
         "Object"
@@ -172,8 +201,7 @@ def test_external_changes_trigger_replanning(ros: Ros) -> None:
     assert product not in {step["arguments"]["Object"] for step in request.done}
 
 
-def test_cancelled_goal_stops_its_steps_and_the_next_goal_succeeds(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_cancelled_goal_stops_its_steps_and_the_next_goal_succeeds(cell: Cell) -> None:
     request = cell.achieve()
     request.wait_for(running)
     request.tasks.preempt()
@@ -182,36 +210,35 @@ def test_cancelled_goal_stops_its_steps_and_the_next_goal_succeeds(ros: Ros) -> 
     assert cell.achieve(f"(skiros:contain {cell.bench} {cell.products[0]})").result.state == AchieveResult.SUCCEEDED
 
 
-def test_shutdown_of_the_task_manager_stops_running_steps(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_shutdown_of_the_task_manager_stops_running_steps(own: Ros) -> None:
+    cell = Cell(own, SPECIALISTS)
     porter = SkillManagerInterface("/porter", "tests")
     request = cell.achieve()
     request.wait_for(running)
     (task,) = wait_until(lambda: list(porter.tasks), WAIT, "the porter's task")
     porter.pause_one(task)  # by itself it would not end
-    os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
-    ros.wait_until_gone("/tm")
+    os.kill(own.master.node_pid("/tm"), signal.SIGINT)
+    own.wait_until_gone("/tm")
     wait_until(lambda: not porter.tasks, WAIT, "the end of the porter's task")
     assert request.result.state == AchieveResult.CANCELLED
     porter.shutdown()
 
 
-def test_shutdown_of_the_task_manager_ends_goals_whose_steps_do_not_stop(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_shutdown_of_the_task_manager_ends_goals_whose_steps_do_not_stop(own: Ros) -> None:
+    cell = Cell(own, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(running)
-    porter = ros.master.node_pid("/porter")
+    porter = own.master.node_pid("/porter")
     os.kill(porter, signal.SIGSTOP)
     try:
-        os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
+        os.kill(own.master.node_pid("/tm"), signal.SIGINT)
         result = request.result
     finally:
         os.kill(porter, signal.SIGCONT)
     assert (result.state, result.message) == (AchieveResult.FAILED, "/tm ended before the goal did")
 
 
-def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(cell: Cell) -> None:
     porter = SkillManagerInterface("/porter", "tests")
     first, second, third = (f"(skiros:contain {cell.store} {product})" for product in cell.products)
     begun = cell.achieve(first)
@@ -229,8 +256,7 @@ def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(ros: Ros) -> None
     porter.shutdown()
 
 
-def test_impossible_goals_are_rejected_with_the_reason(ros: Ros) -> None:
-    cell = Cell(ros, SPECIALISTS)
+def test_impossible_goals_are_rejected_with_the_reason(cell: Cell) -> None:
     washed = f"(skiros:Washed {cell.products[0]})"
     for goal, options, state, message in [
         ("(skiros:contain", {}, AchieveResult.FAILED, "goal, line 1, column"),
@@ -250,8 +276,8 @@ def test_impossible_goals_are_rejected_with_the_reason(ros: Ros) -> None:
         assert [step["label"] for step in request.done] == ["carry"]
 
 
-def test_a_goal_is_reached_by_a_skill_of_one_robot_with_the_skills_of_others(ros: Ros) -> None:
-    cell = Cell(ros, {**SPECIALISTS, "foreman": ["achieve"]})
+def test_a_goal_is_reached_by_a_skill_of_one_robot_with_the_skills_of_others(own: Ros) -> None:
+    cell = Cell(own, {**SPECIALISTS, "foreman": ["achieve"]})
     foreman = SkillManagerInterface("/foreman", "tests")
     reach = foreman.get_skill("achieve")
     reach.ph.specify("Goal", cell.goal)

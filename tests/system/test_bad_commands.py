@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support.ros import Ros, wait_until
+from support.ros import Ros, RosMaster, wait_until
 
 pytestmark = pytest.mark.timeout(240)
 
@@ -28,6 +29,7 @@ class Manager:
     """A manager with unruly skills, and a client of it."""
 
     def __init__(self, ros: Ros) -> None:
+        self.ros = ros
         env = {**ros.master.env, "PYTHONPATH": f"{LIBRARIES}:{ros.master.env['PYTHONPATH']}"}
         ros.launch("skiros2", "world_model_server.launch", gui=False)
         self.program = ros.launch(
@@ -75,11 +77,21 @@ class Manager:
         return product
 
 
-@pytest.fixture
-def manager(ros: Ros) -> Any:
-    manager = Manager(ros)
-    yield manager
-    manager.client.shutdown()
+@pytest.fixture(scope="module")
+def manager(ros_master: RosMaster) -> Iterator[Manager]:
+    """One for all tests: whatever a test does to it, it must run the next one."""
+    ros = Ros(ros_master)
+    try:
+        manager = Manager(ros)
+        yield manager
+        manager.client.shutdown()
+    finally:
+        ros.stop()
+
+
+@pytest.fixture(autouse=True)
+def forget_earlier_progress(manager: Manager) -> None:
+    manager.progress.clear()
 
 
 def test_modules_with_import_errors_are_skipped_and_logged_with_the_line(manager: Manager) -> None:
@@ -219,8 +231,8 @@ def test_deep_wide_and_endless_trees(manager: Manager) -> None:
     assert manager.lives()
 
 
-def test_a_hundred_thousand_nodes_do_not_leak_memory(manager: Manager, ros: Ros) -> None:
-    pid = ros.master.node_pid(ROBOT)
+def test_a_hundred_thousand_nodes_do_not_leak_memory(manager: Manager) -> None:
+    pid = manager.ros.master.node_pid(ROBOT)
     manager.run("wide", Width=10_000)
     before = resident(pid)
     for _ in range(100):

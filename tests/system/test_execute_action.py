@@ -1,5 +1,6 @@
 """The action `~execute` and the services `~why` and `~inspect` of a skill manager."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -15,10 +16,10 @@ from skiros2_common.core.explanation import EXECUTE, INFERENCE, PARAMETER, START
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.command_line.connection import Manager
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support.ros import Ros, wait_until
+from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -26,8 +27,13 @@ ROBOT = "/test_robot"
 TESTS = Path(__file__).resolve().parents[1]
 
 
-@pytest.fixture
-def robot(ros: Ros):
+@pytest.fixture(scope="module")
+def shared(ros_master: RosMaster):
+    with SharedSystem(ros_master, launch) as system:
+        yield system
+
+
+def launch(ros: Ros) -> None:
     """A world model with a blank scene, and one robot with the skills of `support.hand_skills`."""
     path = f"{TESTS}:{ros.master.env['PYTHONPATH']}"
     ros.launch(
@@ -35,7 +41,28 @@ def robot(ros: Ros):
         primitive_list="[add, stay, give_up, weigh]", env={**ros.master.env, "PYTHONPATH": path},
     )  # fmt: skip
     ros.service(f"{ROBOT}/command", srvs.SkillCommand)
+
+
+@pytest.fixture
+def robot(shared: SharedSystem):
+    """The client of the robot of a system that the tests share."""
+    shared.use()
     client = SkillManagerInterface(ROBOT, "tests")
+    wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
+    yield client
+    client.preempt_all()
+    wait_until(lambda: not client.tasks, what="the end of all tasks")
+    client.shutdown()
+    shared.restore()
+
+
+@pytest.fixture
+def own_robot(ros: Ros, shared: SharedSystem):
+    """The client of the robot of a system that the test may break."""
+    shared.stop()
+    launch(ros)
+    client = SkillManagerInterface(ROBOT, "tests")
+    wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
     yield client
     client.shutdown()
 
@@ -119,7 +146,7 @@ def test_an_actionlib_client_sees_the_states_of_the_protocol(robot):
 
 
 def test_feedback_is_published_only_on_change(ros, robot):
-    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
     fed = []
     run = robot.run([skill(robot, "add", B=1.0), skill(robot, "stay")], monitor_cb=fed.append)
     task = run.wait_for_task(30)
@@ -140,14 +167,14 @@ def test_task_continues_without_its_client(ros, robot):
     other = SkillManagerInterface(ROBOT, "somebody else")
     task = other.run([skill(robot, "stay")]).wait_for_task(30)
     other.shutdown()
-    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
     monitor.wait_for(lambda m: m.progress[0].id == task)
     assert robot.preempt_one(task)
     monitor.wait_for(lambda m: m.progress[0].id == task and m.progress[0].progress_code == -1)
 
 
-def test_goals_end_when_the_manager_shuts_down(ros, robot):
-    run = robot.run([skill(robot, "stay")])
+def test_goals_end_when_the_manager_shuts_down(ros, own_robot):
+    run = own_robot.run([skill(own_robot, "stay")])
     run.wait_for_task(30)
     ros.stop()
     assert run.result(30).message == "Preempted"
@@ -181,7 +208,7 @@ def test_invalid_goals_are_rejected_with_the_reason(robot):
         (why,) = json.loads(result.explanation)
         stage = PARAMETER if "parameter 'B'" in named or "JSON" in named else START
         assert (why["stage"], why["message"]) == (stage, result.message)
-        assert robot.explanations()[0].message == result.message
+        assert robot.why().explanations[0].message == result.message
     client.action_client.stop()
     assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
 
@@ -190,8 +217,7 @@ def test_invalid_goals_are_rejected_with_the_reason(robot):
 
 
 def test_why_explains_a_failed_task(ros, robot):
-    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
-    wait_until(monitor._subscriber.get_num_connections, what="the monitor")
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
     wmi = WorldModelInterface("tests")
     box = Element("skiros:LargeBox", "an empty box")
     box.addRelation("skiros:Scene-0", "skiros:contain", "-1")
@@ -201,9 +227,9 @@ def test_why_explains_a_failed_task(ros, robot):
     refused = monitor.wait_for(lambda m: m.progress[0].id == run.task and m.progress[0].progress_code == -1)
     assert [len(node.progress_message.splitlines()) for node in refused.progress] == [1, 1]
     assert result.message == refused.progress[0].progress_message
-    text = robot.why(run.task)
+    text = robot.why(run.task).text
     assert text.startswith(f"task {run.task} by tests has failed: skiros:Weigh-weigh(Failure): ")
-    (why,) = robot.explanations(run.task)
+    (why,) = robot.why(run.task).explanations
     assert why.stage == INFERENCE
     assert why == run.explanations()[0]
 
@@ -217,24 +243,24 @@ def test_why_names_the_author_of_the_last_change_of_a_condition(robot):
     cleaner.set_relation(box.id, "skiros:contain", product.id, False)
     run = robot.run([skill(robot, "weigh", Container=box, Object=product)])
     assert not run.succeeded(30)
-    assert f"[InIt] {box!r} skiros:contain nothing; nothing skiros:contain {product!r}" in robot.why(run.task)
-    (why,) = robot.explanations(run.task)
+    assert f"[InIt] {box!r} skiros:contain nothing; nothing skiros:contain {product!r}" in robot.why(run.task).text
+    (why,) = robot.why(run.task).explanations
     assert [(c.element, c.author) for c in why.all_changes()] == [(box.id, "/cleaner"), (product.id, "/cleaner")]
 
 
-def test_why_without_a_task_explains_the_last_failure(ros, robot):
+def test_why_without_a_task_explains_the_last_failure(ros, own_robot):
     answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(-1)
     assert (answer.ok, answer.text) == (False, "no task has failed or was refused")
-    robot.run([skill(robot, "give_up")]).result(30)
-    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
-    assert "skiros:Give-give_up(Failure): too heavy" in robot.why()
-    assert robot.execute(skill_list=[skill(robot, "add")]) == -1
-    assert robot.why().startswith("a task by tests was refused: skiros:Add-add: required parameter 'B'")
+    own_robot.run([skill(own_robot, "give_up")]).result(30)
+    assert own_robot.run([skill(own_robot, "add", B=1.0)]).succeeded(30)
+    assert "skiros:Give-give_up(Failure): too heavy" in own_robot.why().text
+    assert own_robot.execute(skill_list=[skill(own_robot, "add")]) == -1
+    assert own_robot.why().text.startswith("a task by tests was refused: skiros:Add-add: required parameter 'B'")
 
 
 def test_why_reports_running_and_unknown_tasks(ros, robot):
     task = robot.run([skill(robot, "stay")]).wait_for_task(30)
-    assert robot.why(task) == f"task {task} by tests runs: nothing has failed"
+    assert robot.why(task).text == f"task {task} by tests runs: nothing has failed"
     answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(4711)
     assert not answer.ok
     assert "task 4711 neither runs nor is it among the last 100" in answer.text
@@ -245,10 +271,10 @@ def test_why_reports_running_and_unknown_tasks(ros, robot):
 
 def test_inspect_reports_a_node_of_a_running_task(robot):
     task = robot.run([skill(robot, "stay")]).wait_for_task(30)
-    manager = Manager(ROBOT, "tests")
-    ((_, node, *_),) = manager.tasks(task)
+    manager = ManagerClient(ROBOT, "tests")
+    ((_, node, *_),) = manager.read_tasks(task)
     now = manager.inspect(task, node.id)
-    assert robot.inspect(task, node.id) == now
+    assert dataclasses.replace(robot.inspect(task, node.id), time=now.time) == now
     assert (now.node, now.type, now.label) == (node.id, node.type, "stay")
     assert "Robot" in {p.key for p in now.params if p.value}
     for ids, text in (((task, 4711), f"task {task} has no node 4711"), ((4711, 1), "4711")):
@@ -258,11 +284,34 @@ def test_inspect_reports_a_node_of_a_running_task(robot):
             robot.inspect(*ids)
 
 
+# -- preview ----------------------------------------------------------------------------------------------------------
+
+
+def test_preview_answers_as_the_start_would(robot):
+    box, product = Element("skiros:LargeBox", "full box"), Element("skiros:Product", "a product")
+    wmi = WorldModelInterface("/previewer")
+    wmi.add_elements([box, product])
+    wmi.set_relation(box.id, "skiros:contain", product.id)
+    fits = robot.preview([skill(robot, "weigh", Container=box)])
+    assert (fits.label, fits.refusal, fits.elements["Object"].id) == ("weigh", None, product.id)
+    wmi.set_relation(box.id, "skiros:contain", product.id, False)
+    run = robot.run([skill(robot, "weigh", Container=box)])
+    assert not run.succeeded(30)
+    refusal = robot.preview([skill(robot, "weigh", Container=box)]).refusal
+    assert (refusal.stage, refusal.message) == (INFERENCE, run.explanations()[0].message)
+
+
+def test_preview_of_a_wrong_request_leaves_no_record(robot):
+    robot.run([skill(robot, "give_up")]).result(30)
+    assert "required parameter 'B'" in robot.preview([skill(robot, "add")]).refusal.message
+    assert "give_up" in robot.why().text
+
+
 # -- breakpoints ------------------------------------------------------------------------------------------------------
 
 
 def test_breakpoint_pauses_the_task(ros, robot):
-    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
     number = robot.set_breakpoint("node", "give_up")
     assert [(n, b.kind, b.pattern, b.when) for n, b in robot.breakpoints().items()] == [
         (number, "node", "give_up", "start")
@@ -302,14 +351,16 @@ def test_invalid_breakpoints_are_rejected_with_the_reason(ros, robot):
         ({"preempt_timeout": -1.5}, "parameter /test_robot/preempt_timeout is -1.5, expected a number above 0"),
     ],
 )
-def test_invalid_rate_or_time_ends_the_node_with_one_line(ros, arguments, named):
+def test_invalid_rate_or_time_ends_the_node_with_one_line(ros, shared, arguments, named):
+    shared.stop()
     launch = ros.launch("skiros2", "skill_mgr.launch", libraries_list="[skiros2_std_skills]", **arguments)
     launch.wait_for_line(named.replace("[", r"\["))
     launch.wait()
     assert "Traceback" not in launch.output
 
 
-def test_the_tick_rate_is_that_of_the_parameter(ros):
+def test_the_tick_rate_is_that_of_the_parameter(ros, shared):
+    shared.stop()
     path = f"{TESTS}:{ros.master.env['PYTHONPATH']}"
     ros.launch(
         "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.hand_skills]",
@@ -327,19 +378,19 @@ def test_the_tick_rate_is_that_of_the_parameter(ros):
 # -- managers that die, goals that are odd ----------------------------------------------------------------------------
 
 
-def test_goal_of_a_killed_manager_is_lost(ros, robot):
-    run = robot.run([skill(robot, "stay")])
+def test_goal_of_a_killed_manager_is_lost(ros, own_robot):
+    run = own_robot.run([skill(own_robot, "stay")])
     task = run.wait_for_task(30)
     ros.kill_node(ROBOT)  # it is started anew
     result = run.result(60)
     assert (result.task_id, result.state) == (task, msgs.SkillProgress.FAILURE)
     assert "it was restarted" in result.message
-    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
-    assert robot.execute(skill_list=[skill(robot, "add", B=1.0)]) >= 0, "commands reach the new one too"
+    assert own_robot.run([skill(own_robot, "add", B=1.0)]).succeeded(30)
+    assert own_robot.execute(skill_list=[skill(own_robot, "add", B=1.0)]) >= 0, "commands reach the new one too"
 
 
-def test_client_does_not_wait_for_a_missing_manager(ros, robot):
-    run = robot.run([skill(robot, "stay")])
+def test_client_does_not_wait_for_a_missing_manager(ros, own_robot):
+    run = own_robot.run([skill(own_robot, "stay")])
     run.wait_for_task(30)
     with pytest.raises(TimedOut, match=r"no result within 0\.1 s"):
         run.result(0.1)
@@ -355,12 +406,11 @@ def test_client_does_not_wait_for_a_missing_manager(ros, robot):
 def test_early_or_unknown_cancellation_has_no_effect(ros, robot):
     run = robot.run([skill(robot, "stay")])
     run.wait_for_task(30)
-    results = ros.messages(f"{ROBOT}/execute/result", msgs.ExecuteSkillsActionResult)
+    results = ros.messages(f"{ROBOT}/execute/result", msgs.ExecuteSkillsActionResult).connected()
     status = ros.messages(f"{ROBOT}/execute/status", GoalStatusArray)
     cancel = rospy.Publisher(f"{ROBOT}/execute/cancel", GoalID, queue_size=10)
     goals = rospy.Publisher(f"{ROBOT}/execute/goal", msgs.ExecuteSkillsActionGoal, queue_size=10)
     wait_until(lambda: cancel.get_num_connections() and goals.get_num_connections(), what="the manager")
-    wait_until(results._subscriber.get_num_connections, what="the manager's results")
     cancel.publish(GoalID(id="nobody's"))
     cancel.publish(GoalID(id="early"))
     goal = msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()])

@@ -21,7 +21,7 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
 from support.ros import INSTALL, Ros, wait_until
 
-KILLS = 200
+KILLS = 50
 WRITERS = 3
 ROOT = "skiros:Scene-0"
 NODE = INSTALL / "lib/skiros2_world_model/world_model_server_node"

@@ -12,6 +12,7 @@ import pytest
 from skiros2_bags.core.checking import check
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.run import Run
+from skiros2_runs.core.states import NodeState
 from support.programs import Program
 from support.ros import Ros, RosMaster, wait_until
 
@@ -125,8 +126,8 @@ def test_bag_contains_the_run(recorded: Recorded) -> None:
     (goal,) = run.goals()
     assert (goal.goals, goal.state) == (GOAL, "succeeded")
     (task,) = run.tasks()
-    assert (task.robot, task.message, task.is_complete) == (ROBOT, "End", True)
-    assert [(s.label, s.state_name) for s in run.skills() if s.depth == 1] == [("drive", "Success")]
+    assert (task.robot, task.latest.message(0), task.is_complete) == (ROBOT, "End", True)
+    assert [(s.label, s.state) for s in run.skills() if s.depth == 1] == [("drive", NodeState.SUCCESS)]
     assert run.world(goal.time).related(ROBOT_ID, "skiros:at", STATION)
     assert run.world().related(ROBOT_ID, "skiros:at", WORKSTATION)
 

@@ -179,7 +179,7 @@ def test_goals_of_one_arm_exclude_each_other(sim: SimulatorClient) -> None:
     joints.wait_until_active()
     result = move_tool(sim, pose_stamped((0, 0, -0.1), frame="mobile_manipulator/arm/tool")).wait()
     assert result.error_code == -1
-    assert "carries out a goal of /mobile_manipulator/arm/follow_joint_trajectory" in result.error_string
+    assert "is executing a goal of /mobile_manipulator/arm/follow_joint_trajectory" in result.error_string
     joints.handle.cancel()
     with sim.running():
         joints.wait()
@@ -218,10 +218,9 @@ Send = Callable[[SimulatorClient], Request]
 REFUSED: dict[str, tuple[Send, str]] = {
     "unknown joint": (lambda sim: move_arm(sim, joints=["knee", *JOINTS[1:]]), "knee"),
     "missing joint": (lambda sim: move_arm(sim, ASIDE[1:], joints=JOINTS[1:]), "panda_joint1 is missing"),
-    "no number": (lambda sim: move_arm(sim, (NAN, *ASIDE[1:])), "no number"),
+    "no number": (lambda sim: move_arm(sim, (NAN, *ASIDE[1:])), "not finite"),
     "beyond limits": (lambda sim: move_arm(sim, (9.0, *ASIDE[1:])), "beyond its limits"),
     "too fast": (lambda sim: move_arm(sim, seconds=0.01), "its limit is"),
-    "tool out of reach": (lambda sim: move_tool(sim, FAR), ""),
     "tool to no number": (lambda sim: move_tool(sim, pose_stamped((NAN, 0, 0))), "target: position"),
     "tool to no orientation": (lambda sim: move_tool(sim, pose_stamped((0, 0, 0), (0, 0, 0, 0))), "length 1"),
     "tool in no frame": (lambda sim: move_tool(sim, pose_stamped((0, 0, 0), frame="nowhere")), "'nowhere'"),
@@ -246,6 +245,17 @@ def test_impossible_goals_are_rejected_without_motion(
     assert request.text
     assert reason in request.text
     assert getattr(result, "error_string", request.text) == request.text
+
+
+def test_unreachable_tool_pose_aborts_with_the_reason(sim: SimulatorClient) -> None:
+    before = sim.position(GRIPPER)
+    request = move_tool(sim, FAR)
+    request.wait_until_active()
+    sim.step(60)
+    result = request.wait()
+    assert (request.status, result.error_code) == (GoalStatus.ABORTED, CartesianMotionGoal.UNREACHABLE)
+    assert "no joint positions reach the target" in result.error_string
+    assert sim.position(GRIPPER) == pytest.approx(before, abs=0.001)
 
 
 # -- controllers ------------------------------------------------------------------------------------------------------

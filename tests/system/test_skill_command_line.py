@@ -92,7 +92,7 @@ def test_skills_run_in_sequence_with_elements_by_label(run: Run, start: Start, r
     assert names.index(["✓", "move_base_timed"]) < names.index(["✓", "drive"])
     assert re.search(r"^task \d+ has succeeded after \d+\.\d s$", done.stdout, re.M)
     assert re.search(r'^  Workstation = demo:Workstation-6 "Workstation 1"$', done.stdout, re.M)
-    for line in (r"▶ drive ->\*", r"✓ move_base_timed", r"✓ place ->\*", r"^task \d+ on .*: success$"):
+    for line in (r"▶ drive ->\*", r"✓ move_base_timed", r"✓ place ->\*", r"^task \d+ on .*: succeeded$"):
         watching.wait_for_line(line)
     as_json.wait_for_line(r'"ended": true')
     last = json.loads(as_json.output.splitlines()[-1])
@@ -139,7 +139,7 @@ def test_a_task_is_paused_ticked_once_resumed_and_stopped(run: Run, start: Start
     watching.wait_for_line("▶ wait")
     assert run("pause", task).stdout == f"task {task} is paused\n"
     shown = run("watch", "--once").stdout.splitlines()
-    assert shown[0] == f"task {task} on {ROBOT}: running: paused"
+    assert shown[0] == f"task {task} on {ROBOT}: paused"
     assert shown[1].startswith("▶ wait  running")
     assert run("step").stdout == f"task {task} was ticked once\n"
     assert run("resume").stdout == f"task {task} is resumed\n"
@@ -148,7 +148,7 @@ def test_a_task_is_paused_ticked_once_resumed_and_stopped(run: Run, start: Start
     assert "runs already" in again.stderr
     assert json.loads(run("watch", task, "--once", "--json").stdout)[0]["message"] == ""
     assert run("stop", task).stdout == f"task {task} is being preempted\n"
-    watching.wait_for_line(f"task {task} on {ROBOT}: failure: Preempted")
+    watching.wait_for_line(f"task {task} on {ROBOT}: preempted")
     assert watching.wait() == 1
     for name in ("stop", "pause", "resume", "step", "watch"):
         gone = run(name, task)
@@ -161,7 +161,7 @@ def test_task_pauses_at_a_breakpoint_and_resumes(run: Run, start: Start) -> None
     assert number, added
     assert run("breakpoint").stdout.splitlines()[-1].split() == [number[1], "node", "Wait", "start"]
     task = task_of(run("run", "wait", "Duration=0.1", "wait", "Duration=60", "--detach"))
-    paused = f"running: paused at breakpoint {number[1]}: before the start of skiros:Wait"
+    paused = f"paused at breakpoint {number[1]}: before the start of skiros:Wait"
     wait_until(lambda: paused in run("watch", task, "--once").stdout, what="a task that is paused")
     assert run("breakpoint", "remove", number[1]).stdout == f"breakpoint {number[1]} is removed\n"
     assert run("breakpoint").stdout == "no breakpoints\n"
@@ -196,7 +196,7 @@ def test_a_terminal_shows_a_live_tree_with_hold_conditions(run: Run, ros_master:
         assert "\x1b[32m├── ✓ move_arm_timed" in terminal.written
         run("stop", task)
         assert terminal.wait() == 1
-    assert "failure: Preempted" in terminal.written
+    assert f"task {task} on /mobile_manipulator: preempted" in terminal.written
     assert re.search(r"\x1b\[\d+A\x1b\[J", terminal.written), "it is drawn anew in place"
 
 

@@ -12,29 +12,51 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support.ros import Ros, wait_until
+from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 pytestmark = pytest.mark.timeout(90)
 
 ROBOT = "/test_robot"
 
 
-@pytest.fixture
-def robot(ros: Ros):
+@pytest.fixture(scope="module")
+def shared(ros_master: RosMaster):
+    with SharedSystem(ros_master, launch) as system:
+        yield system
+
+
+def launch(ros: Ros) -> None:
     """A world model with a blank scene, and one robot with the standard skills."""
     ros.launch(
         "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[skiros2_std_skills]",
         primitive_list="[wait, counter, wm_set_properties]",
     )  # fmt: skip
     ros.service(f"{ROBOT}/command", srvs.SkillCommand)
+
+
+@pytest.fixture
+def robot(shared: SharedSystem):
+    """The client of the robot of a system that the tests share."""
+    shared.use()
     client = SkillManagerInterface(ROBOT, "tests")
+    wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
     yield client
+    client.preempt_all()
+    wait_until(lambda: not client.tasks, what="the end of all tasks")
+    client.set_debug(False)
     client.shutdown()
+    shared.restore()
+
+
+@pytest.fixture
+def alone(shared: SharedSystem) -> None:
+    """For tests that start nodes of their own."""
+    shared.stop()
 
 
 @pytest.fixture
 def progress(ros: Ros, robot):
-    return ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    return ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
 
 
 def skill(robot, label, **values):
@@ -163,7 +185,7 @@ def test_client_receives_the_reason_of_a_refused_command(robot):
     assert "no task 4711" in robot.last_error
 
 
-def test_skills_are_in_the_world_model_only_while_the_manager_runs(ros):
+def test_skills_are_in_the_world_model_only_while_the_manager_runs(ros, alone):
     ros.launch("skiros2", "world_model_server.launch", gui=False)
     manager = ros.launch(
         "skiros2", "skill_mgr.launch", libraries_list="[skiros2_std_skills]", primitive_list="[wait]"
@@ -179,7 +201,7 @@ def test_skills_are_in_the_world_model_only_while_the_manager_runs(ros):
     assert wmi.resolve_elements(Element("skiros:Parameter")) == []
 
 
-def test_two_robots_bind_robot_each_to_itself(ros):
+def test_two_robots_bind_robot_each_to_itself(ros, alone):
     ros.launch("skiros2_demo_skills", "demo.launch", gui=False)
     ros.service("/mobile_manipulator/command", srvs.SkillCommand)
     ros.launch(
@@ -207,7 +229,8 @@ def _robot_of_a_run(agent, heard):
     return params["Robot"].value if "Robot" in params else None
 
 
-def test_ended_manager_is_gone_for_clients(ros, robot):
+def test_ended_manager_is_gone_for_clients(ros, alone):
+    launch(ros)
     layer = SkillLayerInterface("tests")
     try:
         wait_until(lambda: ROBOT in layer.agents, what="the manager")
@@ -229,7 +252,7 @@ def test_ended_manager_is_gone_for_clients(ros, robot):
         ({"robot_name": "nobody"}, "robot skiros:nobody: the scene has no cora:Robot with that label"),
     ],
 )
-def test_configuration_error_is_the_last_line_of_the_launch(ros, arguments, named):
+def test_configuration_error_is_the_last_line_of_the_launch(ros, alone, arguments, named):
     launch = ros.launch("skiros2", "skiros.launch", gui=False, task_mgr_on=False, **arguments)
     launch.wait_for_line(named.replace("[", r"\["))
     launch.wait()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,27 +17,44 @@ from actionlib_msgs.msg import GoalStatus
 from skiros2_common.core.errors import Refused, TimedOut
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.ros.utils import SkillHolder, deserialize_skill
+from skiros2_task.core.explain_no_plan import NoPlan
+from skiros2_task.core.explain_plan import WhyPlan
+from skiros2_task.core.preview import Preview
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld, transport_world
 from support.programs import ProcessId, descendants
-from support.ros import Ros, wait_until
+from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 FAILED, NOTHING_TO_DO, PLAN = 1, 2, 3
 WAIT = 30.0  # s
 
 
+@pytest.fixture(scope="module")
+def shared(ros_master: RosMaster) -> Iterator[SharedSystem]:
+    with SharedSystem(ros_master, start) as system:
+        yield system
+
+
+def start(ros: Ros) -> None:
+    ros.run("skiros2_world_model", "world_model_server_node", name="wm")
+    ros.run("skiros2_task", "task_manager_node", name="tm")
+
+
 @pytest.fixture
-def wm(ros: Ros) -> WorldModelInterface:
+def world(shared: SharedSystem) -> Iterator[PlanningWorld]:
+    """One robot, two places, one product at the first; a world model and a task manager that the tests share."""
+    shared.use()
+    yield transport_world(wm=WorldModelInterface("tests"))
+    shared.restore()
+
+
+@pytest.fixture
+def wm(ros: Ros, shared: SharedSystem) -> WorldModelInterface:
+    """A world model without a task manager."""
+    shared.stop()
     ros.run("skiros2_world_model", "world_model_server_node", name="wm")
     return WorldModelInterface("tests")
-
-
-@pytest.fixture
-def world(ros: Ros, wm: WorldModelInterface) -> PlanningWorld:
-    """One robot, two places, one product at the first; and the task manager."""
-    ros.run("skiros2_task", "task_manager_node", name="tm")
-    return transport_world(wm=wm)
 
 
 @pytest.fixture
@@ -104,7 +122,7 @@ def test_goal_without_a_plan_is_aborted_with_the_reason(client: Any, world: Plan
         (f"(skiros:contain {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
         (f"(skiros:contain {product} {place})", f"(skiros:contain {product} {place}) cannot be reached"),
         (f"(skiros:at {robot} {place}), (not (skiros:at {robot} {place}))", "and for the opposite"),
-        (f"(skiros:at {robot} {place}), (skiros:at {robot} {start})", "can never hold together"),
+        (f"(skiros:at {robot} {place}), (skiros:at {robot} {start})", "but not all parts together"),
     ]:
         handle = ask(client, goal)
         code, message = answer(handle)
@@ -148,9 +166,9 @@ def test_concurrent_clients_get_their_own_results(client: Any, world: PlanningWo
     assert answer(wrong)[0] == FAILED
 
 
-def test_the_pddl_and_the_log_are_kept(ros: Ros, client: Any, world: PlanningWorld) -> None:
+def test_the_pddl_and_the_log_are_kept(ros_master: RosMaster, client: Any, world: PlanningWorld) -> None:
     answer(ask(client, bring(world)))
-    folder = Path(ros.master.env["HOME"]) / ".skiros/planner"
+    folder = Path(ros_master.env["HOME"]) / ".skiros/planner"
     assert "(:action pick" in (folder / "domain.pddl").read_text()
     assert f"(skiros_contain {world.places[1].lower().replace(':', '_')}" in (folder / "p01.pddl").read_text()
     latest = max((p for p in folder.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime_ns)
@@ -196,11 +214,12 @@ def test_a_request_can_be_cancelled(ros: Ros, hard: tuple[Any, str]) -> None:
     wait_for_end(engines)
 
 
-def test_shutdown_ends_planning(ros: Ros, hard: tuple[Any, str]) -> None:
+def test_shutdown_ends_planning_with_a_result(ros: Ros, hard: tuple[Any, str]) -> None:
     client, goals = hard
-    ask(client, goals)
+    handle = ask(client, goals)
     engines = running_engines(ros)
     os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
+    assert answer(handle)[0] == FAILED
     ros.wait_until_gone("/tm")
     wait_for_end(engines)
 
@@ -216,7 +235,8 @@ def test_planner_timeout_is_reported(ros: Ros, wm: WorldModelInterface) -> None:
     assert message.startswith("no plan (timed out): the planner found no plan within the time limit")
 
 
-def test_invalid_time_is_rejected(ros: Ros) -> None:
+def test_invalid_time_is_rejected(ros: Ros, shared: SharedSystem) -> None:
+    shared.stop()
     program = ros.run("skiros2_task", "task_manager_node", name="tm", params={"planning_time": "soon"})
     assert program.wait(WAIT) == 78
     assert "/tm: parameter /tm/planning_time is 'soon', expected seconds" in program.output
@@ -245,6 +265,35 @@ def test_the_interface_plans_and_waits(world: PlanningWorld) -> None:
     assert told
 
 
+def test_plan_request_has_order_purpose_and_simulation(world: PlanningWorld) -> None:
+    tasks = TaskManagerInterface()
+    wait_until(lambda: connected(tasks), WAIT, "the task manager")
+    tasks.make_plan(bring(world), quality="best", seconds=2.0)
+    result = tasks.wait_for_result()
+    assert result.state == result.PLANNED, result.message
+    assert [(step["label"], step["after"]) for step in json.loads(result.plan)] == [
+        ("pick", []),
+        ("drive", [1]),
+        ("place", [2]),
+    ]
+    assert result.makespan == json.loads(result.plan)[-1]["end"] > 0.0
+    assert WhyPlan.from_json(result.why).steps[0].serves[0].step == 3
+    assert Preview.from_json(result.preview).works
+    tasks.make_plan(bring(world), quality="splendid")
+    refused = tasks.wait_for_result()
+    assert (refused.state, refused.plan) == (refused.FAILED, "[]")
+    assert "'splendid' is unknown" in refused.message
+
+
+def test_plan_request_without_plan_has_reason(world: PlanningWorld) -> None:
+    tasks = TaskManagerInterface()
+    wait_until(lambda: connected(tasks), WAIT, "the task manager")
+    tasks.make_plan(f"(skiros:contain {world.products[0]} {world.places[0]})")
+    result = tasks.wait_for_result()
+    assert (result.state, result.plan, result.preview) == (result.IMPOSSIBLE, "[]", "")
+    assert NoPlan.from_json(result.why).unreachable
+
+
 def connected(tasks: TaskManagerInterface) -> bool:
     try:
         return tasks.plan("(skiros:at nobody nowhere)") and tasks.wait_for_result() is not None
@@ -262,6 +311,7 @@ def test_the_interface_ends_a_request(ros: Ros, hard: tuple[Any, str]) -> None:
     wait_for_end(engines)
 
 
-def test_interface_without_a_task_manager_does_not_block(ros: Ros) -> None:
+def test_interface_without_a_task_manager_does_not_block(shared: SharedSystem) -> None:
+    shared.stop()
     with pytest.raises(TimedOut, match="no task manager answers on /tm/achieve"):
         TaskManagerInterface().achieve("(skiros:at a b)")

@@ -82,7 +82,7 @@ def test_skill_is_started_and_stopped_by_clicks(window: Driver, demo: Ros) -> No
     root = told.wait_for(lambda message: abs(message.progress[0].progress_code) == 1).progress[0]
     assert root.type == ":Root"
     window.open_tab("Skills")
-    window.wait_for_row("taskList", "wait", "failed")
+    window.wait_for_row("taskList", "wait", "preempted")
 
 
 def test_refused_start_is_explained_before_and_after(window: Driver) -> None:

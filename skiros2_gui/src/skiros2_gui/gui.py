@@ -17,6 +17,7 @@ except ImportError as error:
         name=error.name,
     ) from error
 
+from skiros2_common.ros.plugins import load_plugins
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 
@@ -33,6 +34,7 @@ class Skiros(Plugin):  # type: ignore[misc]
     def __init__(self, context: Any) -> None:
         super().__init__(context)
         self.setObjectName("Skiros")
+        load_plugins("skiros2_gui")
         self._window = MainWidget(RosSystem)
         title = self._window.windowTitle()
         if context.serial_number() > 1:

@@ -17,6 +17,7 @@ from python_qt_binding.QtGui import QCloseEvent, QKeySequence
 from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_common.ros.plugins import load_plugins
 from skiros2_gui.app.events import NodeShutdown
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
@@ -36,6 +37,7 @@ _THEMES = {"system": "As the desktop", "light": "Light", "dark": "Dark"}
 _KEYS = """\
 Space\tstart or stop what is selected
 Arrows\tmove in lists and trees
+Ctrl+.\tstop all tasks of all robots, and the goal
 Ctrl+F\tfind
 Alt+1, 2, 3, 4\tSkills, Running, World model, 3D (where rviz is installed)
 Ctrl++, Ctrl+-, Ctrl+0\tlarger, smaller, usual text
@@ -151,6 +153,7 @@ def main(argv: Sequence[str]) -> int:
         return NO_DISPLAY
     logging.basicConfig(format="%(levelname)s: %(message)s")
     application = make_application(argv)
+    load_plugins("skiros2_gui")
     window = StandaloneWindow(MainWidget(RosSystem), QSettings("skiros2", "window"))
     ends = EndBySignal()
     window.show()

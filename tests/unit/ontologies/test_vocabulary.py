@@ -25,8 +25,15 @@ ONTOLOGIES = {
 XML_SCHEMA = "http://www.w3.org/2001/XMLSchema"
 IMPORTS = {"skiros": "rparts", "rparts": "cora", "cora": "corax", "corax": "sumo"}
 OURS = {
+    "skiros:JointNames",
+    "skiros:Opening",
+    "skiros:Postures",
     "skiros:LockedBy",
     "skiros:MissingParameter",
+    "skiros:Unit",
+    "skiros:LowerBound",
+    "skiros:UpperBound",
+    "skiros:hasValues",
     "skiros:hasCondition",
     "skiros:hasValue",
     "skiros:AvailableForPlanning",

@@ -74,8 +74,8 @@ def test_diff_prints_the_first_divergence(call: Call, tmp_path: Path) -> None:
     assert out.splitlines()[:4] == [
         "first divergence:",
         "  at 0.00 s, node: /robot, task 1: root / pick",
-        "  expected: Success: pick says so",
-        "  got:      Failure: pick says so",
+        "  expected: succeeded: pick says so",
+        "  got:      failed: pick says so",
     ]
     assert call("diff", good, bad, "--tolerance", "nan")[0] == 2
 

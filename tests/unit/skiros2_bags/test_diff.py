@@ -11,7 +11,7 @@ import pytest
 
 from skiros2_bags.core.diff import Kind, diff_runs
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.tolerance import Tolerance
+from skiros2_runs.core.tolerance import Tolerance
 from support.recorded_run import (
     FAILURE,
     GOAL,
@@ -51,7 +51,7 @@ def test_failed_skill_is_the_first_divergence(compare: Any) -> None:
     messages = good_run()[:5]
     messages[4] = ("progress", tree("pick", FAILURE))
     found = compare(messages)
-    assert found[0] == (Kind.NODE, "/robot, task 1: root / pick", "Success: pick says so", "Failure: pick says so")
+    assert found[0] == (Kind.NODE, "/robot, task 1: root / pick", "succeeded: pick says so", "failed: pick says so")
     assert (Kind.TASK, "/robot, task 2", "place", "nothing more") in found
     assert (Kind.GOAL, "goal 1", f"{GOAL}: succeeded", f"{GOAL}: no answer") in found
     assert (Kind.SCENE, f'{PRODUCT} "Product A"', "", f"lacks {TRAY_B} skiros:contain {PRODUCT}") in found

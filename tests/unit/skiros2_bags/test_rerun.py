@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.tolerance import Tolerance
 from skiros2_bags.testing.recorded_task import recorded_tasks
 from skiros2_bags.testing.recording import Recording
 from skiros2_bags.testing.replay_settings import Settings
@@ -16,6 +15,8 @@ from skiros2_bags.testing.rerun import rerun
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills import timed_motions, transport_skills
+from skiros2_runs.core.states import TaskState
+from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.core.processors import ParallelFs
 from support.ros import ROOT
 
@@ -39,17 +40,17 @@ def gripper() -> Recording:
 
 @pytest.mark.parametrize("bag", ["timed_pick_place.bag", "timed_drive.bag", "timed_unmet.bag"])
 def test_rerun_of_unchanged_code_has_no_divergence(bag: str) -> None:
-    assert rerun(Recording(BAGS / bag), SETTINGS) is None
+    assert rerun(Recording(BAGS / bag), SETTINGS).divergence is None
 
 
 def test_rerun_delivers_recorded_action_results(gripper: Recording) -> None:
-    assert rerun(gripper, Settings()) is None
+    assert rerun(gripper, Settings()).divergence is None
 
 
 def test_rerun_of_a_simulated_run_has_no_divergence() -> None:
     recording = Recording(BAGS / "simulated_disturbed.bag")
-    assert sum(run.progress[-1].nodes[0].state == "F" for run in recorded_tasks(recording)) > 0
-    assert rerun(recording, SIMULATED) is None
+    assert sum(task.run.state is TaskState.FAILED for task in recorded_tasks(recording)) > 0
+    assert rerun(recording, SIMULATED).divergence is None
 
 
 def test_changed_driver_goal_names_the_field(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,7 +64,7 @@ def test_changed_driver_goal_names_the_field(gripper: Recording, monkeypatch: py
         return goal
 
     monkeypatch.setattr(skills.grasp, "buildGoal", wider)
-    found = rerun(gripper, Settings())
+    found = rerun(gripper, Settings()).divergence
     assert found is not None
     assert found.what == "a goal to /gripper, field command.position"
     assert (found.expected, found.got[:5]) == ("0.05", "0.060")
@@ -73,14 +74,14 @@ def test_changed_processor_is_found(gripper: Recording, monkeypatch: pytest.Monk
     from replay_skills import skills
 
     monkeypatch.setattr(skills, "ParallelFf", ParallelFs)
-    found = rerun(gripper, Settings())
+    found = rerun(gripper, Settings()).divergence
     assert found is not None
     assert found.what == "root / grasp_and_wait"
 
 
 def test_missing_condition_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(transport_skills.Manipulation, "add_common", _only_parameters)
-    found = rerun(Recording(BAGS / "timed_unmet.bag"), SETTINGS)
+    found = rerun(Recording(BAGS / "timed_unmet.bag"), SETTINGS).divergence
     assert found is not None
     assert "RobotAtWorkstation" in found.expected
 
@@ -95,7 +96,7 @@ def test_changed_tree_names_the_first_different_node(
         del skill.children[1]  # type: ignore[attr-defined]
 
     monkeypatch.setattr(transport_skills.pick, "expand", without_grasp)
-    found = rerun(pick_place, SETTINGS)
+    found = rerun(pick_place, SETTINGS).divergence
     assert found is not None
     assert "tick 1 of task 1 of /mobile_manipulator (pick)" in found.where
     assert found.what == "root / pick / CloseGripper"
@@ -113,7 +114,7 @@ def test_changed_condition_names_the_failing_skill(
         self.addPreCondition(full)
 
     monkeypatch.setattr(transport_skills.Pick, "createDescription", demanding)
-    found = rerun(pick_place, SETTINGS)
+    found = rerun(pick_place, SETTINGS).divergence
     assert found is not None
     assert found.what == "root / pick"
     assert "GripperFullBefore" in found.got
@@ -123,7 +124,7 @@ def test_changed_effect_names_the_property(
     pick_place: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(transport_skills, "at_height", lambda height: {"skiros:PositionZ": height + 0.5})
-    found = rerun(pick_place, SETTINGS)
+    found = rerun(pick_place, SETTINGS).divergence
     assert found is not None
     assert "skiros:PositionZ is 0.5, expected 0" in found.got
 
@@ -132,10 +133,10 @@ def test_shorter_motion_names_its_tick(
     pick_place: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(timed_motions.close_gripper_timed, "execute", lambda self: self.success("done"))
-    found = rerun(pick_place, SETTINGS)
+    found = rerun(pick_place, SETTINGS).divergence
     assert found is not None
     assert found.what.endswith("close_gripper_timed")
-    assert found.expected.startswith("running, code 1") and found.got.startswith("success")
+    assert found.expected.startswith("running, code 1") and found.got.startswith("succeeded")
     assert any("move_arm_timed" in line for line in found.context)
 
 

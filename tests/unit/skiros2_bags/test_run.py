@@ -9,6 +9,8 @@ import pytest
 
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.run import Run
+from skiros2_runs.core.history import node_histories
+from skiros2_runs.core.states import TaskState
 from support.recorded_run import (
     FAILURE,
     GOAL,
@@ -138,19 +140,21 @@ def test_invalid_property_is_named(tmp_path: Path) -> None:
 def test_task_run_contains_states_of_each_node(tmp_path: Path) -> None:
     progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False), tree(SUCCESS, SUCCESS)]
     (task,) = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress])).tasks()
-    assert (task.robot, task.id, task.has_ended, task.message) == ("/robot", 7, True, "Success")
-    assert {node.name: [s.state for s in node.states] for node in task.nodes.values()} == {
+    assert (task.robot, task.task_id, task.state) == ("/robot", 7, TaskState.SUCCEEDED)
+    assert task.latest.message(0) == "Success"
+    nodes = node_histories(task)
+    assert {node.name: [s.state for s in node.reports] for node in nodes.values()} == {
         "root": [RUNNING, SUCCESS],
         "pick": [RUNNING, SUCCESS],
         "place": [IDLE, SUCCESS],
     }
-    assert [node.depth for node in task.nodes.values()] == [0, 1, 1]
+    assert [node.depth for node in nodes.values()] == [0, 1, 1]
 
 
 def test_reused_task_number_is_a_new_task(tmp_path: Path) -> None:
     progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False), tree(SUCCESS, SUCCESS)] * 2
     run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
-    assert [task.has_ended for task in run.tasks()] == [True, True]
+    assert [task.latest.has_ended for task in run.tasks()] == [True, True]
 
 
 def test_skill_runs_have_start_and_end(tmp_path: Path) -> None:
@@ -160,9 +164,9 @@ def test_skill_runs_have_start_and_end(tmp_path: Path) -> None:
         tree(SUCCESS, FAILURE, root=FAILURE),
     ]
     run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
-    assert [(s.label, round(s.start / NS), round(s.end / NS), s.state_name) for s in run.skills()] == [
-        ("pick", 0, 1, "Success"),
-        ("place", 1, 2, "Failure"),
+    assert [(s.label, round(s.start / NS), round(s.end / NS), s.state) for s in run.skills()] == [
+        ("pick", 0, 1, SUCCESS),
+        ("place", 1, 2, FAILURE),
     ]
 
 

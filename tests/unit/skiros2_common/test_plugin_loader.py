@@ -58,8 +58,8 @@ def test_module_with_import_error_is_skipped_and_logged_with_its_cause(package):
     name = package("lib_broken", arm=PLUGIN.format("Arm"), bad="def f(:\n", worse="import no_such_thing\n")
     loader = PluginLoader()
     assert [p.__name__ for p in loader.find(name, Base)] == ["Arm"]
-    assert "line 1" in loader.failures["lib_broken.bad"]
-    assert "No module named 'no_such_thing'" in loader.failures["lib_broken.worse"]
+    assert "line 1" in str(loader.failures["lib_broken.bad"])
+    assert "No module named 'no_such_thing'" in str(loader.failures["lib_broken.worse"])
 
 
 def test_module_that_exits_is_skipped_and_logged(package, tmp_path):
@@ -69,8 +69,8 @@ def test_module_that_exits_is_skipped_and_logged(package, tmp_path):
     (tmp_path / name / "tools" / "__init__.py").write_text(leaves)
     loader = PluginLoader()
     assert [p.__name__ for p in loader.find(name, Base)] == ["Arm"]
-    assert "line 2: SystemExit: nothing to do" in loader.failures["lib_exits.script"]
-    assert "SystemExit: nothing to do" in loader.failures["lib_exits.tools"]
+    assert "line 2: SystemExit: nothing to do" in str(loader.failures["lib_exits.script"])
+    assert "SystemExit: nothing to do" in str(loader.failures["lib_exits.tools"])
 
 
 def test_missing_package_raises_a_configuration_error_with_its_name():

@@ -21,7 +21,7 @@ class dig(PrimitiveThreadBase):
         self.setDescription(Dig(), "dig")
         self.go_on = threading.Event()
         self.woken = threading.Event()
-        self._waker = self.woken.set
+        self.request_tick = self.woken.set
 
     def preStart(self):
         self.status = "takes the spade"

@@ -15,8 +15,8 @@ class Fetch(SkillDescription):
         self.addParam("Box", Element("skiros:LargeBox"), ParamTypes.Inferred, description="Where it lies")
         self.addParam("Thing", Element("skiros:Product"), ParamTypes.Required, description="What to fetch")
         self.addParam("Beside", Element("skiros:Product"), ParamTypes.Optional, description="What to put it beside")
-        self.addParam("Speed", 0.5, ParamTypes.Optional, description="How fast, 0.1 to 2 (m/s)")
-        self.addParam("Times", int, ParamTypes.Required, description="How often, at least 1")
+        self.addParam("Speed", 0.5, ParamTypes.Optional, description="How fast", unit="m/s", minimum=0.1, maximum=2)
+        self.addParam("Times", int, ParamTypes.Required, description="How often", minimum=1)
         self.addPreCondition(self.getRelationCond("BoxHasThing", "skiros:contain", "Box", "Thing", True))
         self.addPreCondition(self.getHasPropCond("Weighed", "skiros:Weight", "Thing", True))
 
@@ -35,7 +35,7 @@ class fetch(PrimitiveBase):
 class fetch_gently(fetch):
     def createDescription(self) -> None:
         self.setDescription(Fetch(), "fetch_gently")
-        self.addParam("Softness", "soft", ParamTypes.Optional, description="One of: soft, very soft")
+        self.addParam("Softness", "soft", ParamTypes.Optional, choices=("soft", "very soft"))
 
 
 class Note(SkillDescription):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,10 +15,15 @@ from skiros2_gui.app.events import GoalFeedback
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completion, Vocabulary, complete
 from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.goal.plan import GoalPlanner, check_syntax
+from skiros2_gui.goal.plan import check_syntax
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_gui.testing.synchronous import SynchronousJobs, make_window
+from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.planners import planner_named
+from skiros2_task.core.planning import PlanReport, TaskPlanner, report_of
+from skiros2_task.core.preview import preview
+from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.planning_world import DRIVE, PlanningWorld
 
 
@@ -45,9 +49,10 @@ def _step(number: int, **more: Any) -> dict[str, Any]:
 
 
 class TaskManager:
-    """Sends the given feedback and result."""
+    """Plans, and sends the given feedback and result of an execution."""
 
-    def __init__(self) -> None:
+    def __init__(self, planner: TaskPlanner) -> None:
+        self.planner = planner
         self.feedback: list[Any] = []
         self.result: Any = Result()
         self.cancelled = 0
@@ -58,6 +63,9 @@ class TaskManager:
         if isinstance(self.result, Exception):
             raise self.result
         return self.result
+
+    def plan(self, goals: str) -> PlanReport:
+        return report_of(self.planner.plan(goals), lambda plan: preview(PreviewCopy(self.planner.wm), plan))
 
     def cancel(self) -> None:
         self.cancelled += 1
@@ -72,19 +80,20 @@ class Lab:
 
 
 @pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
+def lab() -> Iterator[Lab]:
     world = PlanningWorld()
     robot = world.robot("alpha", DRIVE)
     ids = {name: world.thing("skiros:Location", name) for name in ("dock", "bench 1", "shelf")}
     world.relate(robot, "skiros:at", ids["dock"])
     window = make_window(lambda event_queue: LocalSystem(event_queue, world.wm))
     system: Any = window.system
-    system.planner = tasks = TaskManager()
-    planner = GoalPlanner(tmp_path)
-    goals = GoalPresenter(window, planner)
+    processes = EngineProcesses()
+    tasks = TaskManager(TaskPlanner(world.wm, planner_named(processes), Limits()))
+    system.planner = tasks
+    goals = GoalPresenter(window)
     goals.refresh()
     yield Lab(window, goals, tasks, {"alpha": robot, **ids})
-    planner.close()
+    processes.close()
 
 
 def _suggested(lab: Lab, text: str) -> list[str]:
@@ -154,7 +163,7 @@ def test_unknown_name_is_reported(lab: Lab) -> None:
     assert "shelf" in lab.goals.diagnostic.reason
     lab.goals.write("(skiros:at alpha shelf)")
     assert lab.goals.diagnostic is None
-    assert lab.goals.can_achieve
+    assert lab.goals.can_plan
 
 
 def test_empty_goal_has_no_diagnostic(lab: Lab) -> None:
@@ -172,19 +181,28 @@ def test_plan_has_steps_changes_and_reasons(lab: Lab) -> None:
     lab.goals.make_plan()
     plan = lab.goals.plan
     assert plan is not None
-    assert (plan.verdict, plan.works, [row.skill for row in plan.rows]) == ("planned", True, ["drive"])
+    assert (plan.state, plan.works, [row.skill for row in plan.rows]) == ("planned", True, ["drive"])
     assert any("+ " in line and "skiros:at" in line for line in plan.changes)
     assert "makes" in plan.why[1]
     assert lab.goals.history == [lab.goals.text]
     lab.goals.write("(skiros:at alpha dock)")
     lab.goals.make_plan()
     assert lab.goals.plan is not None
-    assert (lab.goals.plan.verdict, lab.goals.plan.head) == ("nothing to do", "the goal holds already")
+    assert (lab.goals.plan.state, lab.goals.plan.head) == ("nothing_to_do", "the goal holds already")
     lab.goals.write("(skiros:contain dock shelf)")
     lab.goals.make_plan()
     assert lab.goals.plan is not None
-    assert lab.goals.plan.verdict == "impossible"
+    assert lab.goals.plan.state == "impossible"
     assert lab.goals.plan.rows == ()
+
+
+def test_goal_is_not_planned_without_task_manager(lab: Lab) -> None:
+    system: Any = lab.window.system
+    system.planner = None
+    lab.goals.write("(skiros:at alpha shelf)")
+    assert not lab.goals.can_plan
+    lab.goals.make_plan()
+    assert (lab.goals.plan, lab.goals.is_busy) == (None, False)
 
 
 # -- achieving -----------------------------------------------------------------------------------------------------
@@ -199,7 +217,7 @@ def test_goal_execution_follows_feedback_to_result(lab: Lab) -> None:
     lab.goals.write("(skiros:at alpha shelf)")
     jobs.deferred = True
     lab.goals.achieve()
-    assert (lab.goals.is_busy, lab.goals.can_achieve) == (True, False)
+    assert (lab.goals.is_busy, lab.goals.can_plan) == (True, False)
     execution = lab.goals.execution
     assert execution is not None
     for feedback in lab.tasks.feedback:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.errors import Refused
-from skiros2_gui.app.jobs import MAX_AT_ONCE, Jobs
+from skiros2_gui.app.jobs import Jobs
 from skiros2_gui.app.problems import Problems
 
 
@@ -90,23 +90,16 @@ def test_calls_of_one_queue_run_in_order(desk: Desk) -> None:
     assert running == ["slow", "next"]
 
 
-def test_more_calls_than_threads_all_run(desk: Desk) -> None:
-    for number in range(3 * MAX_AT_ONCE):
-        desk.jobs.run(lambda n=number: n, desk.seen.append)
-    desk.until(lambda: len(desk.seen) == 3 * MAX_AT_ONCE)
-    assert sorted(desk.seen) == list(range(3 * MAX_AT_ONCE))
-
-
-def test_urgent_call_ignores_queue_and_busy_workers(desk: Desk) -> None:
+def test_call_without_queue_does_not_wait(desk: Desk) -> None:
     gate = threading.Event()
-    for _ in range(2 * MAX_AT_ONCE):
+    for _ in range(40):
         desk.jobs.run(lambda: gate.wait(10), desk.seen.append)
     desk.jobs.run(lambda: gate.wait(10), desk.seen.append, queue="/robot")
-    desk.jobs.run(lambda: "stopped", desk.seen.append, queue="/robot", urgent=True)
+    desk.jobs.run(lambda: "stopped", desk.seen.append, queue="")
     desk.until(lambda: bool(desk.seen))
     assert desk.seen == ["stopped"]
     gate.set()
-    desk.until(lambda: len(desk.seen) == 2 * MAX_AT_ONCE + 2)
+    desk.until(lambda: len(desk.seen) == 42)
 
 
 def test_activities_list_running_calls(desk: Desk) -> None:

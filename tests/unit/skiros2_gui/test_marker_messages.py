@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from visualization_msgs.msg import InteractiveMarkerControl, Marker, MarkerArray
 
 from skiros2_gui.view3d.markers import AXES, BOX, MESH, ElementMarker, Visual
-from skiros2_gui.view3d.ros.marker_messages import TEXTS, PackedMarkers, interactive_marker, pose_message, shape_marker
+from skiros2_gui.view3d.robot_model import RobotPart
+from skiros2_gui.view3d.ros.marker_messages import (
+    TEXTS,
+    PackedMarkers,
+    interactive_marker,
+    pose_message,
+    robot_marker,
+    shape_marker,
+)
 from skiros2_std_reasoners.core.geometry import Pose
 
 TURNED = (0.5, 0.5, 0.5, 0.5)
@@ -61,6 +70,22 @@ def test_removed_marker_is_deleted() -> None:
         ("skiros:Teil-ä", 7, Marker.DELETE),
         ("skiros:Teil-ä" + TEXTS, 7, Marker.DELETE),
     ]
+
+
+def test_hidden_label_is_deleted() -> None:
+    packed = PackedMarkers()
+    _, text = sent(packed, [replace(marker(), lift=None)])
+    assert (text.ns, text.action) == ("skiros:Teil-ä" + TEXTS, Marker.DELETE)
+    _, text = sent(packed, [replace(marker(), lift=0.5)])
+    assert text.action == Marker.ADD and text.pose.position.z == pytest.approx(marker().text_position[2] + 0.5)
+
+
+def test_marker_of_a_robot_follows_its_link() -> None:
+    part = RobotPart("r/arm", Pose((1.0, 2.0, 3.0), TURNED), MESH, (0.1, 0.1, 0.1), "file:///arm.dae", None)
+    message = robot_marker(part, "robot r", 3)
+    assert (message.ns, message.id, message.header.frame_id, message.frame_locked) == ("robot r", 3, "r/arm", True)
+    assert (message.type, message.mesh_resource) == (Marker.MESH_RESOURCE, "file:///arm.dae")
+    assert message.mesh_use_embedded_materials and message.scale.x == 0.1
 
 
 def test_interactive_marker_has_six_degrees_of_freedom() -> None:

@@ -157,3 +157,14 @@ def test_replace_all_removes_old_markers(factory: MarkerFactory) -> None:
     update = markers.replace_all([placed("skiros:Product-2"), placed("skiros:Product-3")])
     assert [s.id for s in update.changed] == ["skiros:Product-3"]
     assert [s.id for s in update.removed] == ["skiros:Product-1"]
+
+
+def test_labels_placed_are_kept_by_later_updates(factory: MarkerFactory) -> None:
+    markers = MarkerSet(factory.make)
+    one, two = placed("skiros:Product-1"), placed("skiros:Product-2")
+    markers.replace_all([one, two])
+    assert [marker.id for marker in markers.place_labels().changed] == [two.id]
+    assert not markers.place_labels() and not markers.replace_all([one, two])
+    moved = markers.replace({two.id: placed(two.id, x=5.0)})
+    assert [marker.lift for marker in moved.changed] != [0.0]
+    assert [marker.lift for marker in markers.place_labels().changed] == [0.0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,14 +13,15 @@ import pytest
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ManagersChanged, TaskProgress, TaskStarted
+from skiros2_gui.app.tasks import PAUSE, RESUME, STEP, STOP
 from skiros2_gui.app.window import Window
-from skiros2_gui.run.live_runs import state_text
-from skiros2_gui.run.presenter import PAUSE, RESUME, STEP, STOP, RunPresenter
+from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
 from skiros2_gui.testing.local_system import LocalManager, LocalSystem
 from skiros2_gui.testing.synchronous import make_window
-from skiros2_skill.command_line.assignments import Step
-from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree, root
+from skiros2_runs.core.states import TaskState
+from skiros2_skill.client.description import Step
+from support.progress import IDLE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree, root
 from support.recorded_run import ROOT
 from support.ros import wait_until
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe
@@ -93,7 +95,7 @@ def test_started_task_is_shown_and_accepts_commands(window: Window, presenter: R
     assert presenter.is_live and not presenter.is_paused
     presenter.toggle()
     until(window, lambda: presenter.is_paused)
-    assert state_text(presenter.run) == ("‖", "paused")
+    assert presenter.run.state is TaskState.PAUSED
     ticks = presenter.run.latest.code(1)
     presenter.command(STEP)
     until(window, lambda: presenter.run.latest.code(1) == ticks + 1 and presenter.is_paused)
@@ -102,7 +104,7 @@ def test_started_task_is_shown_and_accepts_commands(window: Window, presenter: R
     presenter.command(STOP)
     until(window, lambda: presenter.run.latest.has_ended)
     assert not presenter.is_live
-    assert presenter.run.latest.state(0) == FAILURE
+    assert presenter.run.state is TaskState.PREEMPTED
     presenter.command(STOP)  # of a task that has ended: nothing
     assert window.problems.newest is None
 
@@ -117,20 +119,43 @@ def test_refused_command_is_reported(window: Window, presenter: RunPresenter, ro
     assert window.problems.newest.line == "stopping task 3 of /nobody: /nobody is not running"
 
 
-def test_selected_node_shows_conditions_and_values(window, presenter, robot):
+def test_selected_node_shows_conditions_as_evaluated_and_values(window, presenter, robot):
     started(window, presenter, robot)
-    text = presenter.node.text(presenter.frame, 1)
-    marks = [(told.stage, told.symbol) for told in text.conditions]
-    assert marks == [("before the start (it has started; this is how it is now)", "✓"), ("while it runs", "✓")]
+    text = presenter.node_text(1)
+    stages = [(re.sub(r"[\d:.]{8,}", "TIME", c.stage), c.symbol) for c in text.conditions]
+    assert stages == [("before the start, evaluated at TIME", "✓"), ("while it runs, evaluated at TIME", "✓")]
     assert "box" in text.conditions[0].text and "thing" in text.conditions[0].text
     assert {key: origin for key, _, origin in text.params}["Object"].startswith("inferred")
     thing = window.system.world.resolve_elements(Element("skiros:Product", "thing"))[0].id
     window.system.world.remove_element(thing)
     until(window, lambda: presenter.run.latest.has_ended)
     presenter.ask_node()
-    text = presenter.node.text(presenter.frame, 1)
+    text = presenter.node_text(1)
     assert f"element {thing} " in text.why[0]
-    assert text.note.startswith("The task has ended")
+    assert text.conditions[0].symbol == "✓"  # it was true before the start
+
+
+def test_values_of_an_unselected_finished_node_are_read_from_its_manager(window, presenter, robot):
+    robot.command("start", -1, [Step("skiros:Guard", "guard")])
+    until(window, lambda: presenter.run is not None and presenter.frame.running())
+    Held.ended.set()
+    until(window, lambda: presenter.run.latest.has_ended)
+    presenter.select(1)
+    text = presenter.node_text(1)
+    assert "thing" in {key: value for key, value, _ in text.params}["Object"]
+    assert [condition.symbol for condition in text.conditions] == ["✓", "✓"]
+
+
+def test_values_of_a_past_tick_are_shown(window, presenter, robot):
+    started(window, presenter, robot)
+    Held.ended.set()
+    until(window, lambda: presenter.run.latest.has_ended)
+    running = next(tick for tick in range(len(presenter.run)) if presenter.run.frame(tick).state(1) == RUNNING)
+    presenter.go_to(running)
+    text = presenter.node_text(1)
+    assert text.state == RUNNING
+    assert "box" in {key: value for key, value, _ in text.params}["Container"]
+    assert text.note == ""
 
 
 def test_failed_node_shows_the_managers_reason(window, presenter, robot):
@@ -139,7 +164,7 @@ def test_failed_node_shows_the_managers_reason(window, presenter, robot):
     Held.ended.set()
     until(window, lambda: presenter.run.latest.has_ended)
     presenter.ask_node()
-    assert presenter.node.text(presenter.frame, 1).why[0].strip() == "it has gone"
+    assert presenter.node_text(1).why[0].strip() == "it has gone"
 
 
 def test_breakpoint_at_a_node_pauses_the_task(window, presenter, robot):
@@ -167,13 +192,13 @@ def test_invalid_breakpoint_is_reported(window, presenter, robot):
 
 
 def test_invalid_response_of_a_manager_is_reported(window, presenter, robot, monkeypatch):
-    monkeypatch.setattr(robot, "breakpoint", lambda *_: (1, [{"number": "one"}]))
+    monkeypatch.setattr(robot, "breakpoints", lambda: json.loads("{"))
     presenter.breakpoints.add("/robot", "node", "x", "start")
-    assert "expected a list of breakpoints" in window.problems.newest.line
+    assert "JSONDecodeError" in window.problems.newest.line
     started(window, presenter, robot)
     monkeypatch.setattr(robot, "inspect", lambda *_: json.loads("{"))
     presenter.ask_node()
-    assert "JSONDecodeError" in presenter.node.text(presenter.frame, 1).note
+    assert "JSONDecodeError" in presenter.node_text(1).note
     assert presenter.is_live
 
 
@@ -183,7 +208,7 @@ def test_tasks_of_a_disconnected_robot_are_lost(window, presenter, robot):
     robot._report = lambda event: None  # it is killed
     window.system.remove_manager("/robot")
     window.process_events()
-    assert state_text(run) == ("?", "lost: its end was not reported")
+    assert run.state is TaskState.LOST
     assert not presenter.is_live
     assert presenter.frame.state(1) == RUNNING
     presenter.clear_ended()
@@ -267,7 +292,7 @@ def test_truncated_bag_is_read_and_reported(window, presenter, tmp_path):
     assert presenter.bag is not None and presenter.frame is not None
     assert "the bag is not whole" in window.problems.newest.line
     presenter.select(1)
-    assert "not recorded" in presenter.node.text(presenter.frame, 1).note
+    assert "not recorded" in presenter.node_text(1).note
     window.publish(ManagersChanged())
     assert presenter.bag is not None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -12,17 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.explanation import INFERENCE, PRE
+from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import TaskProgress
+from skiros2_gui.app.tasks import RESUME, STEP, is_silent
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import rows_of
 from skiros2_gui.skills.fields import Editor, Field, ValueMode
 from skiros2_gui.skills.presenter import Refused, SkillsPresenter
 from skiros2_gui.skills.start_status import start_status
-from skiros2_gui.skills.task_rows import TaskRow
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_gui.testing.synchronous import make_window
-from skiros2_skill.command_line.description import Parameter
+from skiros2_runs.core.states import TaskState
+from skiros2_runs.core.task_run import TaskRun
+from skiros2_skill.client.description import Parameter
+from support.progress import SUCCESS, root
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 ROBOT = "/robot"
@@ -45,7 +49,7 @@ class Lab:
     def until(self, state: str) -> None:
         """Takes news until the task that was started last is so."""
         while True:
-            last = self.skills.tasks.last_of(ROBOT)
+            last = self.window.tasks.last_started(ROBOT)
             if last is not None and last.state == state:
                 return
             assert self.heard.wait(5.0), f"no {state} was told"
@@ -118,8 +122,10 @@ def test_skills_of_a_disconnected_robot_are_removed(lab: Lab) -> None:
 # -- one parameter -------------------------------------------------------------------------------------------------
 
 
-def _field(wire_type: str, *default: Any, kind: str = "required", description: str = "") -> Field:
-    return Field(Parameter("Key", kind, wire_type, list(default), description))
+def _field(
+    wire_type: str, *default: Any, kind: str = "required", description: str = "", limits: Limits = NO_LIMITS
+) -> Field:
+    return Field(Parameter("Key", kind, wire_type, list(default), description, limits))
 
 
 @pytest.mark.parametrize(
@@ -158,31 +164,37 @@ def test_invalid_value_has_error(wire_type: str, text: str, error: str) -> None:
     assert field.error == error
 
 
-@pytest.mark.parametrize(
-    ("description", "limits"),
-    [
-        ("From 0.1 to 2 (m/s)", (0.1, 2.0)),
-        ("At least 1", (1.0, float("inf"))),
-        ("at most -3 (N)", (float("-inf"), -3.0)),
-        ("How long (s)", (float("-inf"), float("inf"))),
-    ],
-)
-def test_limits_are_read_from_the_description(description: str, limits: tuple[float, float]) -> None:
-    assert _field("float", description=description).limits == limits
-
-
 def test_number_outside_limits_has_error() -> None:
-    field = _field("float", 0.5, kind="optional", description="0.1 to 2 (m/s)")
-    assert field.unit == "m/s"
+    field = _field("float", 0.5, kind="optional", limits=Limits("m/s", 0.1, 2))
     field.write("3")
-    assert field.error == "expected a number from 0.1 to 2"
+    assert field.error == "expected 0.1 to 2 m/s"
 
 
-def test_options_are_read_from_the_description() -> None:
-    field = _field("str", "slow", description="One of: slow, fast")
-    assert (field.editor, field.options) == (Editor.CHOICE, ("slow", "fast"))
-    field.write("faster")
-    assert field.error == "expected one of slow, fast"
+def test_words_of_the_description_are_no_limits() -> None:
+    field = _field("float", 0.5, kind="optional", description="0.1 to 2 (m/s)")
+    field.write("3")
+    assert (field.error, field.values()) == ("", [3.0])
+
+
+@pytest.mark.parametrize(
+    ("wire_type", "choices", "text", "values", "wrong"),
+    [("str", ("slow", "fast"), "fast", ["fast"], "faster"), ("int", (1, 2, 4), "4", [4], "3")],
+)
+def test_parameter_with_choices_has_a_list_of_them(
+    wire_type: str, choices: tuple[Any, ...], text: str, values: list[Any], wrong: str
+) -> None:
+    field = _field(wire_type, choices[0], limits=Limits(choices=choices))
+    assert (field.editor, field.options) == (Editor.CHOICE, tuple(map(str, choices)))
+    field.write(text)
+    assert field.values() == values
+    field.write(wrong)
+    assert field.error == f"expected one of {', '.join(map(str, choices))}"
+
+
+def test_each_value_of_a_list_is_checked() -> None:
+    field = _field("float", 1.0, 2.0, limits=Limits(maximum=5))
+    field.write("[3, 7, 4, 9]")
+    assert field.error == "expected at most 5, got 7.0, 9.0"
 
 
 def test_several_defaults_are_edited_as_list() -> None:
@@ -224,8 +236,8 @@ def test_preview_shows_inferred_elements(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     assert [f.key for f in lab.skills.form.fields.values()][:2] == ["Thing", "Times"]
     preview = lab.skills.preview
-    assert preview.works
-    assert {key: choice.label for key, choice in preview.values.items()} == {
+    assert preview.start.refusal is None
+    assert {key: element.label for key, element in preview.start.elements.items()} == {
         "Box": "box",
         "Thing": "bolt",
         "Robot": "skiros:test_robot",
@@ -236,25 +248,15 @@ def test_preview_shows_inferred_elements(lab: Lab) -> None:
 def test_preview_explains_a_refusal(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Thing", lab.ids["nut"])
-    refusal = lab.skills.preview.refusal
+    refusal = lab.skills.preview.start.refusal
     assert [tried.label for tried in refusal.tried] == ["fetch", "fetch_gently"]
     assert refusal.tried[0].stage == INFERENCE
     assert "none skiros:contain" in refusal.tried[0].message
     lab.skills.choose((ROBOT, "skiros:Fetch", "fetch"))
     lab.skills.choose_value("Thing", lab.ids["nut"])
     lab.skills.choose_value("Box", lab.ids["box"])
-    refusal = lab.skills.preview.refusal
+    refusal = lab.skills.preview.start.refusal
     assert (refusal.stage, [f.label for f in refusal.findings]) == (PRE, ["BoxHasThing", "Weighed"])
-
-
-@pytest.mark.parametrize("name", ["robot", "/robot"])
-def test_robot_is_found_by_manager_name_with_and_without_slash(lab: Lab, name: str) -> None:
-    world = lab.system.world
-    robot = world.resolve_elements(Element("cora:Robot"))[0]
-    robot.setProperty("skiros:SkillMgr", name)
-    world.update_element(robot)
-    lab.skills.choose(FETCH)
-    assert lab.skills.preview.values["Robot"].id == robot.id
 
 
 def test_element_of_undeclared_class_is_not_refused(lab: Lab) -> None:
@@ -265,13 +267,13 @@ def test_element_of_undeclared_class_is_not_refused(lab: Lab) -> None:
     world.add_element(bag)
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Box", bag.id)
-    assert lab.skills.preview.works
+    assert lab.skills.preview.start.refusal is None
 
 
 def test_removed_element_is_named_in_the_preview(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Thing", "skiros:Product-99")
-    assert "skiros:Product-99" in lab.skills.preview.problem
+    assert "skiros:Product-99" in lab.skills.preview.start.refusal.message
 
 
 def test_refresh_uses_the_changed_scene(lab: Lab) -> None:
@@ -280,7 +282,7 @@ def test_refresh_uses_the_changed_scene(lab: Lab) -> None:
     world.remove_element(world.get_element(lab.ids["bolt"]))
     lab.window.process_events()
     lab.skills.refresh()
-    assert not lab.skills.preview.works
+    assert lab.skills.preview.start.refusal is not None
 
 
 # -- starting ------------------------------------------------------------------------------------------------------
@@ -293,18 +295,18 @@ def test_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
     assert lab.skills.can_start
     lab.skills.start()
     lab.until("running")
-    row = lab.skills.tasks.last_of(ROBOT)
-    assert (row.skill, lab.skills.uses) == ("Fetch", {"skiros:Fetch|": 1})
-    lab.skills.tasks.pause(row.key)
+    row = lab.window.tasks.last_started(ROBOT)
+    assert (row.latest.shape.skills_text().lower(), lab.skills.uses) == ("fetch", {"skiros:Fetch|": 1})
+    lab.window.tasks.toggle(row)
     lab.until("paused")
-    lab.skills.tasks.step(row.key)
+    lab.window.tasks.command(STEP, ROBOT, row.task_id)
     robot = lab.system.managers[ROBOT]
-    while robot.tasks()[0][0].progress_message != "paused":  # the tick takes its time
+    while robot.read_tasks()[0][0].progress_message != "paused":  # the tick takes its time
         lab.heard.wait(1.0)
-    lab.skills.tasks.resume(row.key)
+    lab.window.tasks.command(RESUME, ROBOT, row.task_id)
     lab.until("running")
     lab.skills.toggle()
-    lab.until("failed")
+    lab.until("preempted")
 
 
 def test_start_with_one_tick_pauses_the_task(lab: Lab) -> None:
@@ -320,9 +322,9 @@ def test_several_tasks_run_at_once(lab: Lab) -> None:
     lab.skills.start()
     lab.skills.start()
     lab.until("running")
-    assert [row.state for row in lab.skills.tasks.rows] == ["running", "running"]
-    lab.skills.tasks.stop_all()
-    lab.until("failed")
+    assert [row.state for row in lab.window.tasks.rows] == ["running", "running"]
+    lab.window.tasks.stop_all()
+    lab.until("preempted")
 
 
 def test_refused_start_has_explanation(lab: Lab) -> None:
@@ -339,7 +341,7 @@ def test_refused_start_has_explanation(lab: Lab) -> None:
 
 def test_first_line_of_a_refusal_is_its_text(lab: Lab) -> None:
     lab.skills.choose(FETCH)
-    lab.skills.refused = Refused("start by window refused: KeyError: 'To' (pick.py, line 7)\nTraceback\n  more")
+    lab.skills.refused = Refused("KeyError: 'To' (pick.py, line 7)\nTraceback\n  more")
     said = start_status(lab.skills)
     assert said.text == "Refused: KeyError: 'To' (pick.py, line 7)"
     assert said.details == ("Traceback", "  more")
@@ -351,17 +353,27 @@ def test_failed_task_has_reason(lab: Lab) -> None:
     lab.skills.choose_value("Loud", True)
     lab.skills.start()
     lab.until("failed")
-    row = lab.skills.tasks.rows[0]
-    lab.skills.tasks.ask_why(row.key)
-    assert "too loud" in "\n".join(lab.skills.tasks.why)
-    lab.skills.tasks.clear_ended()
-    assert lab.skills.tasks.rows == []
+    row = lab.window.tasks.rows[0]
+    lab.window.tasks.ask_why(row)
+    assert "too loud" in "\n".join(lab.window.tasks.why)
+    lab.window.tasks.clear_ended()
+    assert lab.window.tasks.rows == []
 
 
 def test_running_task_without_messages_is_silent() -> None:
-    row = TaskRow(ROBOT, 3, "fetch", "running", "", 0.0, 10.0)
-    assert (row.state_at(14.0), row.state_at(16.0)) == ("running", "silent")
-    assert replace(row, state="paused").state_at(99.0) == "paused"
+    run = TaskRun(ROBOT, 3)
+    run.record([root()], 10.0)
+    assert (is_silent(run, 14.0), is_silent(run, 16.0)) == (False, True)
+    run.record([root(state=SUCCESS, code=1)], 17.0)
+    assert not is_silent(run, 99.0)
+
+
+def test_message_older_than_the_last_one_is_skipped(lab: Lab) -> None:
+    lab.window.publish(TaskProgress(ROBOT, [root(status=TaskState.PAUSED)], 11.0))
+    lab.window.publish(TaskProgress(ROBOT, [root()], 10.0))
+    assert [run.state for run in lab.window.tasks.rows] == ["paused"]
+    lab.window.publish(TaskProgress(ROBOT, [root()], 12.0))
+    assert [run.state for run in lab.window.tasks.rows] == ["running"]
 
 
 def test_tasks_of_a_disconnected_robot_are_lost(lab: Lab) -> None:
@@ -371,11 +383,11 @@ def test_tasks_of_a_disconnected_robot_are_lost(lab: Lab) -> None:
     lab.until("running")
     lab.system.remove_manager(ROBOT)
     lab.window.process_events()
-    assert lab.skills.tasks.rows[0].is_finished
+    assert lab.window.tasks.rows[0].is_finished
 
 
 def test_progress_without_nodes_is_ignored(lab: Lab) -> None:
     root = lab.system.managers[ROBOT]
     lab.window.publish(TaskProgress("/ghost", (), 0.0))
-    assert lab.skills.tasks.rows == []
-    assert root.tasks() == []
+    assert lab.window.tasks.rows == []
+    assert root.read_tasks() == []

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from skiros2_gui.run.drawing import Drawing
 from skiros2_gui.run.layout import COUSINS, SIBLINGS, tidy_layout
-from skiros2_gui.run.shape import Shape, keys_of
+from skiros2_runs.core.shape import Shape
 from support.progress import ProgressNode, pick_and_place, random_tree, root
 
 #: Types and processors.
@@ -55,7 +55,7 @@ def test_empty_tree_has_empty_layout() -> None:
 
 
 def test_descendants_of_folded_node_are_counted() -> None:
-    shape = Shape(keys_of(pick_and_place()))
+    shape = Shape.of(pick_and_place())
     drawing = Drawing(shape, {100})
     assert [shape.name(place) for place in drawing.drawn] == ["task 5", "pick", "place"]
     assert drawing.hidden == {1: 2}
@@ -64,7 +64,7 @@ def test_descendants_of_folded_node_are_counted() -> None:
 
 
 def test_every_node_is_drawn_once_and_found_by_row() -> None:
-    drawing = Drawing(Shape(keys_of(random_tree(1000))), ())
+    drawing = Drawing(Shape.of(random_tree(1000)), ())
     assert sorted(drawing.drawn) == list(range(1000))
     for column in drawing.columns:
         for place in column.nodes:
@@ -76,15 +76,15 @@ def test_any_message_gives_a_tree() -> None:
     """Parents that do not exist, that come later, or that are the node itself; ids that come twice; no labels."""
     nodes = [ProgressNode(*ids) for ids in ((5, -1), (1, 99), (2, 3), (3, 3), (3, 1))]
     nodes.append(ProgressNode(4, 3, label="", type=""))
-    shape = Shape(keys_of(nodes))
+    shape = Shape.of(nodes)
     assert shape.parents == [-1, 0, 0, 0, 1, 4]
     assert sorted(Drawing(shape, ()).drawn) == list(range(6))
     assert shape.name(5) == "node 4"
 
 
 def test_nodes_without_label_have_names() -> None:
-    told = [root(7), *(ProgressNode(n, 7, "", kind, how) for n, (kind, how) in enumerate(UNNAMED))]
-    shape = Shape(keys_of(told))
+    message = [root(7), *(ProgressNode(n, 7, "", kind, how) for n, (kind, how) in enumerate(UNNAMED))]
+    shape = Shape.of(message)
     assert [shape.name(place) for place in range(len(shape))] == [
         "task 7", "Pick", "in turn ->*", "side by side |ff|", "nofail(->)", ":Skill",
     ]  # fmt: skip

@@ -102,8 +102,8 @@ def test_base_respects_its_acceleration_limit(robot: MovedRobot) -> None:
     ("goal", "said"),
     [
         (Pose2D(2.0, 1.5, 0.0), f"the goal is inside '{TABLE_1}'"),
-        (Pose2D(math.nan, 0.0, 0.0), "has numbers that are none"),
-        (Pose2D(0.0, 0.0, math.inf), "has numbers that are none"),
+        (Pose2D(math.nan, 0.0, 0.0), "has numbers that are not finite"),
+        (Pose2D(0.0, 0.0, math.inf), "has numbers that are not finite"),
         (Pose2D(500.0, 0.0, 0.0), "x 500.00 is outside of the world, which goes from"),
         (Pose2D(0.0, 1e300, 0.0), "is outside of the world"),
     ],
@@ -118,8 +118,8 @@ def test_invalid_goal_is_rejected(robot: MovedRobot, goal: Pose2D, said: str) ->
 @pytest.mark.parametrize(
     ("orientation", "said"),
     [
-        ((0.0, 0.0, 0.0, 0.0), "numbers that are none"),
-        ((math.nan, 0.0, 0.0, 1.0), "numbers that are none"),
+        ((0.0, 0.0, 0.0, 0.0), "numbers that are not finite"),
+        ((math.nan, 0.0, 0.0, 1.0), "numbers that are not finite"),
         (from_euler(0.0, 0.5, 0.0), "tilted by 0.50 rad"),
     ],
 )
@@ -133,7 +133,7 @@ def test_goal_of_a_fixed_robot_is_rejected() -> None:
     with World(bench()) as world:
         outcome = BaseMotion(world, world.robots[ROBOT], Pose2D(0.0, 0.0, 0.0)).outcome
     assert outcome is not None
-    assert "has no base that drives" in outcome.text
+    assert "has no mobile base" in outcome.text
 
 
 def test_cancelled_motion_brakes(robot: MovedRobot) -> None:
@@ -202,7 +202,7 @@ def test_base_aborts_immediately_behind_fixed_obstacles(cart: World) -> None:
         cart.add_body(block(name, x, y, sx, sy))
     (outcome,) = all_run(cart, [driven(cart, 4.0)])
     assert outcome.state is State.ABORTED
-    assert "no way there, 'test:" in outcome.text
+    assert "no path to the goal: 'test:" in outcome.text
     assert cart.time < 0.5
 
 
@@ -216,7 +216,7 @@ def test_collision_aborts_the_motion(robot: MovedRobot) -> None:
     succeeded(robot.run(robot.trajectory(up, 3.0)))
     outcome = robot.run(robot.drive(-3.0, 0.0, math.pi))
     assert outcome.state is State.ABORTED
-    assert "the robot has run into something, it touches test:bar (" in outcome.text
+    assert "the robot has collided, it touches test:bar (" in outcome.text
 
 
 def test_carried_object_is_not_an_obstacle(robot: MovedRobot) -> None:
@@ -263,4 +263,4 @@ def test_base_with_a_shaking_load_comes_to_rest(
 def test_stuck_base_aborts_with_reason(robot: MovedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot.robot, "set_base_velocity", lambda *velocity: None)
     outcome = robot.run(robot.drive(1.0, 0.0))
-    assert (outcome.state, outcome.text) == (State.ABORTED, "the base does not get on")
+    assert (outcome.state, outcome.text) == (State.ABORTED, "the base makes no progress")

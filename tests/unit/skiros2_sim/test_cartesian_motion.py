@@ -12,9 +12,8 @@ import pytest
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core import cartesian_motion as codes
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.arm_kinematics import distances
+from skiros2_sim.core.arm_kinematics import between, distances
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
-from skiros2_sim.core.cartesian_path import slerp
 from skiros2_sim.core.motion import State
 from skiros2_sim.core.scene_spec import ArmSpec, RobotSpec, SceneSpec
 from skiros2_sim.core.world import World
@@ -183,7 +182,7 @@ def test_compliant_tool_without_progress_is_blocked(robot: MovedRobot) -> None:
 def test_motion_ends_at_its_timeout(robot: MovedRobot) -> None:
     outcome = robot.run(robot.line(FREE, speed=0.1, timeout=0.5))
     assert (outcome.state, outcome.code) == (State.ABORTED, codes.TIMED_OUT)
-    assert "not there after 0.50 s: 0." in outcome.text
+    assert "not at the target after 0.50 s: 0." in outcome.text
 
 
 @CONTROLLERS
@@ -199,20 +198,21 @@ def test_cancelled_motion_brakes_on_its_line(robot: MovedRobot, controller: str)
     assert distances(robot.arm.tool_pose(), Pose(FREE, DOWN))[0] > 0.02
 
 
-def test_unreachable_target_is_rejected_with_the_distance(robot: MovedRobot) -> None:
+def test_unreachable_target_aborts_without_motion(robot: MovedRobot) -> None:
     before = robot.arm.positions()
-    refused(robot.line((2.0, 0.0, 0.6)), codes.UNREACHABLE, r"no joint positions put the tool there: .* within 1\.\d")
-    refused(robot.line((0.0, 0.0, 0.1)), codes.UNREACHABLE, "within 0.")
+    for position, said in (((2.0, 0.0, 0.6), r"no joint positions .* off by 1\.\d"), ((0.0, 0.0, 0.1), r"off by 0\.")):
+        outcome = robot.run(robot.line(position))
+        assert (outcome.state, outcome.code) == (State.ABORTED, codes.UNREACHABLE)
+        assert re.search(said, outcome.text), outcome.text
     robot.world.step(10)
     assert robot.arm.positions() == pytest.approx(before, abs=1e-4)
 
 
-def test_unreachable_line_is_rejected(robot: MovedRobot) -> None:
-    refused(
-        robot.line((-0.45, 0.1, 0.6)),
-        codes.UNREACHABLE,
-        r"the straight way leaves what the arm reaches after 0.\d+ m of 0.\d+ m \(.*\), though the target itself",
-    )
+def test_unreachable_line_aborts_with_the_reason(robot: MovedRobot) -> None:
+    outcome = robot.run(robot.line((-0.45, 0.1, 0.6)))
+    assert (outcome.state, outcome.code) == (State.ABORTED, codes.UNREACHABLE)
+    said = r"the straight path is not reachable beyond 0.\d+ m of 0.\d+ m \(.*\), though its target is"
+    assert re.search(said, outcome.text), outcome.text
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_invalid_numbers_and_names_are_rejected(robot: MovedRobot, change: dict[
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        (Pose((math.nan, 0.0, 0.5), DOWN), "numbers that are none"),
+        (Pose((math.nan, 0.0, 0.5), DOWN), "numbers that are not finite"),
         (Pose((0.5, 0.0, 0.5), (0.0, 0.0, 0.0, 0.0)), "length 0.000, expected 1"),
         (Pose((1e300, 0.0, 0.5), DOWN), "farther than 1000 m"),
     ],
@@ -263,7 +263,8 @@ def test_motion_to_the_current_pose_ends_immediately(robot: MovedRobot) -> None:
     succeeded(robot.run(motion))
 
 
-def test_slerp_takes_the_shorter_direction() -> None:
+def test_rotation_takes_the_shorter_direction() -> None:
     quarter = from_euler(0.0, 0.0, math.pi / 2)
-    half = slerp((0.0, 0.0, 0.0, 1.0), tuple(-c for c in quarter), 0.5)  # type: ignore[arg-type]
-    assert distances(Pose((0, 0, 0), half), Pose((0, 0, 0), from_euler(0.0, 0.0, math.pi / 4)))[1] < 1e-9
+    opposite = Pose((2.0, 0.0, 0.0), tuple(-c for c in quarter))  # type: ignore[arg-type]
+    half = between(IDENTITY, opposite, 0.5)
+    assert distances(half, Pose((1.0, 0.0, 0.0), from_euler(0.0, 0.0, math.pi / 4))) < (1e-9, 1e-9)

@@ -59,7 +59,7 @@ def test_goal_is_checked_with_the_rectangle() -> None:
 
 
 def test_missing_path_names_the_obstacles() -> None:
-    with pytest.raises(Refused, match=r"no way there, 'east', .*and 1 more are in the way"):
+    with pytest.raises(Refused, match=r"no path to the goal: 'east', .*and 1 more are in the way"):
         Floor(HUSKY, walls(3.0)).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(6.0, 0.0, 0.0))
 
 
@@ -70,7 +70,7 @@ def test_start_without_exit_is_rejected() -> None:
         Obstacle("front", 0.8, 0.0, 0.0, 0.05, 0.4),
         Obstacle("back", -0.8, 0.0, 0.0, 0.05, 0.4),
     ]
-    with pytest.raises(Refused, match=r"no way out of the start, '(front|back|left|right)' is in the way"):
+    with pytest.raises(Refused, match=r"no way out of the start: '(front|back|left|right)' is in the way"):
         Floor(HUSKY, cage).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(5.0, 0.0, 0.0))
 
 

@@ -44,7 +44,7 @@ def test_gripper_holds_an_object(holding: MovedRobot) -> None:
     assert holding.world.time - begin < 0.3, "asked again it tells soon that it still holds it"
     assert again.effort == pytest.approx(15.0, abs=0.5)
     assert again.outcome is not None
-    assert "keeps the fingers 0.05" in again.outcome.text
+    assert "holds the fingers 0.05" in again.outcome.text
 
 
 def test_lost_object_changes_the_width(holding: MovedRobot) -> None:
@@ -93,7 +93,7 @@ def test_cancelled_gripper_keeps_its_object(holding: MovedRobot) -> None:
     ],
 )
 def test_invalid_command_is_rejected(robot: MovedRobot, width: float, effort: float, said: str) -> None:
-    motion = GripperMotion(robot.world, robot.gripper, width, effort)
+    motion = GripperMotion(robot.gripper, width, effort)
     assert motion.outcome is not None
     assert motion.outcome.state is State.REJECTED
     assert said in motion.outcome.text

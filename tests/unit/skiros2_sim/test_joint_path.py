@@ -68,7 +68,7 @@ def test_path_keeps_given_velocities_and_accelerations() -> None:
         ((point(1.0, 0.1, math.nan),), "point 0: positions of b is nan"),
         ((point(math.inf, 0.1, 0.1),), "point 0: time inf"),
         ((point(-1.0, 0.1, 0.1),), "point 0: time -1.0"),
-        ((point(1.0, 0.0, 0.1), point(1.0, 0.0, 0.2)), "point 1: time 1.0 does not come after the 1.0 of point 0"),
+        ((point(1.0, 0.0, 0.1), point(1.0, 0.0, 0.2)), "point 1: time 1.0 is not later than the 1.0 of point 0"),
         ((point(9.0, 0.0, 2.5),), "point 0: b at 2.5000 is beyond its limits -2.0000 to 2.0000"),
         ((point(9.0, 0.0, 1e300),), "point 0: b at .* is beyond"),
         ((JointPoint(9.0, (0.0, 0.0), (1.5, 0.0)),), "point 0: a at 1.5000 per second is faster than its limit 1.0000"),

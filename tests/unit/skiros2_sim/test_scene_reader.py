@@ -203,11 +203,11 @@ def test_scene_without_poses_omits_bodies() -> None:
         element(PRODUCT, "", at(0.0, 0.0, 1.0), (0.1, 0.1, 0.1)),
         element(ROBOT, "demo:r", None),
     )
-    told = {problem.element: problem.reason for problem in scene.problems}
-    assert set(told) == {TABLE, PRODUCT, ROBOT}
-    assert "its pose is missing" in told[TABLE]
-    assert TABLE in told[PRODUCT]
-    assert "origin" in told[ROBOT]
+    reasons = {problem.element: problem.reason for problem in scene.problems}
+    assert set(reasons) == {TABLE, PRODUCT, ROBOT}
+    assert "its pose is missing" in reasons[TABLE]
+    assert TABLE in reasons[PRODUCT]
+    assert "origin" in reasons[ROBOT]
     assert scene.bodies == ()
     with World(scene) as world:
         world.step(10)
@@ -244,7 +244,7 @@ def test_invalid_weight_is_ignored(weight: float) -> None:
 def test_duplicate_robot_name_is_numbered() -> None:
     scene = read(element(ROBOT, "demo:r"), element("cora:Robot-8", "other:r"))
     assert [made.name for made in scene.robots] == ["r", "r_8"]
-    assert problems_of(scene, "cora:Robot-8") == ["it is called r_8: something else is called r"]
+    assert problems_of(scene, "cora:Robot-8") == ["renamed to r_8: the name r is taken"]
     with World(scene) as world:
         assert len(world.robots) == 2
 
@@ -260,10 +260,10 @@ def test_duplicate_and_surplus_parts_are_reported() -> None:
         element("rparts:ArmDevice-9", "Other"),
     ]
     scene = read(*parts)
-    told = {problem.element: problem.reason for problem in scene.problems}
-    assert set(told) == {"rparts:RoboticBase-8", GRIPPER, "rparts:GripperEffector-10", "rparts:ArmDevice-9"}
-    assert BASE in told["rparts:RoboticBase-8"]
-    assert "no model" in told["rparts:ArmDevice-9"]
+    reasons = {problem.element: problem.reason for problem in scene.problems}
+    assert set(reasons) == {"rparts:RoboticBase-8", GRIPPER, "rparts:GripperEffector-10", "rparts:ArmDevice-9"}
+    assert BASE in reasons["rparts:RoboticBase-8"]
+    assert "no model" in reasons["rparts:ArmDevice-9"]
     (arm,) = scene.robots[0].arms
     assert arm.gripper is not None
     assert arm.gripper.name == "arm_4"
@@ -278,9 +278,9 @@ def test_invalid_and_duplicate_interface_names_use_the_default() -> None:
     assert made.move_action == "/mobile_manipulator/move_base"
     assert made.arms[0].trajectory_action == "/go"
     assert made.arms[0].cartesian_action == "/mobile_manipulator/left_arm/cartesian_motion"
-    told = {problem.element: problem.reason for problem in scene.problems}
-    assert "skiros:NavigationExe 'no name!' is no name of ROS" in told[ROBOT]
-    assert "skiros:CartesianGoalAction '/go' is taken" in told[ARM]
+    reasons = {problem.element: problem.reason for problem in scene.problems}
+    assert "skiros:NavigationExe 'no name!' is not a valid ROS name" in reasons[ROBOT]
+    assert "skiros:CartesianGoalAction '/go' is taken" in reasons[ARM]
 
 
 def test_camera_on_an_omitted_body_is_omitted() -> None:
@@ -297,10 +297,10 @@ def test_parent_cycles_are_broken() -> None:
         element(PRODUCT, "", at(1.0, 0.0, 0.0), (0.1, 0.1, 0.1), contains=(TABLE,)),
         element("skiros:Product-8", "", IDENTITY, (0.1, 0.1, 0.1), BaseFrameId="skiros:Product-8"),
     )
-    told = {problem.element: problem.reason for problem in scene.problems}
-    assert set(told) == {TABLE, "skiros:Product-8"}
-    assert PRODUCT in told[TABLE]
-    assert "depends on itself" in told["skiros:Product-8"]
+    reasons = {problem.element: problem.reason for problem in scene.problems}
+    assert set(reasons) == {TABLE, "skiros:Product-8"}
+    assert PRODUCT in reasons[TABLE]
+    assert "depends on itself" in reasons["skiros:Product-8"]
     assert [body.pose.position[0] for body in scene.bodies] == [1.0, 2.0]
 
 
@@ -312,9 +312,9 @@ def test_overlap_is_reported_and_resolved() -> None:
     )
     with World(scene) as world:
         assert {problem.element for problem in world.problems} == {TABLE, PRODUCT}
-        told = next(problem for problem in world.problems if problem.element == TABLE)
-        assert PRODUCT in told.reason
-        assert "0.070 m" in told.reason
+        problem = next(found for found in world.problems if found.element == TABLE)
+        assert PRODUCT in problem.reason
+        assert "0.070 m" in problem.reason
         world.step(240)
         lower, upper = world.pose_of(PRODUCT).position, world.pose_of("skiros:Product-8").position
         assert lower[2] == pytest.approx(0.55, abs=5e-3)

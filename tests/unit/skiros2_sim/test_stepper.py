@@ -107,7 +107,7 @@ def test_step_count_out_of_range_is_rejected(make: Make, steps: int) -> None:
 @pytest.mark.parametrize("rate", [float("nan"), float("inf"), -1.0, 1e9])
 def test_rate_out_of_range_is_rejected(make: Make, rate: float) -> None:
     stepper = make(paused=True)
-    with pytest.raises(WrongValue, match="expected times real time"):
+    with pytest.raises(WrongValue, match="expected up to 1000 times real time"):
         stepper.set_rate(rate)
 
 

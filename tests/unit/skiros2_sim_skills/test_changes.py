@@ -51,7 +51,7 @@ def test_changed_pose_is_one_line() -> None:
         pose = {"PositionX": [x], "PositionY": [0.0], "PositionZ": [0.1], "OrientationZ": [turned]}
         return world(element(PRODUCT, "Product A", **pose, BaseFrameId=[str(x)], TfTimeStamp=[x]))
 
-    expected = ["Product A is at (0.50, 0.00, 0.10) m in the frame of what it hangs on"]
+    expected = ["Product A is at (0.50, 0.00, 0.10) m relative to its parent"]
     assert changes(at(0.0, 0.0), at(0.5, 0.7)) == expected
     assert changes(at(0.5, 0.0), at(0.5, 0.7)) == expected
     assert changes(at(0.5, 0.7), at(0.503, 0.704)) == [], "as a camera sees it from look to look"

@@ -77,7 +77,7 @@ def test_terminal_texts_wait_for_the_tree() -> None:
     report.tree(tree("pick", FAILURE))
     assert not report.runs
     shown = out.getvalue()
-    assert shown.index("failure") < shown.index("  ! a hand comes")
+    assert shown.index("failed") < shown.index("  ! a hand comes")
 
 
 def test_waiting_texts_are_printed_at_the_end() -> None:

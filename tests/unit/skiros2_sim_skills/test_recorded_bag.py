@@ -1,13 +1,13 @@
 """Checks of a stored bag."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from skiros2_bags.core.task_run import FAILURE
 from skiros2_demo.changes import changes
 from skiros2_demo.run_check import GoalRun, check, read_run
+from skiros2_runs.core.task_run import TaskRun
+from support.progress import FAILURE, ProgressNode, root
 
 BAG = Path(__file__).parents[2] / "bags" / "pick_place.bag"
 
@@ -41,7 +41,8 @@ def test_missing_product_fails_the_check(run: GoalRun) -> None:
 
 
 def test_failed_skill_fails_the_check(run: GoalRun) -> None:
-    states = run.tasks[-1].root.states
-    states[-1] = replace(states[-1], state=FAILURE)
+    failed = TaskRun(run.tasks[-1].robot, 5)
+    failed.record([root(state=FAILURE, code=-1), ProgressNode(6, 5, "place", state=FAILURE)], run.tasks[-1].start)
+    run.tasks[-1] = failed
     told = "drive, pick, drive, place (failed); said is: drive, pick, drive, place"
     assert [finding.text for finding in check(run) if not finding.holds] == [f"/mobile_manipulator did: {told}"]

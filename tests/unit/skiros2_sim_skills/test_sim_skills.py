@@ -185,7 +185,7 @@ def test_pick_of_nothing_fails_and_resets_observed(cell: Cell) -> None:
 def test_pick_of_another_width_fails(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.drivers.answer(GRIPPER, None, gripped(0.075))
-    assert "75 mm wide, and Product A is 50 x 50 x 50 mm" in cell.why("Pick", Object="Product A")
+    assert "75 mm wide, but Product A is 50 x 50 x 50 mm" in cell.why("Pick", Object="Product A")
 
 
 @pytest.mark.parametrize("check", [0, 1])
@@ -258,7 +258,7 @@ def test_place_into_a_full_tray_is_refused(cell: Cell) -> None:
     [
         (CartesianMotionGoal.UNREACHABLE, "out of reach of the arm"),
         (CartesianMotionGoal.FORCE_LIMIT, "the tool has hit something"),
-        (CartesianMotionGoal.BLOCKED, "something is in the way of the arm"),
+        (CartesianMotionGoal.BLOCKED, "the arm is blocked"),
     ],
 )
 def test_failed_tool_motion_has_a_reason(cell: Cell, code: int, words: str) -> None:
@@ -279,7 +279,7 @@ def test_failed_base_motion_has_a_reason(cell: Cell) -> None:
 def test_failed_detection_has_a_reason(cell: Cell) -> None:
     cell.done("Drive", TargetLocation="Workstation 1")
     cell.drivers.answer(DETECT, lambda request: DetectResponse(ok=False, message="no picture yet"))
-    assert "Camera sees nothing: no picture yet" in cell.why("Look", Workstation="Workstation 1")
+    assert "Camera detected nothing: no picture yet" in cell.why("Look", Workstation="Workstation 1")
     assert not cell.is_observed("Workstation 1")
 
 
@@ -310,10 +310,10 @@ def test_look_accepts_elements_without_pose_or_size(cell: Cell) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("demo:Postures", '{"tucked": [0, 0, 0, 0, 0, 0, 0]}', "has no posture 'home'; it has: tucked"),
-        ("demo:Postures", '{"home": [0, 0]}', "expected 7 numbers"),
-        ("demo:Postures", '{"home": [0, 0, 0, 0, 0, 0, "NaN"]}', "expected 7 numbers"),
-        ("demo:JointNames", "[", "expected a JSON list"),
+        ("skiros:Postures", '{"tucked": [0, 0, 0, 0, 0, 0, 0]}', "has no posture 'home'; it has: tucked"),
+        ("skiros:Postures", '{"home": [0, 0]}', "expected 7 numbers"),
+        ("skiros:Postures", '{"home": [0, 0, 0, 0, 0, 0, "NaN"]}', "expected 7 numbers"),
+        ("skiros:JointNames", "[", "expected a JSON list"),
     ],
 )
 def test_invalid_postures_are_reported(cell: Cell, key: str, value: str, words: str) -> None:
@@ -341,7 +341,7 @@ def test_pick_of_a_wide_product_fails_before_motion(cell: Cell) -> None:
         element = cell.element(label)
         element.setProperty(key, value)
         cell.wmi.update_element_properties(element)
-    assert "it is 90 mm wide, and the gripper opens to 80 mm" in cell.why("Pick", Object="Product A")
+    assert "the object is 90 mm wide, but the gripper opens to 80 mm" in cell.why("Pick", Object="Product A")
     assert not cell.drivers.sent_to(ARM)
 
 
@@ -349,9 +349,9 @@ def test_pick_of_a_wide_product_fails_before_motion(cell: Cell) -> None:
 def test_invalid_opening_is_reported(cell: Cell, value: float) -> None:
     cell.ready_to_pick()
     gripper = cell.element("Gripper")
-    gripper.setProperty("demo:Opening", value)
+    gripper.setProperty("skiros:Opening", value)
     cell.wmi.update_element_properties(gripper)
-    assert "demo:Opening is" in cell.why("Pick", Object="Product A")
+    assert "skiros:Opening is" in cell.why("Pick", Object="Product A")
 
 
 def test_preempted_pick_leaves_the_product_in_its_tray(cell: Cell) -> None:

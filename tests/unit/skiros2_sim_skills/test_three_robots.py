@@ -13,9 +13,8 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World
 from skiros2_skill.testing import SkillBench
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
-from skiros2_task.core.planners import Portfolio, Quality, makespan
+from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.planners import Quality, planner_named
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from support.skilled_scene import scene_with_skills
 
@@ -33,7 +32,7 @@ ROBOTS["stationary"] = ["look", "pick", "place"]
 def plan() -> Iterator[PlanningResult]:
     wmi = scene_with_skills("skiros2_sim_skills", SCENE.name, ROBOTS)
     processes = EngineProcesses()
-    yield TaskPlanner(wmi, Portfolio(processes, Quality.BEST, makespan()), Limits(10.0)).plan(GOAL)
+    yield TaskPlanner(wmi, planner_named(processes, Quality.BEST.value), Limits(10.0)).plan(GOAL)
     processes.close()
 
 
@@ -46,13 +45,13 @@ def test_plan_uses_all_three_robots(plan: PlanningResult) -> None:
 
 
 def test_plan_has_one_robot_at_the_delivery_at_a_time(plan: PlanningResult) -> None:
-    assert plan.schedule is not None
+    assert plan.plan is not None
     stays = []
     for robot in ("/mobile_1", "/mobile_2"):
         times = [
-            (step.start, step.end, {key: element.id for key, element in call.arguments})
-            for call, step in zip(plan.calls, plan.schedule.steps, strict=True)
-            if call.manager == robot and call.label == "drive"
+            (step.start, step.end, {key: element.id for key, element in step.call.arguments})
+            for step in plan.plan.steps
+            if step.call.manager == robot and step.call.label == "drive"
         ]
         comes = [start for start, _, arguments in times if arguments["TargetLocation"] == DELIVERY]
         leaves = [end for _, end, arguments in times if arguments["StartLocation"] == DELIVERY]
@@ -62,8 +61,8 @@ def test_plan_has_one_robot_at_the_delivery_at_a_time(plan: PlanningResult) -> N
 
 
 def test_plan_is_parallel(plan: PlanningResult) -> None:
-    assert plan.schedule is not None
-    assert plan.schedule.makespan < 0.7 * sum(step.end - step.start for step in plan.schedule.steps)
+    assert plan.plan is not None
+    assert plan.plan.makespan < 0.7 * sum(step.end - step.start for step in plan.plan.steps)
 
 
 def test_scene_has_no_problems_in_the_simulator() -> None:

@@ -9,7 +9,7 @@ REQUIRED, OPTIONAL, INFERRED = ParamTypes.Required, ParamTypes.Optional, ParamTy
 
 
 def primitive(description, label="", **hooks):
-    """A primitive class for a description, with these hooks. Each may be a function of the skill, or an answer."""
+    """A primitive class for a description, with these hooks. Each may be a function of the skill, or a return value."""
     return stand_in(description, label=label, **hooks)
 
 
@@ -28,7 +28,7 @@ Work = describe("Work")
 
 
 def running_for(ticks):
-    """An `execute` that runs so many ticks and then succeeds."""
+    """An `execute` that runs for a number of ticks and then succeeds."""
 
     def execute(self):
         self.count = getattr(self, "count", 0) + 1

@@ -76,7 +76,7 @@ def messages(task):
         ("text", str, ["text"]),
     ],
 )
-def test_a_parameter_is_declared_by_a_default_a_type_or_a_list(value, datatype, values):
+def test_parameter_is_declared_by_a_default_a_type_or_a_list(value, datatype, values):
     description = SkillDescription()
     description.addParam("Key", value, ParamTypes.Optional)
     param = description.params["Key"]
@@ -88,7 +88,7 @@ def test_list_of_mixed_types_is_not_a_default():
         SkillDescription().addParam("Key", [1, "two"], ParamTypes.Optional)
 
 
-def test_every_skill_has_robot_unless_it_declares_its_own(bench):
+def test_skill_has_robot_unless_it_declares_its_own(bench):
     own = describe("Own", [("Robot", Element("cora:Robot"), REQUIRED)])
     robot = declared(bench, primitive(Work, "work")).params["Robot"]
     assert (robot.default.type, robot.paramType) == ("sumo:Agent", INFERRED)
@@ -96,13 +96,13 @@ def test_every_skill_has_robot_unless_it_declares_its_own(bench):
     assert (robot.default.type, robot.paramType) == ("cora:Robot", REQUIRED)
 
 
-def test_a_text_where_the_options_stand_is_the_description(bench):
+def test_text_in_place_of_the_options_is_the_description(bench):
     work = declared(bench, primitive(describe("Say", [("Text", str, OPTIONAL, "What to say")]), "say"))
     assert work.params["Text"].description == "What to say"
     assert work.options == {}
 
 
-def test_keys_may_hold_spaces_and_slashes(bench):
+def test_keys_may_contain_spaces_and_slashes(bench):
     say = describe("Say", [("what/to say", "hi", REQUIRED)])
     bench.load(primitive(say, "say it/now", execute=lambda s: s.success(s.params["what/to say"].value)))
     node = SkillWrapper("Say", "say it/now", bench.library)
@@ -111,7 +111,7 @@ def test_keys_may_hold_spaces_and_slashes(bench):
     assert node.progress_msg == "bye"
 
 
-def test_a_key_that_is_declared_again_is_redefined_with_its_options(bench):
+def test_redeclared_key_is_redefined_with_its_options(bench):
     class work(PrimitiveBase):
         def createDescription(self):
             self.setDescription(describe("Hold", [(*CONTAINER, [ParamOptions.Consume])])(), "work")
@@ -124,7 +124,7 @@ def test_a_key_that_is_declared_again_is_redefined_with_its_options(bench):
     assert [c.getKeys() for c in hold.post_conditions] == [["Container"]]
 
 
-def test_on_start_may_redefine_a_parameter(bench):
+def test_on_start_redefines_a_parameter(bench):
     def on_start(self):
         self.addParam("Text", 7, OPTIONAL)
         return True
@@ -192,7 +192,7 @@ def test_one_option_needs_no_list(bench):
 # -- descriptions and implementations ----------------------------------------------------------------------------------
 
 
-def test_a_description_without_create_description_is_an_empty_one(bench):
+def test_description_without_create_description_is_empty(bench):
     class Rest(SkillDescription):
         pass
 
@@ -201,7 +201,7 @@ def test_a_description_without_create_description_is_an_empty_one(bench):
     assert bench.run(bench.node("rest")).state is State.Success
 
 
-def test_the_label_is_the_class_name_where_none_is_given(bench):
+def test_default_label_is_the_class_name(bench):
     class my_work(PrimitiveBase):
         def createDescription(self):
             self.setDescription(Work())
@@ -254,7 +254,7 @@ def test_two_implementations_of_one_description_share_nothing(bench):
     assert len(wide.pre_conditions) == 1
 
 
-def test_the_world_model_is_there_while_a_skill_is_loaded(bench):
+def test_world_model_is_available_while_a_skill_is_loaded(bench):
     seen = []
 
     class work(PrimitiveBase):
@@ -296,7 +296,7 @@ def test_first_implementation_is_selected_again_after_its_end(bench):
     assert [n.label for n in nodes] == ["first"] * 3
 
 
-def test_a_compound_that_has_ended_is_free(bench):
+def test_ended_compound_is_free(bench):
     description = describe("Either")
     bench.load(primitive(Work, "work"))
     for label in ("first", "second"):
@@ -325,7 +325,7 @@ def test_requested_label_is_never_replaced(bench):
 
 
 @pytest.mark.parametrize("written", ["Work", ":Work", "skiros:Work"])
-def test_a_type_may_be_written_in_three_ways(bench, written):
+def test_type_is_written_in_three_ways(bench, written):
     bench.load(primitive(Work, "work"), tree("Top", lambda self, skill: skill(self.skill(written, "work"))))
     assert bench.run(bench.node("top")).state is State.Success
 
@@ -352,7 +352,7 @@ def test_unlisted_skill_is_loaded_from_library():
      NoFail(Sequential()), RetryOnFail(), RetryOnFail(3), NoFail(RetryOnFail(1))],
     ids=lambda p: p.printType(),
 )  # fmt: skip
-def test_every_processor_may_group_nodes_in_a_tree(bench, processor):
+def test_each_processor_groups_nodes_in_a_tree(bench, processor):
     def expand(self, skill):
         skill(self.skill(processor)(self.skill("Work", "work"), self.skill(ParallelFf())(self.skill("Work", "work"))))
 
@@ -362,7 +362,7 @@ def test_every_processor_may_group_nodes_in_a_tree(bench, processor):
     assert task.root.children[0].children[0].processor.printType() == processor.printType()
 
 
-def test_the_default_processor_is_sequential(bench):
+def test_default_processor_is_sequential(bench):
     order = itertools.count()
     bench.load(
         primitive(Work, "work", execute=lambda self: self.success(str(next(order)))),
@@ -373,7 +373,7 @@ def test_the_default_processor_is_sequential(bench):
     assert top.processor.printType() == "->*"
 
 
-def test_one_processor_object_may_be_given_to_several_nodes(bench):
+def test_one_processor_object_serves_several_nodes(bench):
     shared = Sequential()
 
     def expand(self, skill):
@@ -401,7 +401,7 @@ def test_latched_node_gets_following_children(bench):
     assert [c.label for c in group.children] == ["fail", "work"]
 
 
-def test_a_child_may_be_changed_after_it_was_added(bench):
+def test_added_child_may_be_changed(bench):
     def expand(self, skill):
         skill(self.skill("Say", "say"), self.skill("Work", "work"))
         skill.popChild()
@@ -419,7 +419,7 @@ def test_a_child_may_be_changed_after_it_was_added(bench):
     assert len(task.root.children[0].children) == 1
 
 
-def test_a_remap_several_levels_above_may_rename_a_remapped_key_again(bench, caplog):
+def test_remap_applies_to_keys_remapped_below(bench, caplog):
     say = describe("Say", [("Text", str, REQUIRED)])
     bench.load(
         primitive(say, "say", execute=lambda s: s.success(s.params["Text"].value)),
@@ -436,7 +436,7 @@ def test_a_remap_several_levels_above_may_rename_a_remapped_key_again(bench, cap
     assert "deep" in messages(task)
 
 
-def test_a_specified_element_is_read_from_the_world_model(bench):
+def test_specified_element_is_read_from_the_world_model(bench):
     bench.load(
         primitive(describe("Weigh", [OBJECT]), "weigh",
                   execute=lambda s: s.success(str(s.params["Object"].value.value_of("skiros:Weight")))),
@@ -449,7 +449,7 @@ def test_a_specified_element_is_read_from_the_world_model(bench):
     assert "8.0" in messages(bench.run(bench.node("top", Thing=bench.product)))
 
 
-def test_conditions_of_a_node_alone_do_not_touch_the_skill_elsewhere(bench):
+def test_conditions_of_a_node_do_not_apply_to_other_nodes(bench):
     def expand(self, skill):
         heavy = self.getPropCond("Heavy", "skiros:Weight", "Object", ">", 1e9, True)
         skill(self.skill(NoFail(Sequential()))(self.skill("Take", preconditions=[heavy])), self.skill("Take"))

@@ -1,4 +1,4 @@
-"""Breakpoints: a task pauses by itself, with nothing preempted, says where, and goes on from there."""
+"""Breakpoints: a task pauses without preempting a node, reports the node, and resumes there."""
 
 import pytest
 

@@ -52,6 +52,6 @@ def test_preemption_after_any_tick_ends_running_nodes_only(
         assert str(case.play(skill_bench).trace) == str(case.trace)
 
 
-def test_no_case_is_there_twice() -> None:
+def test_catalogue_has_no_duplicates() -> None:
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)

@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_skill` with a manager in this process: what they send, say and end with."""
+"""The commands of `rosrun skiros2_skill` with a manager in this process: requests, output and exit status."""
 
 import json
 from typing import Any, NamedTuple
@@ -7,18 +7,22 @@ import pytest
 
 from skiros2_common.command_line.command import Unavailable, UsageError
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.skill_description import SkillDescription
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
+from skiros2_skill.client.description import Why, find_skill, read_skill
 from skiros2_skill.command_line import connection, program, world
 from skiros2_skill.command_line.assignments import read_steps
-from skiros2_skill.command_line.description import find_skill, read_skill
 from skiros2_skill.command_line.world import World
+from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.runtime.task_starter import StartPreview
 from skiros2_skill.ros.registration import Registration
 from unit.skiros2_skill.skills import CONTAINER, INFERRED, OBJECT, OPTIONAL, REQUIRED, contains, describe, primitive
 
 ROBOT = "/test_robot"
+TIRED = Explanation("pre", "skiros:Grasp", "soft_grasp", 1, -1, "Grasp failed")
 
 Grasp = describe(
     "Grasp",
@@ -37,48 +41,61 @@ Grasp = describe(
     hold=[contains(), lambda d: d.getPropCond("Light", "skiros:Weight", "Object", "<", 2.0, True)],
     post=[contains(state=False), lambda d: d.getHasPropCond("Weighed", "skiros:Weight", "Object", True)],
 )
-Measure = describe("Measure", [("Force", float, OPTIONAL)])
+
+
+class Measure(SkillDescription):
+    def createDescription(self):
+        self.addParam("Force", float, OPTIONAL, unit="N", minimum=0)
+
+
 Grasp.__doc__ = "Closes the gripper."
 SKILLS = [primitive(Grasp, "soft_grasp"), primitive(Grasp, "hard grasp"), primitive(Measure, "measure")]
 
 
 class FakeManager:
-    """Answers as a manager does, and remembers what it was told."""
+    """Stands in for a manager and records its commands."""
 
     name, author = ROBOT, "tests"
 
     def __init__(self, skills) -> None:
         self._skills = skills
-        self.told: list[tuple[Any, ...]] = []
-        self.breakpoints: list[dict[str, Any]] = []
+        self.calls: list[tuple[Any, ...]] = []
+        self.known_breakpoints: dict[int, Breakpoint] = {}
         self.refuses = ""
         self.run_by_number: list[int] = []
 
-    def skills(self):
+    def read_skills(self):
         return self._skills
 
     def command(self, action, task_id, skills=()):
         if self.refuses:
             raise Refused(self.refuses)
-        self.told.append((action, task_id, *skills))
+        self.calls.append((action, task_id, *skills))
         return task_id if task_id >= 0 or not skills else 7
 
-    def tasks(self, task_id=-1):
+    def read_tasks(self, task_id=-1):
         return [[msgs.SkillProgress(id=n)] for n in self.run_by_number if task_id in (-1, n)]
 
     def why(self, task_id):
-        self.told.append(("why", task_id))
+        self.calls.append(("why", task_id))
         if task_id == 9:
-            return srvs.SkillWhyResponse(False, "task 9 is not known", "[]")
-        return srvs.SkillWhyResponse(True, "task 3 has failed: tired\nGrasp failed", '[{"stage": "pre"}]')
+            raise UnknownName("task 9 is not known")
+        return Why("task 3 has failed: tired\nGrasp failed", [TIRED])
 
-    def breakpoint(self, action, kind="", pattern="", when="", number=0):
-        if action == "add":
-            self.breakpoints.append({"number": 1, "kind": kind, "pattern": pattern, "when": when or "start"})
-            return 1, self.breakpoints
-        if action == "remove":
-            self.told.append(("remove", number))
-        return number, self.breakpoints
+    def preview(self, steps):
+        if self.refuses:
+            return StartPreview(refusal=TIRED)
+        return StartPreview("soft_grasp", {"Object": Element("skiros:Product", "nut", "skiros:Product-3")})
+
+    def set_breakpoint(self, kind, pattern, when=""):
+        self.known_breakpoints[1] = Breakpoint(kind, pattern, when or "start")
+        return 1
+
+    def remove_breakpoint(self, number):
+        self.calls.append(("remove", number))
+
+    def breakpoints(self):
+        return self.known_breakpoints
 
 
 class Result(NamedTuple):
@@ -136,7 +153,7 @@ def run(manager, bench, monkeypatch, capsys):
 # -- list, describe, why -----------------------------------------------------------------------------------------------
 
 
-def test_list_shows_what_must_be_given_first_and_not_the_robot(run):
+def test_list_shows_required_parameters_first_and_omits_the_robot(run):
     lines = [line.split(maxsplit=2) for line in run("list").out.splitlines()]
     assert lines[0] == ["skill", "type", "parameters"]
     assert lines[3] == [
@@ -146,11 +163,12 @@ def test_list_shows_what_must_be_given_first_and_not_the_robot(run):
     assert lines[4] == ["measure", "skiros:Measure", "[Force]"]
 
 
-def test_list_as_json_has_the_parameters_with_their_types(run):
+def test_json_list_has_parameters_with_types(run):
     measure = run("list", "--json").json[-1]
     assert (measure["type"], measure["label"]) == ("skiros:Measure", "measure")
     assert measure["parameters"][0] == {
         "key": "Force", "kind": "optional", "type": "float", "default": [], "description": "",
+        "unit": "N", "minimum": 0.0,
     }  # fmt: skip
 
 
@@ -171,14 +189,20 @@ def test_describe_shows_parameters_conditions_package_and_other_implementations(
     assert "Weighed Object has a value of skiros:Weight" in after
 
 
-def test_describe_tells_where_the_skill_is_from(run, bench):
-    told = run("describe", "measure", "--json").json[0]
-    assert told["module"] == SKILLS[2].__module__
-    assert f"module  {told['module']}" in run("describe", "measure").out
-    chain = told["classes"]
+def test_describe_shows_module_and_superclasses(run, bench):
+    described = run("describe", "measure", "--json").json[0]
+    assert described["module"] == SKILLS[2].__module__
+    assert f"module  {described['module']}" in run("describe", "measure").out
+    chain = described["classes"]
     assert chain[-1] == "skiros:Measure"
     assert bench.wmi.get_super_class(chain[0]) == "skiros:Skill"
     assert chain[-2].removeprefix("skiros:") in run("describe", "measure").out
+
+
+def test_describe_shows_the_limits_of_parameters(run):
+    assert "Force  optional  float         at least 0 N" in run("describe", "measure").out
+    (force, _) = run("describe", "measure", "--json").json[0]["parameters"]
+    assert (force["unit"], force["minimum"], "maximum" in force) == ("N", 0.0, False)
 
 
 def test_describe_of_a_type_shows_all_its_implementations(run):
@@ -186,7 +210,7 @@ def test_describe_of_a_type_shows_all_its_implementations(run):
     assert run("describe", "skiros:Grasp").out.count("parameters") == 2
 
 
-def test_describe_without_a_world_model_says_what_is_missing(run, monkeypatch):
+def test_describe_without_a_world_model_reports_missing_conditions(run, monkeypatch):
     def absent(name, author):
         raise Unavailable("there is no world model /wm")
 
@@ -197,10 +221,10 @@ def test_describe_without_a_world_model_says_what_is_missing(run, monkeypatch):
     assert "Force" in shown.out
 
 
-def test_why_asks_for_the_last_failure_or_for_a_task(run, manager):
+def test_why_shows_the_last_failure_or_that_of_a_task(run, manager):
     assert run("why").out == "task 3 has failed: tired\nGrasp failed\n"
-    assert run("why", "3", "--json").json == [{"stage": "pre"}]
-    assert manager.told == [("why", -1), ("why", 3)]
+    assert run("why", "3", "--json").json == [TIRED.to_dict()]
+    assert manager.calls == [("why", -1), ("why", 3)]
     assert run("why", "9") == (1, "", "why: task 9 is not known\n")
 
 
@@ -208,23 +232,23 @@ def test_why_asks_for_the_last_failure_or_for_a_task(run, manager):
 
 
 @pytest.mark.parametrize("name", ["hard grasp", "skiros:Grasp-hard grasp", "Grasp-hard grasp"])
-def test_a_skill_is_named_by_its_label(skills, name):
+def test_skill_is_named_by_its_label(skills, name):
     choice = find_skill(name, skills)
     assert (choice.type, choice.label) == ("skiros:Grasp", "hard grasp")
 
 
 @pytest.mark.parametrize("name", ["Grasp", ":Grasp", "skiros:Grasp"])
-def test_a_type_stands_for_any_implementation(skills, name):
+def test_type_selects_any_implementation(skills, name):
     choice = find_skill(name, skills)
     assert (choice.type, choice.label, len(choice.skills)) == ("skiros:Grasp", "", 2)
 
 
 @pytest.mark.parametrize(("name", "hint"), [("grasp", "Grasp"), ("mesure", "measure"), ("soft_gras", "soft_grasp")])
-def test_a_near_miss_of_a_skill_is_told(run, name, hint):
+def test_unknown_skill_is_refused_with_the_nearest(run, name, hint):
     assert run("describe", name) == (1, "", f"describe: there is no skill {name!r}; did you mean {hint!r}?\n")
 
 
-def test_what_is_near_to_nothing_gets_the_names_that_there_are(skills):
+def test_unknown_name_without_near_ones_lists_all_names(skills):
     with pytest.raises(UnknownName, match=r"there are: soft_grasp, Grasp, .* measure"):
         find_skill("qqqqqq", skills)
 
@@ -258,13 +282,13 @@ def values(skills, *words, find=lambda declared, name: name):
         ('Object=["product", "other product"]', ["product", "other product"]),
     ],
 )
-def test_values_are_of_the_declared_type(skills, word, expected):
+def test_values_have_the_declared_type(skills, word, expected):
     sent = values(skills, "soft_grasp", *([] if word.startswith("Force") else ["Force=1"]), word)
     assert sent[word.partition("=")[0]] == expected
 
 
 @pytest.mark.parametrize(
-    ("word", "told"),
+    ("word", "reason"),
     [
         ("Force=much", "parameter Force: 'much' is no float"),
         ("Force=[1, true]", "parameter Force: expected a value of type float, got bool True"),
@@ -274,16 +298,16 @@ def test_values_are_of_the_declared_type(skills, word, expected):
         ("Options=[", r"parameter Options: expected a dict in JSON, got '\['"),
     ],
 )
-def test_values_of_another_type_are_refused(skills, word, told):
-    with pytest.raises(WrongValue, match=f"soft_grasp, {told}"):
+def test_value_of_a_wrong_type_is_refused(skills, word, reason):
+    with pytest.raises(WrongValue, match=f"soft_grasp, {reason}"):
         read_steps(["soft_grasp", "Force=1", word], skills, lambda declared, name: name)
 
 
-def test_a_key_that_is_given_again_has_several_values(skills):
+def test_repeated_key_has_several_values(skills):
     assert values(skills, "soft_grasp", "Force=1", "Joints=[1]", "Joints=[2]")["Joints"] == [[1], [2]]
 
 
-def test_a_type_that_a_library_has_registered_is_given_in_json():
+def test_value_of_a_registered_type_is_given_in_json():
     declared = '{"key": "Pose", "specType": 1, "type": "lab::Pose", "values": [], "description": ""}'
     skills = [read_skill("skiros:Move", "move", [declared])]
     assert values(skills, "move", 'Pose={"x": 1}') == {"Pose": [{"x": 1}]}
@@ -291,7 +315,7 @@ def test_a_type_that_a_library_has_registered_is_given_in_json():
         values(skills, "move", "Pose=home")
 
 
-def test_an_unknown_parameter_is_refused_with_the_nearest(skills):
+def test_unknown_parameter_is_refused_with_the_nearest(skills):
     with pytest.raises(UnknownName, match=r"soft_grasp has no parameter 'force'; did you mean 'Force'\?"):
         read_steps(["soft_grasp", "force=1"], skills, None)
 
@@ -299,21 +323,21 @@ def test_an_unknown_parameter_is_refused_with_the_nearest(skills):
 def test_missing_parameters_are_named_with_their_types(run, manager):
     refused = run("run", "soft_grasp", "Speed=1")
     assert refused == (1, "", "run: soft_grasp needs Force (float): give it as Force=VALUE\n")
-    assert manager.told == []
+    assert manager.calls == []
 
 
-def test_what_an_earlier_skill_may_leave_need_not_be_given(skills):
+def test_parameter_of_an_earlier_skill_is_not_required(skills):
     steps = read_steps(["measure", "soft_grasp", "Name=x"], skills, None)
     assert [(step.type, step.label) for step in steps] == [
         ("skiros:Measure", "measure"), ("skiros:Grasp", "soft_grasp"),
     ]  # fmt: skip
 
 
-def test_values_before_the_first_skill_are_wrong_usage(run):
+def test_value_before_the_first_skill_is_wrong_usage(run):
     assert run("run", "Force=1").status == 2
 
 
-def test_a_label_may_hold_an_equals_sign():
+def test_label_may_contain_an_equals_sign():
     declared = '{"key": "c", "specType": 0, "type": "int", "values": []}'
     steps = read_steps(["a=b", "c=1"], [read_skill("skiros:A", "a=b", [declared])], None)
     assert (steps[0].label, len(steps[0].params)) == ("a=b", 1)
@@ -322,39 +346,53 @@ def test_a_label_may_hold_an_equals_sign():
 def test_detached_skills_are_started_in_one_request(run, manager):
     started = run("run", "--detach", "Grasp", "Force=1", "Object=product", "measure", "--json")
     assert (started.status, started.json) == (0, {"robot": ROBOT, "task": 7})
-    ((action, task_id, grasp, measure),) = manager.told
+    ((action, task_id, grasp, measure),) = manager.calls
     assert (action, task_id) == ("start", -1)
-    assert [(s.type, s.name, len(s.params)) for s in (grasp, measure)] == [
+    assert [(s.type, s.label, len(s.params)) for s in (grasp, measure)] == [
         ("skiros:Grasp", "", 2), ("skiros:Measure", "measure", 0),
     ]  # fmt: skip
-    product = json.loads(grasp.params[1].param)["values"][0]
+    product = json.loads(grasp.params[1])["values"][0]
     assert product["label"] == "product"
     assert product["id"].startswith("skiros:Product-")
+
+
+def test_preview_shows_the_inferred_elements(run, manager):
+    shown = run("preview", "Grasp", "Force=1")
+    assert (shown.status, shown.out) == (0, 'soft_grasp would start\n  Object = skiros:Product-3 "nut"\n')
+    assert manager.calls == []
+
+
+def test_preview_of_a_refused_start_has_reason_and_status_1(run, manager):
+    manager.refuses = "tired"
+    shown = run("preview", "Grasp", "Force=1")
+    assert (shown.status, shown.out.splitlines()[0]) == (1, "it would be refused")
+    assert "Grasp failed" in shown.out
+    assert run("preview", "Grasp", "Force=1", "--json").json["refusal"] == TIRED.to_dict()
 
 
 # -- elements ----------------------------------------------------------------------------------------------------------
 
 
-def test_elements_are_found_by_id_and_by_label(run, bench, skills):
+def test_elements_are_named_by_id_or_label(run, bench, skills):
     declared = skills[0].parameters["Object"]
     known = World(ROBOT, "tests")
     for name in (bench.product.id, "product"):
         assert known.find_element(declared, name)["id"] == bench.product.id
 
 
-def test_a_label_of_several_elements_is_refused_with_their_ids(run, bench, skills):
+def test_ambiguous_label_is_refused_with_the_ids(run, bench, skills):
     twin = bench.add("skiros:Product", "product", bench.tray)
     with pytest.raises(WrongValue, match=f"2 elements are labelled 'product', .*{twin.id}: give the id"):
         World(ROBOT, "tests").find_element(skills[0].parameters["Object"], "product")
 
 
 @pytest.mark.parametrize("name", ["prodct", "tray"])
-def test_an_element_of_the_class_that_does_not_exist_is_refused(run, skills, name):
+def test_unknown_element_is_refused(run, skills, name):
     with pytest.raises(UnknownName, match=f"there is no skiros:Product with the id or label '{name}'; "):
         World(ROBOT, "tests").find_element(skills[0].parameters["Object"], name)
 
 
-def test_the_world_model_is_the_one_in_the_namespace_of_the_manager(monkeypatch, bench):
+def test_world_model_of_the_managers_namespace_is_used(monkeypatch, bench):
     asked = []
     monkeypatch.setattr(world, "connect", lambda name, author: asked.append((name, author)) or bench.wmi)
     with pytest.raises(UnknownName):
@@ -362,7 +400,7 @@ def test_the_world_model_is_the_one_in_the_namespace_of_the_manager(monkeypatch,
     assert asked == [("/cell/wm", "mary")]
 
 
-def test_conditions_are_told_in_words(run, bench):
+def test_conditions_are_described_in_words(run, bench):
     checks = describe(
         "Check",
         [OBJECT, ("Lid", Element("skiros:Part"), INFERRED)],
@@ -374,8 +412,8 @@ def test_conditions_are_told_in_words(run, bench):
         ],
     )
     register(bench, primitive(checks, "check"))
-    told = World(ROBOT, "tests").registered("skiros:Check", "check").conditions["pre"]
-    assert {condition.text for condition in told} == {
+    conditions = World(ROBOT, "tests").registered("skiros:Check", "check").conditions["pre"]
+    assert {condition.text for condition in conditions} == {
         "(Object skiros:Weight = 1.0 or not Object has a value of skiros:Weight)",
         "not Object is an element of the scene",
         "Object is a skiros:Starter",
@@ -394,19 +432,19 @@ def _either(description):
 
 
 @pytest.mark.parametrize(("name", "action"), [("stop", "preempt"), ("pause", "pause")])
-def test_a_task_or_all_are_stopped_or_paused(run, manager, name, action):
+def test_one_task_or_all_are_stopped_or_paused(run, manager, name, action):
     assert run(name, "3").out.startswith("task 3 is ")
     assert run(name).out.startswith("all tasks are ")
-    assert manager.told == [(action, 3), (action, -1)]
+    assert manager.calls == [(action, 3), (action, -1)]
 
 
-def test_a_task_is_resumed_or_ticked_once(run, manager):
+def test_task_is_resumed_or_ticked_once(run, manager):
     assert run("resume", "3").out == "task 3 is resumed\n"
     assert run("step", "3").out == "task 3 was ticked once\n"
-    assert manager.told == [("start", 3), ("tick_once", 3)]
+    assert manager.calls == [("start", 3), ("tick_once", 3)]
 
 
-def test_without_a_number_all_paused_tasks_go_on(run, manager):
+def test_resume_without_number_resumes_all_paused_tasks(run, manager):
     manager.run_by_number = [3, 5]
     assert run("resume").out == "task 3 is resumed\ntask 5 is resumed\n"
     manager.refuses = "task 3 runs already"
@@ -415,7 +453,7 @@ def test_without_a_number_all_paused_tasks_go_on(run, manager):
     assert run("resume") == (1, "", "resume: no task is paused\n")
 
 
-def test_without_a_number_the_only_task_is_ticked_once(run, manager):
+def test_tick_without_number_ticks_the_only_task(run, manager):
     manager.run_by_number = [5]
     assert run("step").out == "task 5 was ticked once\n"
     manager.run_by_number = [3, 5]
@@ -427,7 +465,7 @@ def test_without_a_number_the_only_task_is_ticked_once(run, manager):
 # -- watch -------------------------------------------------------------------------------------------------------------
 
 
-def test_a_task_that_does_not_run_is_not_watched(run, manager):
+def test_watch_of_an_ended_task_is_refused(run, manager):
     manager.run_by_number = [3]
     assert run("watch", "--once", "4") == (
         1,
@@ -440,10 +478,10 @@ def test_breakpoints_are_listed_added_and_removed(run, manager):
     assert run("breakpoint").out == "no breakpoints\n"
     assert run("breakpoint", "add", "node", "Gr*").out == "breakpoint 1: node Gr* start\n"
     assert run("breakpoint", "list").out.splitlines()[-1].split() == ["1", "node", "Gr*", "start"]
-    assert run("breakpoint", "--json").json == manager.breakpoints
+    assert run("breakpoint", "--json").json == [{"number": 1, "kind": "node", "pattern": "Gr*", "when": "start"}]
     assert run("breakpoint", "remove", "1").out == "breakpoint 1 is removed\n"
     assert run("breakpoint", "remove", "all").status == 0
-    assert manager.told == [("remove", 1), ("remove", -1)]
+    assert manager.calls == [("remove", 1), ("remove", -1)]
 
 
 # -- usage and connection ----------------------------------------------------------------------------------------------
@@ -461,13 +499,13 @@ def test_breakpoints_are_listed_added_and_removed(run, manager):
         ("list", "--none"),
     ],
 )
-def test_wrong_usage_is_one_line(run, arguments):
+def test_wrong_usage_is_reported_in_one_line(run, arguments):
     wrong = run(*arguments)
     assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
 
 
 @pytest.mark.parametrize("name", sorted(program._COMMANDS))
-def test_every_command_has_help_with_its_statuses(run, name):
+def test_help_of_each_command_lists_its_statuses(run, name):
     shown = run(name, "--help")
     assert shown.status == 0
     assert "Exit status: 0" in shown.out
@@ -492,26 +530,26 @@ def master(monkeypatch):
     return known
 
 
-def test_the_only_manager_is_found_by_itself(master):
+def test_only_manager_is_selected(master):
     master.update({"/one": True, "/dead": False})
     assert connection.find_manager("") == "/one"
 
 
 @pytest.mark.parametrize("name", ["two", "/two"])
-def test_of_several_managers_one_has_to_be_named(master, name):
+def test_one_of_several_managers_must_be_named(master, name):
     master.update({"/one": True, "/two": True})
     with pytest.raises(UsageError, match="there are 2 skill managers, /one, /two: name one with --robot"):
         connection.find_manager("")
     assert connection.find_manager(name) == "/two"
 
 
-def test_a_manager_in_the_own_namespace_is_named_without_it(master, monkeypatch):
+def test_manager_in_the_own_namespace_is_named_without_it(master, monkeypatch):
     monkeypatch.setenv("ROS_NAMESPACE", "cell")
     master.update({"/cell/one": True, "/two": True})
     assert connection.find_manager("one") == "/cell/one"
 
 
-def test_without_a_manager_it_says_which_are_dead_or_near(master):
+def test_missing_manager_is_reported_with_dead_and_near_ones(master):
     with pytest.raises(Unavailable, match="there is no skill manager on the master"):
         connection.find_manager("")
     master["/robot"] = False

@@ -8,9 +8,11 @@ import re
 import pytest
 
 from skiros2_common.command_line.layout import Screen
-from skiros2_msgs.msg import SkillProgress
+from skiros2_msgs.msg import Param, SkillProgress
+from skiros2_runs.core.progress import status_text
+from skiros2_runs.core.states import FAILURE, IDLE, RUNNING, SUCCESS, TaskState
 from skiros2_skill.command_line import watch
-from skiros2_skill.command_line.tree import FAILURE, IDLE, RUNNING, SUCCESS, Changes, picture
+from skiros2_skill.command_line.tree import Changes, frame_of, picture
 from skiros2_skill.command_line.watch import JsonView, LineView, LiveView
 
 ROOT = 100
@@ -45,23 +47,23 @@ def nothing_holds(skill_type, label):
 
 
 def lines(nodes, screen=Screen(), holds=nothing_holds, most=None):  # noqa: B008
-    return [line.text for line in picture(screen, nodes, holds, most)]
+    return [line.text for line in picture(screen, frame_of(nodes), "/arm", holds, most)]
 
 
 # -- the tree ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_tree_shows_states_processors_times_and_messages():
+def test_tree_shows_states_processors_times_and_messages():
     assert lines(task(*FETCH)) == [
         "task 100 on /arm: running",
-        "▶ fetch ->*    running",
-        "├── ✓ drive    success  2.0 s  arrived",
-        "├── ▶ grasp    running  0.5 s  closing",
-        "└── · skiros:  idle",
+        "▶ fetch ->*   running",
+        "├── ✓ drive   succeeded  2.0 s  arrived",
+        "├── ▶ grasp   running    0.5 s  closing",
+        "└── ○ node 4  idle",
     ]
 
 
-def test_hold_conditions_stand_under_the_nodes_that_run():
+def test_hold_conditions_are_shown_below_running_nodes():
     asked = []
 
     def holds(skill_type, label):
@@ -73,27 +75,29 @@ def test_hold_conditions_stand_under_the_nodes_that_run():
     assert asked == [("skiros:Fetch", "fetch"), ("skiros:Grasp", "grasp")]
 
 
-def test_the_root_tells_why_it_failed_or_is_paused():
-    assert lines(task(state=FAILURE, message="too heavy")) == ["task 100 on /arm: failure: too heavy"]
-    assert lines(task(message="paused")) == ["task 100 on /arm: running: paused"]
-    assert lines(task(state=SUCCESS, message="Success")) == ["task 100 on /arm: success"]
+def test_root_shows_why_it_failed_or_is_paused():
+    assert lines(task(state=FAILURE, message="too heavy")) == ["task 100 on /arm: failed: too heavy"]
+    paused = task(message="paused at breakpoint 1")
+    paused[0].params.append(Param(status_text(TaskState.PAUSED)))
+    assert lines(paused) == ["task 100 on /arm: paused at breakpoint 1"]
+    assert lines(task(state=SUCCESS, message="Success")) == ["task 100 on /arm: succeeded"]
 
 
-def test_a_failure_shows_its_code():
+def test_failure_shows_its_code():
     assert lines(task(node(1, "grasp", FAILURE, message="too heavy", code=-7)))[1].endswith("too heavy (-7)")
 
 
-def test_each_state_has_a_colour_for_terminals():
+def test_each_state_has_a_colour():
     nodes = [node(i, "x", state) for i, state in enumerate((SUCCESS, FAILURE, RUNNING, IDLE, 9))]
-    colours = [line.colour for line in picture(Screen(), task(*nodes), nothing_holds)[1:]]
+    colours = [line.colour for line in picture(Screen(), frame_of(task(*nodes)), "/arm", nothing_holds)[1:]]
     assert len(set(colours)) == 5
 
 
-def test_a_screen_without_such_letters_gets_ascii():
+def test_screen_without_unicode_gets_ascii():
     assert all(line.isascii() for line in lines(task(*FETCH), Screen(fancy=False)))
 
 
-def test_no_line_is_wider_than_the_screen():
+def test_lines_fit_the_screen():
     long = [*FETCH, node(5, "x" * 200, RUNNING, under=3, message="y" * 200)]
     assert max(map(len, lines(task(*long, message="z" * 200), Screen(40)))) <= 40
 
@@ -104,7 +108,7 @@ def test_control_characters_do_not_reach_the_terminal():
     assert "\x07" not in shown
 
 
-def test_what_is_quiet_is_folded_when_there_is_too_little_room():
+def test_idle_subtrees_are_folded_on_a_small_screen():
     quiet = [node(10 + i, f"done{i}", SUCCESS, under=1) for i in range(20)]
     later = [node(40 + i, f"later{i}", IDLE, under=1) for i in range(20)]
     nodes = task(FETCH[0], *quiet, node(35, "grasp", RUNNING, under=1), *later, node(70, "last", IDLE))
@@ -112,21 +116,21 @@ def test_what_is_quiet_is_folded_when_there_is_too_little_room():
     assert [" ".join(line.split()) for line in lines(nodes, most=10)] == [
         "task 100 on /arm: running",
         "▶ fetch ->* running",
-        "├── 20 more: 20 success",
+        "├── 20 more: 20 succeeded",
         "├── ▶ grasp running 0.0 s",
         "└── 20 more: 20 idle",
-        "· last idle",
+        "○ last idle",
     ]
 
 
-def test_what_still_does_not_fit_is_counted():
+def test_hidden_lines_are_counted():
     nodes = task(*[node(i, f"arm{i}", RUNNING) for i in range(30)])
     shown = lines(nodes, most=10)
     assert len(shown) == 10
     assert shown[-1] == "22 more lines"
 
 
-def test_a_deep_tree_and_a_wide_one_are_shown():
+def test_deep_and_wide_trees_are_shown():
     deep = task(*[node(i, f"n{i}", RUNNING, under=i - 1 if i else ROOT) for i in range(99)])
     deep += [node(i, f"n{i}", RUNNING, under=i - 1 if i > 101 else 98) for i in range(101, 1001)]
     assert len(lines(deep)) == 1000
@@ -156,7 +160,7 @@ def changes(clock):
     return lambda *nodes: [line.text for line in made.lines(task(*nodes))]
 
 
-def test_a_line_for_each_change_beginnings_before_and_ends_after_the_children(changes, clock):
+def test_each_change_has_a_line_in_tree_order(changes, clock):
     assert changes(*FETCH) == [
         "   0.0 s  ▶ fetch ->*",
         "   0.0 s    ✓ drive  arrived",
@@ -171,7 +175,7 @@ def test_a_line_for_each_change_beginnings_before_and_ends_after_the_children(ch
     ]
 
 
-def test_a_message_that_changes_often_is_told_once_a_second(changes, clock):
+def test_frequently_changing_message_is_printed_once_a_second(changes, clock):
     assert len(changes(node(1, "drive", RUNNING, message="0 %"))) == 1
     clock.now = 0.9
     assert changes(node(1, "drive", RUNNING, message="45 %")) == []
@@ -179,7 +183,7 @@ def test_a_message_that_changes_often_is_told_once_a_second(changes, clock):
     assert changes(node(1, "drive", RUNNING, message="55 %")) == ["   1.1 s  ▶ drive  55 %"]
 
 
-def test_a_node_that_runs_again_is_told_again(changes):
+def test_restarted_node_is_printed_again(changes):
     assert len(changes(node(1, "drive", SUCCESS))) == 1
     assert changes(node(1, "drive", IDLE)) == []
     assert len(changes(node(1, "drive", SUCCESS))) == 1
@@ -188,7 +192,7 @@ def test_a_node_that_runs_again_is_told_again(changes):
 # -- views -------------------------------------------------------------------------------------------------------------
 
 
-def test_lines_tell_which_task_where_there_are_several():
+def test_lines_of_several_tasks_have_the_task_id():
     out = io.StringIO()
     view = LineView(out, Screen())
     view.show(task(node(1, "drive", RUNNING)))
@@ -196,11 +200,11 @@ def test_lines_tell_which_task_where_there_are_several():
     view.show(task(node(1, "drive", SUCCESS), state=SUCCESS, message="Success"))
     told = [re.sub(r" +\d+\.\d s +", " ", line) for line in out.getvalue().splitlines()]
     assert told == [
-        "task 100 on /arm", " ▶ drive", "task 7 on /arm", "7: ▶ grasp", "100: ✓ drive", "task 100 on /arm: success",
+        "task 100 on /arm", " ▶ drive", "task 7 on /arm", "7: ▶ grasp", "100: ✓ drive", "task 100 on /arm: succeeded",
     ]  # fmt: skip
 
 
-def test_a_number_that_is_used_again_begins_anew():
+def test_reused_task_id_starts_a_new_tree():
     out = io.StringIO()
     view = LineView(out, Screen())
     for _ in range(2):
@@ -250,17 +254,17 @@ def _standing(written):
     return standing
 
 
-def test_a_terminal_is_drawn_anew_in_place(live):
+def test_terminal_is_redrawn_in_place(live):
     assert live() == ["no task runs on /arm; Ctrl-C ends"]
     assert live(task(node(1, "drive", RUNNING))) == ["task 100 on /arm: running", "▶ drive  running  0.0 s"]
     moved = [*task(node(1, "drive", RUNNING, seconds=1.0)), node(2, "grasp", IDLE)]
-    assert live(moved) == ["task 100 on /arm: running", "▶ drive  running  1.0 s", "· grasp  idle"]
+    assert live(moved) == ["task 100 on /arm: running", "▶ drive  running  1.0 s", "○ grasp  idle"]
 
 
-def test_a_task_that_has_ended_stays_above(live):
+def test_ended_task_stays_above(live):
     live(task(node(1, "drive", RUNNING)))
     done = live(task(node(1, "drive", SUCCESS), state=SUCCESS))
-    assert done == ["task 100 on /arm: success", "✓ drive  success  0.0 s", "no task runs on /arm; Ctrl-C ends"]
+    assert done == ["task 100 on /arm: succeeded", "✓ drive  succeeded  0.0 s", "no task runs on /arm; Ctrl-C ends"]
     assert live(task(node(1, "grasp", RUNNING), number=ROOT))[:2] == done[:2]
 
 

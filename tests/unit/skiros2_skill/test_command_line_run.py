@@ -10,9 +10,8 @@ from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
 from skiros2_msgs import msg as msgs
-from skiros2_skill.command_line import monitor, run_skills
-from skiros2_skill.command_line.description import read_skill
-from skiros2_skill.ros import skill_run
+from skiros2_skill.client.description import Why, read_skill
+from skiros2_skill.command_line import run_skills
 
 ADD = read_skill(
     "skiros:Add",
@@ -45,7 +44,7 @@ def failure(stage, label, message):
 
 
 class FakeRun:
-    """A task that has a result after so many interruptions."""
+    """A task that has a result after a number of interruptions."""
 
     task = 4
 
@@ -68,6 +67,12 @@ class FakeRun:
     def result(self):
         return self._outcome
 
+    def succeeded(self):
+        return self._outcome.state == SUCCESS
+
+    def explanations(self):
+        return [Explanation.from_dict(data) for data in json.loads(self._outcome.explanation)]
+
 
 @pytest.fixture
 def run(monkeypatch):
@@ -79,27 +84,26 @@ def run(monkeypatch):
             if asked is None:
                 raise SkirosError("the manager does not answer")
             assert task_id == outcome.task_id
-            return SimpleNamespace(json=json.dumps([explanation.to_dict() for explanation in asked]))
+            return Why("", asked)
 
         one = FakeRun(outcome, interruptions)
 
-        def start(author, skills, take):
-            sent.append(skills)
+        def start(steps, take):
+            sent.append(steps)
             take(feedback(RUNNING))
             take(feedback(getattr(outcome, "state", RUNNING)))
             return one
 
-        monkeypatch.setattr(skill_run, "SkillRunner", lambda name: SimpleNamespace(run=start))
-        monkeypatch.setattr(monitor, "become_node", lambda name: None)
+        monkeypatch.setattr(run_skills, "become_node", lambda name: None)
         monkeypatch.setattr(run_skills, "_PROGRESS_TIMEOUT", 0.0)
-        manager = SimpleNamespace(name="/arm", author="tests", skills=lambda: [ADD], why=why)
+        manager = SimpleNamespace(name="/arm", author="tests", read_skills=lambda: [ADD], run=start, why=why)
         arguments = SimpleNamespace(words=["add", "A=1", *words], detach=False, json=as_json)
         return run_skills.run(manager, arguments, Screen()), one
 
     return run
 
 
-def test_it_tells_the_progress_and_what_the_skills_have_found(run, capsys):
+def test_run_prints_progress_and_found_values(run, capsys):
     box = {"id": "skiros:Box-3", "label": "tray", "type": "skiros:Box", "relations": [], "properties": {}}
     answer, _ = run(result(SUCCESS, "Success", A=[1.0], Speed=[0.7], Sum=[3.0], Box=[box], Robot=[box], Inner=[9]))
     told = capsys.readouterr().out.splitlines()
@@ -112,13 +116,13 @@ def test_it_tells_the_progress_and_what_the_skills_have_found(run, capsys):
     assert answer.data["state"] == "success"
 
 
-def test_with_json_it_tells_nothing_before_the_end(run, capsys):
+def test_json_output_is_printed_at_the_end(run, capsys):
     answer, _ = run(result(SUCCESS), as_json=True)
     assert capsys.readouterr().out == ""
     assert answer.data["task"] == 4
 
 
-def test_a_failure_is_explained_by_the_last_one(run):
+def test_failure_is_explained_by_the_last_explanation(run):
     reasons = [failure(EXECUTE, "first", "slipped"), failure(EXECUTE, "add", "too heavy")]
     answer, _ = run(result(FAILURE, "add: too heavy", reasons))
     assert answer.status == 1
@@ -129,18 +133,18 @@ def test_a_failure_is_explained_by_the_last_one(run):
     assert [data["label"] for data in answer.data["explanations"]] == ["first", "add"]
 
 
-def test_the_manager_is_asked_for_more_than_the_result_tells(run):
+def test_missing_explanation_is_requested_from_the_manager(run):
     asked = [failure(EXECUTE, "add", "too heavy since mary has filled it")]
     answer, _ = run(result(FAILURE, "add: too heavy", [failure(EXECUTE, "add", "too heavy")]), asked=asked)
     assert "    too heavy since mary has filled it" in answer.lines
 
 
-def test_a_failure_without_explanation_tells_its_message(run):
+def test_failure_without_explanation_shows_its_message(run):
     answer, _ = run(result(FAILURE, "nobody knows"))
     assert answer.lines[0].endswith(" s: nobody knows")
 
 
-def test_one_interruption_preempts_and_waits_for_the_end(run, capsys):
+def test_first_interruption_preempts_and_waits(run, capsys):
     answer, task = run(result(FAILURE, "Preempted", [failure(PREEMPT, "", "Preempted")]), interruptions=1)
     assert task.cancelled == 1
     assert capsys.readouterr().err == "preempting task 4; Ctrl-C again ends this command at once\n"
@@ -149,17 +153,17 @@ def test_one_interruption_preempts_and_waits_for_the_end(run, capsys):
     assert answer.data["state"] == "preempted"
 
 
-def test_a_second_interruption_leaves_the_task_alone(run, capsys):
+def test_second_interruption_stops_waiting(run, capsys):
     with pytest.raises(KeyboardInterrupt):
         run(result(FAILURE), interruptions=2)
     assert capsys.readouterr().err.endswith("task 4 has not ended yet; it keeps running\n")
 
 
-def test_what_the_manager_refuses_is_an_error(run):
+def test_refused_start_is_an_error(run):
     with pytest.raises(Refused, match="no such element"):
         run(result(FAILURE, "no such element", task_id=-1))
 
 
-def test_a_manager_that_dies_is_not_there(run):
+def test_lost_manager_is_reported(run):
     with pytest.raises(Unavailable, match="has said nothing"):
         run(TimedOut("/arm/execute has said nothing for 5 s"))

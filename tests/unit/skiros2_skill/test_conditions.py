@@ -3,10 +3,12 @@
 import pytest
 
 from skiros2_common.core.abstract_skill import SkillDescription
-from skiros2_common.core.conditions import ConditionFunction
+from skiros2_common.core.condition import Cost
+from skiros2_common.core.conditions import ConditionBase, ConditionFunction, condition_from
 from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_task.core.skills import SkillCondition
 
 make = SkillDescription()
 
@@ -55,11 +57,11 @@ def set_property(bench, key, value):
     ],
 )
 @pytest.mark.parametrize("state", [True, False])
-def test_a_relation_condition(params, bench, relation, subject, object_, fact, state):
+def test_relation_condition_holds_for_existing_relations(params, bench, relation, subject, object_, fact, state):
     assert holds(make.getRelationCond("C", relation, subject, object_, state), params, bench) is (fact is state)
 
 
-def test_an_abstract_optional_side_means_some_element_of_its_type_and_one_without_a_value_none(params, bench):
+def test_abstract_optional_side_matches_any_element_of_its_class(params, bench):
     condition = make.getRelationCond("C", "skiros:contain", "Tray", "Maybe", True)
     assert holds(condition, params, bench)
     params.getParam("Maybe").unset()
@@ -67,7 +69,7 @@ def test_an_abstract_optional_side_means_some_element_of_its_type_and_one_withou
 
 
 @pytest.mark.parametrize("state", [True, False])
-def test_a_relation_is_made_and_taken_back(params, bench, state):
+def test_relation_effect_is_applied_and_undone(params, bench, state):
     condition = make.getRelationCond("C", "skiros:contain", "OtherTray" if state else "Tray", "Object", state)
     assert not holds(condition, params, bench)
     assert condition.setTrue(params, bench.wmi)
@@ -94,7 +96,7 @@ def test_a_relation_is_made_and_taken_back(params, bench, state):
     ],
 )
 @pytest.mark.parametrize("state", [True, False])
-def test_a_property_condition(params, bench, value, operator, wanted, fact, state):
+def test_property_condition_compares_values(params, bench, value, operator, wanted, fact, state):
     if value is not None:
         set_property(bench, "skiros:Weight", value)
     condition = make.getPropCond("C", "skiros:Weight", "Object", operator, wanted, state)
@@ -103,18 +105,18 @@ def test_a_property_condition(params, bench, value, operator, wanted, fact, stat
 
 
 @pytest.mark.parametrize(("written", "wanted"), [("True", True), ("2", 2), ("Idle", "Idle")])
-def test_numbers_and_bools_that_a_scene_writes_as_text_compare_equal(params, bench, written, wanted):
+def test_text_of_numbers_and_bools_compares_equal(params, bench, written, wanted):
     set_property(bench, "skiros:StateProperty", written)
     assert holds(make.getPropCond("C", "skiros:StateProperty", "Object", "=", wanted, True), params, bench)
 
 
 @pytest.mark.parametrize("key", ["Maybe", "Gone", "AnyStarter"])
-def test_a_property_of_what_is_not_there_is_a_clear_false(params, bench, key):
+def test_property_condition_on_a_missing_element_is_false(params, bench, key):
     assert not holds(make.getPropCond("C", "skiros:Weight", key, "=", 1.0, True), params, bench)
 
 
 @pytest.mark.parametrize(("value", "state"), [("Full", True), ("Empty", False), (True, True), (True, False)])
-def test_a_property_is_made_and_taken_back(params, bench, value, state):
+def test_property_effect_is_applied_and_undone(params, bench, value, state):
     key = "skiros:ContainerState" if isinstance(value, str) else "skiros:PublishTf"
     set_property(bench, key, "Empty" if isinstance(value, str) else not state)
     condition = make.getPropCond("C", key, "Object", "=", value, state)
@@ -125,7 +127,7 @@ def test_a_property_is_made_and_taken_back(params, bench, value, state):
     assert not holds(condition, params, bench)
 
 
-def test_an_unknown_operator_is_an_error_where_it_is_written():
+def test_unknown_operator_is_refused_at_its_declaration():
     with pytest.raises(UnknownName, match="operator '~', expected one of = > < >= <="):
         make.getPropCond("C", "skiros:Weight", "Object", "~", 1.0, True)
 
@@ -134,11 +136,11 @@ def test_an_unknown_operator_is_an_error_where_it_is_written():
     ("key", "state", "answer"),
     [("Object", True, False), ("Object", False, True), ("Maybe", True, True), ("AnyStarter", True, False)],
 )
-def test_a_has_property_condition_is_true_for_an_unset_optional_one(params, bench, key, state, answer):
+def test_has_property_condition_is_true_for_an_unset_optional_parameter(params, bench, key, state, answer):
     assert holds(make.getHasPropCond("C", "skiros:CadModel", key, state), params, bench) is answer
 
 
-def test_a_has_property_condition_wants_a_value(params, bench):
+def test_has_property_condition_requires_a_value(params, bench):
     condition = make.getHasPropCond("C", "skiros:CadModel", "Object", True)
     set_property(bench, "skiros:CadModel", str)
     assert not holds(condition, params, bench)
@@ -151,11 +153,11 @@ def test_a_has_property_condition_wants_a_value(params, bench):
 
 @pytest.mark.parametrize(("key", "fact"), [("Object", True), ("AnyTray", False), ("Gone", True)])
 @pytest.mark.parametrize("state", [True, False])
-def test_is_specified_means_an_element_with_an_id(params, bench, key, fact, state):
+def test_is_specified_condition_requires_an_element_with_id(params, bench, key, fact, state):
     assert holds(make.getIsSpecifiedCond("C", key, state), params, bench) is (fact is state)
 
 
-def test_generate_makes_and_removes_elements(params, bench):
+def test_generate_condition_creates_and_removes_elements(params, bench):
     made = make.getGenerateCond("C", "AnyStarter", True)
     assert not holds(made, params, bench)
     assert made.setTrue(params, bench.wmi)
@@ -170,7 +172,7 @@ def test_generate_makes_and_removes_elements(params, bench):
     assert bench.wmi.get_relations(bench.tray.id, "skiros:contain", bench.product.id)
 
 
-def test_a_removed_element_comes_back_with_what_was_in_it(params, bench):
+def test_undone_removal_restores_the_contents(params, bench):
     label = bench.add("skiros:Part", "label", bench.product, CadModel="a.stl")
     bench.wmi.set_relation(bench.product.id, "skiros:at", bench.other_tray.id)
     before = scene_of(bench.wmi)
@@ -197,12 +199,12 @@ def scene_of(wmi):
 @pytest.mark.parametrize(
     ("wanted", "answer"), [("skiros:Product", True), ("sumo:Object", True), ("skiros:Part", False)]
 )
-def test_on_type_means_the_class_or_one_under_it(params, bench, wanted, answer):
+def test_on_type_condition_accepts_subclasses(params, bench, wanted, answer):
     assert holds(make.getOnTypeCond("C", "Object", wanted), params, bench) is answer
 
 
 @pytest.mark.parametrize("state", [True, False])
-def test_or_holds_when_one_part_does(params, bench, state):
+def test_or_condition_holds_if_one_part_holds(params, bench, state):
     either = make.getOrCond(state)
     either.addCondition(make.getRelationCond("Left", "skiros:contain", "OtherTray", "Object", True))
     assert holds(either, params, bench) is (not state)
@@ -213,7 +215,7 @@ def test_or_holds_when_one_part_does(params, bench, state):
 
 
 @pytest.mark.parametrize("state", [True, False])
-def test_a_function_of_values(params, bench, state):
+def test_function_condition_is_called_with_values(params, bench, state):
     condition = ConditionFunction("C", ["Number"], lambda number: number > 3, state)
     assert holds(condition, params, bench) is state
 
@@ -225,14 +227,14 @@ def test_a_function_of_values(params, bench, state):
         ("skiros:hasA", "Tray", "Object", False),
     ],
 )
-def test_an_abstract_relation_asks_the_ontology(params, bench, relation, subject, object_, fact):
+def test_abstract_relation_condition_queries_the_ontology(params, bench, relation, subject, object_, fact):
     assert holds(make.getAbstractRelationCond("C", relation, subject, object_, True), params, bench) is fact
 
 
 # -- what they share ---------------------------------------------------------------------------------------------------
 
 
-def test_a_description_names_the_elements_that_were_checked(params, bench):
+def test_description_names_the_evaluated_elements(params, bench):
     condition = make.getRelationCond("InTray", "skiros:contain", "Tray", "Object", True)
     holds(condition, params, bench)
     assert condition.getDescription() == f"[InTray] {bench.tray!r} skiros:contain {bench.product!r}"
@@ -247,17 +249,17 @@ def test_remap_renames_keys(params, bench):
     assert holds(condition, params, bench)
 
 
-def test_a_key_that_the_skill_has_not_is_an_error_that_names_it(params, bench):
+def test_condition_on_an_unknown_key_raises_with_the_key(params, bench):
     with pytest.raises(UnknownName, match="condition 'C' uses 'Try'; the skill has: Tray"):
         holds(make.getRelationCond("C", "skiros:contain", "Try", "Object", True), params, bench)
 
 
-def test_a_parameter_that_is_no_element_is_an_error_that_names_it(params, bench):
+def test_condition_on_a_value_parameter_raises_with_the_key(params, bench):
     with pytest.raises(WrongType, match="parameter 'Number' is 5, expected an element"):
         holds(make.getPropCond("C", "skiros:Weight", "Number", "=", 1.0, True), params, bench)
 
 
-def test_equal_and_conflicting_conditions():
+def test_conditions_are_equal_or_conflict():
     one = make.getRelationCond("C", "skiros:contain", "A", "B", True)
     same = make.getRelationCond("other label", "contain", "A", "B", True)
     opposite = make.getRelationCond("C", "skiros:contain", "A", "B", False)
@@ -267,7 +269,7 @@ def test_equal_and_conflicting_conditions():
     assert not one.hasConflict(make.getRelationCond("C", "skiros:contain", "B", "A", False))
 
 
-def test_the_world_model_form():
+def test_condition_becomes_a_world_model_element():
     element = make.getPropCond("Heavy", "skiros:Weight", "Object", ">", 2.5, True).toElement()
     assert (element.type, element.label) == ("skiros:ConditionProperty", "Heavy")
     values = {p.key: p.value for p in element.properties}
@@ -297,15 +299,60 @@ def test_the_world_model_form():
         (ConditionFunction("C", ["A", "B"], max), "ConditionFunction", {"hasSubject": "A", "desiredState": True}),
     ],
 )  # fmt: skip
-def test_the_world_model_form_of_each_kind(condition, etype, values):
+def test_element_of_each_kind_has_its_properties(condition, etype, values):
     element = condition.toElement()
     assert (element.type, element.label) == (f"skiros:{etype}", "C")
     assert {p.key: p.value for p in element.properties} == {f"skiros:{key}": v for key, v in values.items()}
 
 
-def test_the_world_model_form_of_several_parts_has_them_below_it():
+def test_element_of_an_or_condition_has_its_parts_as_children():
     either = make.getOrCond(True)
     either.addCondition(make.getIsSpecifiedCond("One", "A", True))
     either.addCondition(make.getIsSpecifiedCond("Other", "B", True))
     below = [(relation, part.label) for _, relation, part in either.toElement().local_relations]
     assert below == [("skiros:hasCondition", "One"), ("skiros:hasCondition", "Other")]
+
+
+# -- a kind of condition of a library ----------------------------------------------------------------------------------
+
+
+class Heavy(ConditionBase):
+    """A new kind of condition: all that the platform needs to know about it stands in its class."""
+
+    cost = Cost.CODE
+    wants_elements = True
+
+    @classmethod
+    def from_record(cls, record):
+        return cls(record.label, record.subject, record.state)
+
+    def ontology_names(self):
+        return [("property", "skiros:Weight")]
+
+    def element_ids(self, ph):
+        return {ph.getParamValue("Object").id}
+
+    def holds(self, ph, wmi):
+        return (ph.getParamValue("Object").value_of("skiros:Weight") or 0.0) > 5.0
+
+
+def test_new_kind_of_condition_is_made_from_its_record():
+    record = SkillCondition("Heavy", "Heavy", "Object", state=False)
+    assert condition_from(record) == Heavy("Heavy", "Object", False)
+    assert condition_from(SkillCondition("Unheard", "Heavy", "Object")) is None
+
+
+def test_condition_of_one_element_is_affected_by_its_changes_only(params, bench):
+    condition = Heavy("Heavy", "Object", True)
+    assert condition.affected_by({bench.product.id}, params)
+    assert not condition.affected_by({bench.tray.id}, params)
+    assert condition.affected_by((), params)  # the ontologies
+
+
+def test_subclass_with_another_evaluation_is_affected_by_all_changes(params, bench):
+    class Heaviest(Heavy):
+        def holds(self, ph, wmi):
+            return False
+
+    assert Heaviest("Heaviest", "Object", True).affected_by({bench.tray.id}, params)
+    assert condition_from(SkillCondition("Heaviest", "Heaviest", "Object")) is None

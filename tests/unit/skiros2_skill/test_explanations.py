@@ -66,7 +66,7 @@ def only(task):
         ({"onEnd": False, "execute": State.Success}, EXECUTE, -3, "work: onEnd returned False"),
     ],
 )
-def test_a_skill_that_fails_by_itself_tells_stage_code_and_message(bench, hooks, stage, code, message):
+def test_failed_skill_has_stage_code_and_message(bench, hooks, stage, code, message):
     bench.load(primitive(Work, "work", **hooks))
     explanation = only(bench.run(bench.node("work")))
     assert (explanation.stage, explanation.code) == (stage, code)
@@ -75,14 +75,14 @@ def test_a_skill_that_fails_by_itself_tells_stage_code_and_message(bench, hooks,
 
 
 @pytest.mark.parametrize(("kind", "stage", "code"), [("pre", PRE, -1), ("hold", HOLD, -2), ("post", POST, -3)])
-def test_a_condition_that_does_not_hold_tells_which_kind_it_is(bench, kind, stage, code):
+def test_unsatisfied_condition_has_its_stage(bench, kind, stage, code):
     bench.load(primitive(describe("Move", [CONTAINER, OBJECT], **{kind: [contains()]}), "move"))
     explanation = only(bench.run(bench.node("move", Object=bench.product, Container=bench.other_tray)))
     assert (explanation.stage, explanation.code) == (stage, code)
     assert "[Contains]" in explanation.message
 
 
-def test_an_empty_inference_and_a_wrong_parameter_are_told_apart(bench):
+def test_inference_failure_differs_from_a_wrong_parameter(bench):
     bench.load(primitive(Take, "take"))
     gone = bench.wmi.get_element(bench.product.id)
     bench.wmi.remove_element(bench.product)
@@ -91,12 +91,12 @@ def test_an_empty_inference_and_a_wrong_parameter_are_told_apart(bench):
     assert only(bench.run(bench.node("take", Object=gone))).stage == PARAMETER
 
 
-def test_a_skill_that_nobody_has_is_a_refused_start(bench):
+def test_unknown_skill_is_a_refused_start(bench):
     explanation = only(bench.run(SkillWrapper("Work", "gone", bench.library)))
     assert (explanation.stage, explanation.code, explanation.label) == (START, -404, "gone")
 
 
-def test_each_implementation_that_was_tried_tells_why_not(bench):
+def test_each_rejected_implementation_has_its_reason(bench):
     bench.load(primitive(Take, "take_one"), primitive(Take, "take_two"))
     node = SkillWrapper("Take", "", bench.library)
     node.specifyParamDefault("Object", bench.product)
@@ -107,7 +107,7 @@ def test_each_implementation_that_was_tried_tells_why_not(bench):
     assert explanation.path == ["Take"]
 
 
-def test_a_task_that_was_preempted_says_so(bench):
+def test_preempted_task_is_explained(bench):
     bench.load(primitive(Work, "work", execute=running_for(9)))
     task = bench.task(bench.node("work"))
     task.tick()
@@ -119,7 +119,7 @@ def test_a_task_that_was_preempted_says_so(bench):
 # -- place -------------------------------------------------------------------------------------------------------------
 
 
-def test_the_path_leads_to_the_node_and_the_id_is_that_of_the_progress(bench):
+def test_explanation_has_path_and_id_of_the_node(bench):
     bench.load(primitive(Work, "work", execute=raises))
     task = bench.run(Skill("outer", Serial())(Skill("", ParallelFf())(bench.node("work"))))
     (shown,) = (node for node in task.progress() if node.label == "work")
@@ -160,7 +160,7 @@ def origin(task, key="Text"):
     return (found.value, found.source, found.by)
 
 
-def test_a_value_was_given_by_the_one_who_started_the_task(bench):
+def test_provenance_of_a_requested_value_is_given(bench):
     failing(bench)
     task = bench.run(bench.node("failing", Text="hi"))
     assert origin(task) == ("'hi'", GIVEN, [])
@@ -168,27 +168,27 @@ def test_a_value_was_given_by_the_one_who_started_the_task(bench):
     assert "parameter Text = 'hi' (given)" in str(task.explanations()[0])
 
 
-def test_a_value_was_fixed_in_the_tree(bench):
+def test_provenance_of_a_value_in_the_tree_is_specified(bench):
     failing(bench)
     outer = within(bench, lambda self, skill: skill(self.skill("Failing", "", specify={"Text": "fixed"})))
     assert origin(bench.run(bench.node(outer))) == ("'fixed'", SPECIFIED, [])
 
 
-def test_a_value_is_the_default_or_missing(bench):
+def test_provenance_is_default_or_unset(bench):
     failing(bench, describe("Failing", [("Text", "hello", REQUIRED), ("Other", str, OPTIONAL)]))
     task = bench.run(bench.node("failing"))
     assert origin(task) == ("'hello'", DEFAULT, [])
     assert origin(task, "Other") == ("", UNSET, [])
 
 
-def test_a_value_came_from_the_compound_around(bench):
+def test_provenance_of_a_parents_value_names_the_parent(bench):
     failing(bench)
     outer = within(bench, lambda self, skill: skill(self.skill("Failing", "", remap={"Text": "Words"})),
                    [("Words", str, REQUIRED)])  # fmt: skip
     assert origin(bench.run(bench.node(outer, Words="hi"))) == ("'hi'", PULLED, ["outer"])
 
 
-def test_a_value_came_from_a_sibling(bench):
+def test_provenance_of_a_siblings_value_names_the_sibling(bench):
     def produce(self):
         self.params["Text"].value = "made"
         return self.success()
@@ -200,7 +200,7 @@ def test_a_value_came_from_a_sibling(bench):
     assert origin(bench.run(bench.node(outer))) == ("'made'", PULLED, ["produce"])
 
 
-def test_a_value_was_inferred_by_the_conditions_that_speak_of_it(bench):
+def test_provenance_of_an_inferred_value_names_the_conditions(bench):
     never = lambda d: d.getPropCond("Heavy", "skiros:Weight", "Object", ">", 1.0, True)  # noqa: E731
     failing(bench, describe("Failing", [CONTAINER, OBJECT], pre=[contains()], post=[never]), execute=State.Success)
     task = bench.run(bench.node("failing", Object=bench.product))
@@ -209,7 +209,7 @@ def test_a_value_was_inferred_by_the_conditions_that_speak_of_it(bench):
     assert origin(task, "Object") == (repr(bench.product), GIVEN, [])
 
 
-def test_what_a_compound_inferred_reaches_its_children_with_its_name(bench):
+def test_provenance_of_a_value_inferred_by_a_compound_names_it(bench):
     failing(bench, describe("Failing", [("Container", Element("skiros:Container"), OPTIONAL)]))
     described = describe("Fetch", [CONTAINER, OBJECT], pre=[contains()])
 
@@ -225,7 +225,7 @@ def test_what_a_compound_inferred_reaches_its_children_with_its_name(bench):
     assert origin(task, "Container") == (repr(bench.tray), PULLED, ["fetch"])
 
 
-def test_a_value_was_changed_by_the_skill_s_own_code_or_by_a_node_below(bench):
+def test_provenance_of_a_changed_value_names_the_skill_or_descendant(bench):
     def change(self):
         self.params["Text"].value = "mine"
         return self.fail("no", 1)
@@ -250,7 +250,7 @@ def test_a_value_was_changed_by_the_skill_s_own_code_or_by_a_node_below(bench):
     assert origin(bench.run(bench.node("outer"))) == ("'made'", CHANGED, ["produce"])
 
 
-def test_a_refused_start_tells_where_the_values_came_from_for_each_implementation(bench):
+def test_refused_start_has_provenance_for_each_implementation(bench):
     bench.load(primitive(Take, "take_one"), primitive(Take, "take_two"))
     node = SkillWrapper("Take", "", bench.library)
     node.specifyParamDefault("Object", bench.product)
@@ -263,7 +263,7 @@ def test_a_refused_start_tells_where_the_values_came_from_for_each_implementatio
 # -- what a condition says of itself -----------------------------------------------------------------------------------
 
 
-def test_a_failed_condition_is_explained_and_told_in_one_line(bench):
+def test_unsatisfied_condition_is_explained_in_one_line(bench):
     bench.load(primitive(Take, "take"))
     explanation = only(bench.run(bench.node("take", Object=bench.product, Container=bench.other_tray)))
     (finding,) = explanation.findings
@@ -273,7 +273,7 @@ def test_a_failed_condition_is_explained_and_told_in_one_line(bench):
     assert "\n" not in explanation.message
 
 
-def test_an_empty_inference_has_the_candidates_of_each_parameter(bench):
+def test_inference_failure_has_candidates_of_each_parameter(bench):
     empty = bench.add("skiros:LargeBox", "empty")
     bench.load(primitive(Take, "take"))
     explanation = only(bench.run(bench.node("take", Container=empty)))
@@ -282,7 +282,7 @@ def test_an_empty_inference_has_the_candidates_of_each_parameter(bench):
     assert str(candidates) in explanation.message
 
 
-def test_a_condition_whose_explanation_raises_is_told_by_its_description(bench):
+def test_condition_whose_explanation_raises_is_described(bench):
     class Broken(ConditionBase):
         def holds(self, ph, wmi):
             return False
@@ -302,40 +302,40 @@ def test_a_condition_whose_explanation_raises_is_told_by_its_description(bench):
 # -- memory ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_node_that_fails_so_again_is_counted(bench):
+def test_repeated_failure_is_counted(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no", 1)))
     assert only(bench.run(Skill("", RetryOnFail(4))(bench.node("work")))).times == 5
 
 
-def test_a_node_that_fails_otherwise_is_told_anew_in_the_order_of_the_last_failures(bench):
+def test_different_failures_are_listed_by_their_last_occurrence(bench):
     answers = iter(["a", "b", "a"])
     bench.load(primitive(Work, "work", execute=lambda s: s.fail(next(answers), 1)))
     told = bench.run(Skill("", RetryOnFail(2))(bench.node("work"))).explanations()
     assert [(e.message, e.times) for e in told] == [("b", 1), ("a", 2)]
 
 
-def test_two_nodes_that_fail_alike_are_told_apart(bench):
+def test_equal_failures_of_two_nodes_are_listed_separately(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no", 1)))
     task = bench.run(Skill("", Selector())(bench.node("work"), bench.node("work")))
     task.progress()
     assert sorted(e.node for e in task.explanations()) == [2, 3]
 
 
-def test_only_the_last_failures_are_kept(bench):
+def test_last_failures_are_kept(bench):
     numbers = iter(range(1000))
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no" * next(numbers), 1)))
     told = bench.run(Skill("", RetryOnFail(299))(bench.node("work")), ticks=400).explanations()
     assert [len(e.message) for e in told] == [2 * n for n in range(200, 300)]
 
 
-def test_failures_that_are_other_in_numbers_alone_are_counted_and_the_last_is_told(bench):
+def test_failures_that_differ_in_numbers_are_counted(bench):
     numbers = iter([1, 2.5, 1e-7, 12])
     bench.load(primitive(Work, "work", execute=lambda s: s.fail(f"{next(numbers)} N are too many", 1)))
     explanation = only(bench.run(Skill("", RetryOnFail(3))(bench.node("work"))))
     assert (explanation.message, explanation.times) == ("12 N are too many", 4)
 
 
-def test_a_condition_on_a_value_that_changes_is_told_with_the_last_value(bench):
+def test_condition_on_a_changing_value_is_explained_with_the_last_value(bench):
     def drain(skill):
         element = bench.wmi.get_element(bench.product.id)
         element.setProperty("skiros:Weight", next(values))
@@ -357,13 +357,13 @@ def test_a_condition_on_a_value_that_changes_is_told_with_the_last_value(bench):
 # -- the task's verdict ------------------------------------------------------------------------------------------------
 
 
-def test_the_root_points_at_the_deepest_cause(bench):
+def test_root_names_the_deepest_cause(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no grip", 1)))
     task = bench.run(Skill("outer", Serial())(Skill("inner", Serial())(bench.node("work"))))
     assert task.root.progress_msg == "skiros:Work-work(Failure): no grip"
 
 
-def test_the_root_points_at_what_failed_not_at_what_was_preempted_then(bench):
+def test_root_names_the_failed_node_instead_of_preempted_ones(bench):
     bench.load(
         primitive(Work, "work", execute=lambda s: s.step("") if s.progress_code < 2 else s.fail("no grip", 1)),
         primitive(describe("Wait"), "wait", execute=running_for(9), onPreempt=raises),
@@ -373,7 +373,7 @@ def test_the_root_points_at_what_failed_not_at_what_was_preempted_then(bench):
     assert [e.stage for e in task.explanations()] == [EXECUTE, EXCEPTION]
 
 
-def test_the_root_points_at_a_hold_condition_not_at_the_children_that_it_ended(bench):
+def test_root_names_the_hold_condition_instead_of_ended_children(bench):
     held = describe("Hold", [CONTAINER, OBJECT], hold=[contains()])
 
     class hold(SkillBase):
@@ -393,14 +393,14 @@ def test_the_root_points_at_a_hold_condition_not_at_the_children_that_it_ended(b
     assert f"but {bench.tray!r} skiros:contain nothing" in task.root.progress_msg
 
 
-def test_an_end_that_raises_after_a_failure_does_not_hide_the_failure(bench):
+def test_exception_in_on_end_does_not_hide_the_failure(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no grip", 1), onEnd=raises))
     task = bench.run(bench.node("work"))
     assert [e.stage for e in task.explanations()] == [EXECUTE, EXCEPTION]
     assert task.root.progress_msg == "skiros:Work-work(Failure): no grip"
 
 
-def test_what_failed_on_the_way_to_a_success_is_told_too(bench):
+def test_failures_of_a_succeeded_task_are_listed(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no", 1)), primitive(describe("Rest"), "rest"))
     task = bench.run(Skill("", Selector())(bench.node("work"), bench.node("rest")))
     assert task.state is State.Success

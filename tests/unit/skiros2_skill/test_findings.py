@@ -1,4 +1,4 @@
-"""What each kind of condition says when it does not hold: expected, found, what comes nearest, who changed it."""
+"""The explanation of each kind of unsatisfied condition: expected, found, near matches, authors of changes."""
 
 import time
 from functools import partial
@@ -65,7 +65,7 @@ def nearest(finding):
 # -- relations ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_relation_tells_what_both_sides_have_instead_and_who_has_it(params, bench):
+def test_unsatisfied_relation_names_the_relations_of_both_sides(params, bench):
     finding = explained(make.getRelationCond("In", "contain", "OtherTray", "Object", True), params, bench)
     tray, other, product = repr(bench.tray), repr(bench.other_tray), repr(bench.product)
     assert finding.expected == f"{other} skiros:contain {product}"
@@ -82,14 +82,14 @@ def test_a_relation_tells_what_both_sides_have_instead_and_who_has_it(params, be
     ]
 
 
-def test_a_relation_that_should_not_hold_names_elements_of_which_it_does_not(params, bench):
+def test_undesired_relation_names_elements_without_it(params, bench):
     finding = explained(make.getRelationCond("Free", "contain", "Tray", "Object", False), params, bench)
     fact = f"{bench.tray!r} skiros:contain {bench.product!r}"
     assert (finding.found, finding.expected) == (fact, f"not {fact}")
     assert nearest(finding) == [f"{bench.other_tray!r}: not skiros:contain {bench.product!r}"]
 
 
-def test_a_relation_to_nothing_says_nothing(params, bench):
+def test_sides_without_relations_are_reported(params, bench):
     bench.wmi.set_relation(bench.other_tray.id, "skiros:contain", bench.other_product.id, False)
     finding = explained(make.getRelationCond("In", "contain", "OtherTray", "OtherObject", True), params, bench)
     assert finding.found == (
@@ -97,7 +97,7 @@ def test_a_relation_to_nothing_says_nothing(params, bench):
     )
 
 
-def test_of_many_relations_the_first_are_named_and_the_rest_counted(params, bench):
+def test_first_of_many_relations_are_named_and_the_rest_counted(params, bench):
     for _ in range(5):
         bench.add("skiros:Product", "p", bench.other_tray)
     finding = explained(make.getRelationCond("In", "contain", "OtherTray", "Object", True), params, bench)
@@ -105,7 +105,7 @@ def test_of_many_relations_the_first_are_named_and_the_rest_counted(params, benc
     assert " and 3 more; " in finding.found
 
 
-def test_a_relation_to_an_unset_side_tells_what_the_other_side_has(params, bench):
+def test_relation_to_an_unset_parameter_names_relations_of_the_other_side(params, bench):
     finding = explained(make.getRelationCond("In", "contain", "Tray", "AnyStarter", True), params, bench)
     assert finding.expected == f"{bench.tray!r} skiros:contain any skiros:Starter"
     assert finding.found == (
@@ -113,13 +113,13 @@ def test_a_relation_to_an_unset_side_tells_what_the_other_side_has(params, bench
     )
 
 
-def test_an_element_that_is_gone_is_named(params, bench):
+def test_removed_element_is_named(params, bench):
     finding = explained(make.getRelationCond("In", "contain", "Tray", "Gone", True), params, bench)
     assert finding.found == f"{GONE!r} is not in the scene"
     assert Change(GONE.id) in finding.changes
 
 
-def test_a_relation_of_a_reasoner_tells_what_the_reasoner_says(params, bench, monkeypatch):
+def test_reasoner_relation_names_the_computed_relations(params, bench, monkeypatch):
     class Nearness(DiscreteReasoner):
         def getAssociatedRelations(self):
             return ["skiros:near", "skiros:far"]
@@ -135,7 +135,7 @@ def test_a_relation_of_a_reasoner_tells_what_the_reasoner_says(params, bench, mo
     assert (finding.nearest, finding.changes) == ([], [])
 
 
-def test_an_abstract_relation_names_the_classes(params, bench):
+def test_abstract_relation_names_the_classes(params, bench):
     finding = explained(make.getAbstractRelationCond("Fits", "contain", "Object", "Tray", True), params, bench)
     assert finding.found == "the ontology does not allow skiros:Product skiros:contain skiros:LargeBox"
 
@@ -154,7 +154,7 @@ def test_an_abstract_relation_names_the_classes(params, bench):
         (has("Weight", "OtherObject", False), "skiros:Weight is 4.0", "no value", "missing"),
     ],
 )  # fmt: skip
-def test_a_property_tells_the_value_and_who_has_a_fitting_one(params, bench, condition, found, expected, near):
+def test_unsatisfied_property_names_its_value_and_matching_elements(params, bench, condition, found, expected, near):
     finding = explained(condition, params, bench)
     subject, other = (bench.product, bench.other_product)[:: 1 if "Object" in condition.getKeys() else -1]
     assert finding.found == f"{subject!r}: {found}"
@@ -168,11 +168,11 @@ def test_a_property_tells_the_value_and_who_has_a_fitting_one(params, bench, con
     [("Unset", "parameter 'Unset' is unset"), ("Gone", f"{GONE!r} is not in the scene")],
 )
 @pytest.mark.parametrize("value", ["Idle", "Busy"])
-def test_a_property_of_nothing_says_that_there_is_nothing(params, bench, key, found, value):
+def test_property_of_an_unset_parameter_says_so(params, bench, key, found, value):
     assert explained(prop("State", key, "=", value, True), params, bench).found == found
 
 
-def test_at_most_three_elements_are_named_the_first_by_number(params, bench):
+def test_at_most_three_elements_are_named_in_order_of_ids(params, bench):
     more = [bench.add("skiros:Product", "p", State="Idle") for _ in range(12)]
     finding = explained(prop("State", "Object", "=", "Idle", True), params, bench)
     assert [near.element for near in finding.nearest] == [repr(e) for e in (bench.other_product, *more[:2])]
@@ -182,7 +182,7 @@ def test_at_most_three_elements_are_named_the_first_by_number(params, bench):
 
 
 @pytest.mark.parametrize("factory", [make.getIsSpecifiedCond, make.getGenerateCond])
-def test_an_unset_parameter_names_what_it_could_be(params, bench, factory):
+def test_unset_parameter_names_possible_elements(params, bench, factory):
     finding = explained(factory("Set", "Unset", True), params, bench)
     assert (finding.found, finding.expected) == ("parameter 'Unset' is unset", "an element of the scene")
     assert nearest(finding) == [repr(bench.product), repr(bench.other_product)]
@@ -191,7 +191,7 @@ def test_an_unset_parameter_names_what_it_could_be(params, bench, factory):
     assert finding.nearest == []
 
 
-def test_a_value_of_another_class_names_both_classes(params, bench):
+def test_value_of_a_different_class_names_both_classes(params, bench):
     starter = bench.add("skiros:Starter", "starter")
     finding = explained(make.getOnTypeCond("Type", "Object", "skiros:Starter"), params, bench)
     assert (finding.found, finding.expected) == (f"{bench.product!r} is a skiros:Product", "a skiros:Starter")
@@ -199,7 +199,7 @@ def test_a_value_of_another_class_names_both_classes(params, bench):
         assert nearest(finding) == [f"{starter!r}: a skiros:Starter"]
 
 
-def test_a_function_tells_its_arguments_and_is_not_called_again(params, bench):
+def test_function_condition_shows_its_arguments_without_a_new_call(params, bench):
     calls = []
 
     def is_odd(number):
@@ -214,7 +214,7 @@ def test_a_function_tells_its_arguments_and_is_not_called_again(params, bench):
 # -- conditions made of others, and of authors -------------------------------------------------------------------------
 
 
-def test_an_or_tells_of_each_part(params, bench):
+def test_or_condition_explains_each_part(params, bench):
     either = make.getOrCond(True)
     either.addCondition(make.getPropCond("Idle", "State", "Object", "=", "Idle", True))
     either.addCondition(make.getPropCond("Heavy", "Weight", "Object", ">", 3.0, True))
@@ -226,7 +226,7 @@ def test_an_or_tells_of_each_part(params, bench):
     assert all(nearest(part) for part in finding.parts)
 
 
-def test_an_or_that_should_not_hold_tells_which_part_does(params, bench):
+def test_undesired_or_condition_names_the_part_that_holds(params, bench):
     neither = make.getOrCond(False)
     neither.addCondition(make.getPropCond("Idle", "State", "Object", "=", "Idle", True))
     neither.addCondition(make.getPropCond("Busy", "State", "Object", "=", "Busy", True))
@@ -235,7 +235,7 @@ def test_an_or_that_should_not_hold_tells_which_part_does(params, bench):
     assert finding.found == f"[Busy] {bench.product!r} skiros:State = Busy"
 
 
-def test_a_condition_of_an_author_that_only_evaluates_is_told_by_its_description(params, bench):
+def test_condition_without_explanation_is_described(params, bench):
     class Lucky(ConditionBase):
         def evaluate(self, ph, wmi):
             return False
@@ -262,7 +262,7 @@ def journalled(tmp_path):
     journal.close()
 
 
-def test_the_authors_are_those_of_the_last_changes_of_the_facts_before_the_failure(journalled):
+def test_finding_names_the_authors_of_the_last_changes(journalled):
     bench, paul = journalled
     paul.set_relation(bench.tray.id, "skiros:contain", bench.product.id, False)
     set_property(bench, bench.product, "skiros:Weight", 1.0)  # another fact of it
@@ -277,7 +277,7 @@ def test_the_authors_are_those_of_the_last_changes_of_the_facts_before_the_failu
     assert "by paul" in str(explanation)
 
 
-def test_a_change_after_the_failure_is_not_told(journalled):
+def test_change_after_the_failure_is_omitted(journalled):
     bench, paul = journalled
     failed_at = time.time()
     element = paul.get_element(bench.product.id)
@@ -292,7 +292,7 @@ def test_a_change_after_the_failure_is_not_told(journalled):
     assert [change.author for change in explanation.all_changes()] == [""]
 
 
-def test_without_a_journal_the_authors_stay_unknown(params, bench):
+def test_authors_are_unknown_without_a_journal(params, bench):
     explanation = why(explained(prop("State", "Object", "=", "Idle", True), params, bench), time.time())
     add_authors([explanation], bench.wmi)
     assert [change.author for change in explanation.all_changes()] == [""]

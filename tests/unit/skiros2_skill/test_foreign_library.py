@@ -51,13 +51,13 @@ def labels(node):
     return [n.label for n in all_nodes(node) if n.type not in (":Root", ":Skill")]
 
 
-def test_every_skill_loads(cell):
+def test_each_skill_is_loaded(cell):
     names = ["approach_fake", "go_fake", "grab_fake", "drop_fake", "look_fake", "scrap_fake", "check_value"]
     cell.load(*names, "Check_Value", "go_around", "grab_light", "bring", "bring_all")
     assert len(cell.library.implementations()) == 12
 
 
-def test_an_element_is_carried_from_place_to_place_by_a_tree_of_all_kinds_of_nodes(cell):
+def test_tree_of_all_node_kinds_moves_an_element(cell):
     drive(cell, "dock")
     bring = run(cell, "Bring", Object=cell.element("bolt"), To=cell.element("table"))
     assert bring.state is State.Success
@@ -69,11 +69,11 @@ def test_an_element_is_carried_from_place_to_place_by_a_tree_of_all_kinds_of_nod
     ]  # fmt: skip
 
 
-def test_an_output_of_a_child_reaches_the_task(cell):
+def test_output_of_a_child_reaches_the_task(cell):
     assert cell.command("Grab", Object=cell.element("bolt")).run().blackboard["Grasped"] == "bolt"
 
 
-def test_a_skill_with_a_narrower_type_takes_what_fits_it(cell):
+def test_implementation_with_a_narrower_class_gets_its_elements(cell):
     cell.load("grab_light", "grab_fake")
     assert run(cell, "Grab", Object=cell.element("bolt")).label == "grab_fake"
     cell.wmi.set_relation(cell.element("gripper").id, "skiros:contain", cell.element("bolt").id, False)
@@ -85,7 +85,7 @@ def test_a_skill_with_a_narrower_type_takes_what_fits_it(cell):
     assert cell.holder("starter") == "gripper"
 
 
-def test_an_implementation_with_a_pre_condition_of_its_own_is_for_those_who_meet_it(cell):
+def test_own_pre_condition_selects_the_implementation(cell):
     cell.load("go_around", "go_fake")
     assert run(cell, "Go", TargetLocation=cell.element("table")).label == "go_fake"
     robot = cell.wmi.get_element(cell.robot.id)
@@ -96,7 +96,7 @@ def test_an_implementation_with_a_pre_condition_of_its_own_is_for_those_who_meet
     assert cell.related(cell.robot.label, "skiros:at") == ["shelf"]
 
 
-def test_a_compound_runs_the_same_skill_several_times_at_once(cell):
+def test_compound_runs_one_skill_several_times_in_parallel(cell):
     drive(cell, "dock")
     node = run(cell, "BringAll", First=cell.element("bolt"), Goal=cell.element("table"))
     assert node.state is State.Success, node.printProgress()
@@ -104,27 +104,27 @@ def test_a_compound_runs_the_same_skill_several_times_at_once(cell):
     assert [n.progress_code for n in node.children[:2]] == [3, 3]
 
 
-def test_an_element_that_a_skill_adds_is_its_output(cell):
+def test_added_element_is_the_output(cell):
     look = run(cell, "Look", Place=cell.element("table"))
     assert look.state is State.Success, look.printProgress()
     assert look.params["Seen"].value.label == "seen thing"
     assert cell.holder("seen thing") == "table"
 
 
-def test_what_is_consumed_has_to_be_gone_and_what_is_unspecified_unset(cell):
+def test_consumed_element_is_removed_and_unspecified_parameter_unset(cell):
     task = cell.command("Scrap", Object=cell.element("bolt"))
     assert task.tick() is State.Success, task.why
     assert "bolt" not in [e.label for e in cell.wmi.get_scene_elements()]
 
 
-def test_labels_may_differ_in_case_only(cell):
+def test_labels_differ_in_case_only(cell):
     cell.load("check_value", "Check_Value")
     low, high = run(cell, "Check", Value=5.0), run(cell, "Check", Value=50.0)
     assert (low.label, low.progress_msg) == ("check_value", "5.0 m")
     assert (high.label, high.state) == ("Check_Value", State.Success)
 
 
-def test_a_value_that_no_implementation_takes_is_told_for_each(cell):
+def test_value_rejected_by_all_implementations_is_reported_for_each(cell):
     cell.load("check_value", "Check_Value")
     check = run(cell, "Check", Value=500.0)
     assert check.state is State.Failure
@@ -132,7 +132,7 @@ def test_a_value_that_no_implementation_takes_is_told_for_each(cell):
         assert f"{label}: Pre-condition failed: [BelowLimit]" in check.progress_msg
 
 
-def test_a_preempted_compound_ends_all_that_runs(cell):
+def test_preempted_compound_ends_running_children(cell):
     task = cell.command("Bring", Object=cell.element("bolt"), To=cell.element("table"))
     task.tick()
     task.preempt()
@@ -140,7 +140,7 @@ def test_a_preempted_compound_ends_all_that_runs(cell):
     assert State.Running not in [n.state for n in task.nodes()]
 
 
-def test_it_logs_through_pythons_logging(cell, caplog):
+def test_skill_logs_through_python_logging(cell, caplog):
     with caplog.at_level(logging.INFO):
         run(cell, "Grab", Object=cell.element("bolt"))
     assert "Grasped bolt" in caplog.text

@@ -13,8 +13,8 @@ from skiros2_common.core.explanation import FilterStep
 from skiros2_common.core.names import id_order
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
 from skiros2_skill.core.engine.inference import infer
+from skiros2_skill.core.engine.inference_failure import failure_text, filter_candidates
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 make = SkillDescription()
@@ -81,7 +81,7 @@ conditions = st.one_of(
     some=st.lists(conditions, min_size=1, max_size=4),
 )
 @settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_it_finds_what_a_search_through_all_combinations_finds(wmi, kinds, related, states, wanted, fixed, some):
+def test_inference_equals_an_exhaustive_search(wmi, kinds, related, states, wanted, fixed, some):
     for element in [e for etype in CLASSES for e in wmi.resolve_elements(Element(etype))]:
         if wmi.is_scene_element(element.id):
             wmi.remove_element(element)
@@ -144,7 +144,7 @@ IDLE = make.getPropCond("Idle", "skiros:State", "Part", "=", "Idle", True)
 HEAVY = make.getPropCond("Heavy", "skiros:Weight", "Part", ">", 5.0, True)
 
 
-def test_each_condition_tells_how_many_it_left_up_to_the_one_that_left_none(bench):
+def test_inference_failure_counts_candidates_after_each_condition(bench):
     parts = [bench.add("skiros:Starter", "p", bench.tray, State="Busy", Weight=9.0) for _ in range(3)]
     for _ in range(9):
         bench.add("skiros:Starter", "p", bench.other_tray, State="Idle")
@@ -162,14 +162,14 @@ def test_each_condition_tells_how_many_it_left_up_to_the_one_that_left_none(benc
     assert text == str(part)
 
 
-def test_the_nearest_are_those_of_which_most_conditions_hold(bench):
+def test_near_matches_satisfy_the_most_conditions(bench):
     bench.add("skiros:Starter", "light", bench.tray, State="Busy", Weight=1.0)
     heavy = bench.add("skiros:Starter", "heavy", bench.tray, State="Busy", Weight=9.0)
     (part,), _ = search(bench, {"Part": "skiros:Starter"}, [IDLE, HEAVY])
     assert part.nearest[0].element == repr(heavy)
 
 
-def test_no_element_of_the_class_is_said_so_with_the_label_that_was_asked_for(bench):
+def test_missing_class_is_reported_with_the_requested_label(bench):
     for etype, kind in (("skiros:Starter", "skiros:Starter"), ("Unknown", "element")):
         ph = ParamHandler()
         ph.addParam("Part", Element(etype, "blue"), ParamTypes.Required)
@@ -177,7 +177,7 @@ def test_no_element_of_the_class_is_said_so_with_the_label_that_was_asked_for(be
         assert failure_text(failed, filter_candidates(failed)) == f"no {kind} 'blue' in the scene for parameter 'Part'"
 
 
-def test_conditions_on_two_parameters_are_counted_when_each_alone_leaves_some(bench):
+def test_conditions_on_two_parameters_are_counted(bench):
     bench.add("skiros:LargeBox", "empty", State="Open")
     open_tray = make.getPropCond("Open", "skiros:State", "Tray", "=", "Open", True)
     candidates, text = search(
@@ -191,7 +191,7 @@ def test_conditions_on_two_parameters_are_counted_when_each_alone_leaves_some(be
     assert "none skiros:contain any skiros:Product" in text
 
 
-def test_when_only_all_together_do_not_fit_the_message_names_the_conditions(bench):
+def test_jointly_unsatisfied_conditions_are_named(bench):
     """A cycle: each of the conditions has pairs, but none go together."""
     one, two = bench.tray.id, bench.product.id
     other = bench.other_product.id
@@ -205,7 +205,7 @@ def test_when_only_all_together_do_not_fit_the_message_names_the_conditions(benc
     )  # fmt: skip
 
 
-def test_parameters_that_nothing_links_are_told_apart(bench):
+def test_unlinked_parameters_are_reported_separately(bench):
     declared = {"Tray": "skiros:LargeBox", "Part": "skiros:Product"}
     candidates, _ = search(bench, declared, [IDLE])
     assert [c.key for c in candidates] == ["Part"]
@@ -226,7 +226,7 @@ def count_calls(monkeypatch, wmi, name):
     return calls
 
 
-def test_a_relation_to_a_given_element_is_looked_up_not_searched(bench, monkeypatch):
+def test_relation_to_a_given_element_is_looked_up(bench, monkeypatch):
     for _ in range(50):
         bench.add("skiros:Product", "p", bench.other_tray)
     ph = ParamHandler()
@@ -242,7 +242,7 @@ def test_a_relation_to_a_given_element_is_looked_up_not_searched(bench, monkeypa
 
 @pytest.mark.parametrize("etype", ["", "Unknown", "skiros:Product"])
 @pytest.mark.parametrize("label", ["", "product", "other product"])
-def test_a_label_is_asked_for_also_where_a_relation_gives_the_candidates(bench, etype, label):
+def test_label_filters_candidates_of_a_relation(bench, etype, label):
     ph = ParamHandler()
     ph.addParam("Tray", bench.tray, ParamTypes.Required)
     ph.addParam("Part", Element(etype, label), ParamTypes.Required)
@@ -255,8 +255,8 @@ def test_a_label_is_asked_for_also_where_a_relation_gives_the_candidates(bench, 
         assert ph.getParamValue("Part").id == bench.product.id
 
 
-def test_parameters_that_nothing_links_do_not_multiply(bench):
-    """Were they searched together, the first would be tried anew with each of the others."""
+def test_unlinked_parameters_are_searched_separately(bench):
+    """If searched together, each candidate of one would be combined with each of the others."""
     for _ in range(100):
         bench.add("skiros:Starter", "p", bench.tray)
     calls = []
@@ -272,7 +272,7 @@ def test_parameters_that_nothing_links_do_not_multiply(bench):
     assert len(calls) == 100
 
 
-def test_a_condition_on_one_parameter_is_checked_once_for_each_element(bench):
+def test_condition_on_one_parameter_is_evaluated_once_per_element(bench):
     calls = []
 
     def odd(part):
@@ -289,7 +289,7 @@ def test_a_condition_on_one_parameter_is_checked_once_for_each_element(bench):
     assert len(calls) == len(set(calls)) == 10
 
 
-def test_a_reasoner_is_asked_only_for_what_all_other_conditions_have_left(bench, monkeypatch):
+def test_reasoner_relation_is_evaluated_last(bench, monkeypatch):
     asked = []
 
     class Nearness(DiscreteReasoner):

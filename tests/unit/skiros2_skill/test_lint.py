@@ -1,4 +1,4 @@
-"""Faults of skills are found before they run: each planted one, with file and line, and none where there are none."""
+"""Faults of skills are found before they run, with file and line; correct skills have none."""
 
 import re
 import sys
@@ -12,9 +12,10 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_skill.core.library.description import ReadOnlyWorldModel
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING, ReadOnlyWorldModel
-from skiros2_skill.core.lint.linter import Linter, lint_libraries
+from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING
+from skiros2_skill.core.lint.linter import Linter, lint_libraries, log_faults
 from skiros2_skill.core.skill import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
@@ -50,12 +51,12 @@ def found(packages, wmi):
     return [f for f in lint_libraries(packages, wmi) if f.severity != NOTE]
 
 
-def test_each_planted_fault_is_found_once_with_its_file_and_line(faulty_path, wmi):
+def test_planted_fault_is_found_once_with_file_and_line(faulty_path, wmi):
     faults = found(["faulty_skills"], wmi)
     assert sorted((Path(f.file).name, f.line, f.severity, f.code) for f in faults) == sorted(planted())
 
 
-def test_the_texts_name_what_was_expected(faulty_path, wmi):
+def test_fault_text_names_the_expectation(faulty_path, wmi):
     texts = {f.code: f.text for f in found(["faulty_skills"], wmi)}
     assert "near: skiros:Say" in texts["unknown-skill"] or "there are: say" in texts["unknown-skill"]
     by_skill = {(f.skill, f.code): f.text for f in found(["faulty_skills"], wmi)}
@@ -72,7 +73,7 @@ def test_the_texts_name_what_was_expected(faulty_path, wmi):
 
 
 @pytest.mark.parametrize("package", ["skiros2_demo_skills", "skiros2_std_skills", "catalogue"])
-def test_our_own_libraries_have_no_faults(package):
+def test_own_library_has_no_faults(package):
     demo = Path(skiros2_demo_skills.__file__).parents[2] / "owl"
     wmi = LocalWorldModel("test", WorldModel(source_ontologies(), demo))
     faults = lint_libraries([package], wmi, used=["skiros2_std_skills"])
@@ -94,7 +95,7 @@ def faults_of(wmi, *classes):
     return [f for cls in classes for f in Linter(classes, wmi).lint(cls) if f.severity in (ERROR, WARNING)]
 
 
-def test_a_remap_of_a_key_that_a_descendant_has(wmi):
+def test_remap_of_a_descendants_key_is_accepted(wmi):
     inner = compound("Inner", lambda self, skill: skill(self.skill("Note")))
     middle = compound("Middle", lambda self, skill: skill(self.skill("Inner", remap={"Text": "Line"})))
     outer = compound(
@@ -104,7 +105,7 @@ def test_a_remap_of_a_key_that_a_descendant_has(wmi):
     assert faults_of(wmi, primitive(Note, "note"), middle, inner, outer)[0].skill != "skiros:Outer-outer"
 
 
-def test_parameters_that_are_declared_when_the_skill_starts(wmi):
+def test_parameter_declared_at_start_is_accepted(wmi):
     def on_start(self):
         self.addParam("Later", str, ParamTypes.Optional)
         return True
@@ -136,13 +137,13 @@ def nested(self):
 
 
 @pytest.mark.parametrize("on_start", [lambda self: declare(self) or True, nested, lambda self: [declare(self)] != []])
-def test_parameters_that_another_function_declares(wmi, on_start):
+def test_parameter_declared_by_another_function_is_accepted(wmi, on_start):
     late = plain(Work, "late", onStart=on_start)
     user = compound("User", lambda self, skill: skill(self.skill("Work", "late", remap={"Later": "A"})))
     assert faults_of(wmi, late, user) == []
 
 
-def test_a_skill_that_gives_itself_to_nobody_is_checked(wmi):
+def test_skill_that_does_not_pass_itself_on_is_checked(wmi):
     def on_start(self):
         self.count = 1
         return self.params["Robot"].value is not None
@@ -152,7 +153,7 @@ def test_a_skill_that_gives_itself_to_nobody_is_checked(wmi):
     assert [f.code for f in faults_of(wmi, closed, user)] == ["unknown-remap"]
 
 
-def test_an_expand_that_is_given_up_does_not_write_later(bench):
+def test_abandoned_expand_cannot_write(bench):
     gate, done, refused = threading.Event(), threading.Event(), []
 
     def expand(self, skill):
@@ -172,7 +173,7 @@ def test_an_expand_that_is_given_up_does_not_write_later(bench):
     assert bench.wmi.version == before
 
 
-def test_whole_and_real_numbers_are_only_warned_of(wmi):
+def test_int_for_a_float_parameter_is_a_warning(wmi):
     class real(primitive(Work, "real")):
         def createDescription(self):
             self.setDescription(describe("Count", [("Number", 1, ParamTypes.Optional)])(), "real")
@@ -188,7 +189,7 @@ def ring(*labels):
 
 
 @pytest.mark.parametrize("labels", [("One",), ("One", "Two"), ("One", "Two", "Three")])
-def test_compounds_that_contain_each_other_are_warned_of_once(wmi, labels):
+def test_recursion_is_reported_once(wmi, labels):
     linter = Linter(classes := ring(*labels), wmi)
     for _ in range(2):  # asked again, it says the same
         (fault,) = [f for cls in classes for f in linter.lint(cls) if f.severity == WARNING]
@@ -196,18 +197,18 @@ def test_compounds_that_contain_each_other_are_warned_of_once(wmi, labels):
         assert all(f"skiros:{label}-{label.lower()}" in fault.text for label in labels[1:])
 
 
-def test_a_compound_that_leads_into_a_cycle_is_no_part_of_it(wmi):
+def test_compound_outside_of_a_cycle_is_not_reported(wmi):
     user = compound("User", lambda self, skill: skill(self.skill("One")))
     assert [f.skill for f in faults_of(wmi, user)] == ["skiros:User-user"]  # without the ring its child is unknown
     assert [f for f in Linter([user, *ring("One", "Two")], wmi).lint(user) if f.severity == WARNING] == []
 
 
-def test_a_cycle_with_an_alternative_is_no_fault(wmi):
+def test_cycle_with_an_alternative_is_accepted(wmi):
     other = plain(describe("Two", []), "other")
     assert faults_of(wmi, *ring("One", "Two"), other) == []
 
 
-def test_a_tree_that_depends_on_values_is_not_checked(wmi):
+def test_tree_that_depends_on_values_is_skipped(wmi):
     def expand(self, skill):
         for _ in range(self.params["Count"].value):
             skill(self.skill("Nothing", remap={"A": "B"}))
@@ -216,14 +217,14 @@ def test_a_tree_that_depends_on_values_is_not_checked(wmi):
     assert [(f.severity, f.code) for f in faults] == [(NOTE, "not-checked")]
 
 
-def test_a_tree_that_is_made_at_each_start_is_not_tried(wmi):
+def test_tree_expanded_at_each_start_is_skipped(wmi):
     tried = []
     anew = compound("Anew", lambda self, skill: tried.append(1), _expand_on_start=True)
     assert Linter([], wmi).lint(anew) == []
     assert tried == []
 
 
-def test_trying_a_tree_changes_nothing_in_the_world_model(bench):
+def test_lint_does_not_change_the_world_model(bench):
     def expand(self, skill):
         self.wmi.add_element(Element("skiros:Product", "made by lint"))
 
@@ -233,7 +234,7 @@ def test_trying_a_tree_changes_nothing_in_the_world_model(bench):
     assert bench.wmi.version == before
 
 
-def test_trying_a_tree_cannot_instantiate_a_template(bench):
+def test_lint_cannot_instantiate_a_template(bench):
     def expand(self, skill):
         self.wmi.instanciate("skiros:LargeBox", False, [])
 
@@ -241,7 +242,7 @@ def test_trying_a_tree_cannot_instantiate_a_template(bench):
     assert "wmi.instanciate is not available" in fault.text
 
 
-def test_code_that_is_only_checked_has_the_reading_calls_of_the_port_and_no_others(bench):
+def test_checked_code_has_only_the_reading_methods_of_the_port(bench):
     guard = ReadOnlyWorldModel(bench.wmi)
     assert guard.get_element(bench.product.id).label == "product"
     assert guard.version == bench.wmi.version
@@ -256,7 +257,7 @@ def test_code_that_is_only_checked_has_the_reading_calls_of_the_port_and_no_othe
     assert calls - refused == read_only_calls(WorldModelPort) & calls
 
 
-def test_narrowed_types_and_more_parameters(wmi):
+def test_narrowed_types_and_added_parameters_are_accepted(wmi):
     class narrow(primitive(Work, "narrow")):
         def createDescription(self):
             self.setDescription(describe("Grab", [("Object", Element("sumo:Object"), REQUIRED)])(), "narrow")
@@ -267,11 +268,11 @@ def test_narrowed_types_and_more_parameters(wmi):
 
 
 @pytest.mark.parametrize("etype", ["", "Unknown"])
-def test_a_parameter_of_no_class_has_no_unknown_one(wmi, etype):
+def test_parameter_of_any_class_has_no_unknown_class(wmi, etype):
     assert faults_of(wmi, primitive(describe("Hold", [("Object", Element(etype), REQUIRED)]), "hold")) == []
 
 
-def test_numbers_fit_each_other(wmi):
+def test_int_and_float_parameters_match(wmi):
     count = describe("Count", [("Number", int, REQUIRED)])
     user = compound(
         "User", lambda self, skill: skill(self.skill("Count", remap={"Number": "Value"})), [("Value", 1.0, REQUIRED)]
@@ -279,13 +280,13 @@ def test_numbers_fit_each_other(wmi):
     assert faults_of(wmi, primitive(count, "count"), user) == []
 
 
-def test_a_sibling_may_set_what_another_requires(wmi):
+def test_required_parameter_set_by_a_sibling_is_accepted(wmi):
     user = compound("User", lambda self, skill: skill(self.skill("Note"), self.skill("Tell")))
     tell = describe("Tell", [("Text", "", ParamTypes.Optional)])
     assert faults_of(wmi, primitive(Note, "note"), primitive(tell, "tell"), user) == []
 
 
-def test_a_locked_device_is_no_contradiction(wmi):
+def test_device_lock_is_no_contradiction(wmi):
     from unit.skiros2_skill.skills import LOCKED_ARM
 
     assert faults_of(wmi, primitive(describe("Weld", [LOCKED_ARM]), "weld")) == []
@@ -294,8 +295,8 @@ def test_a_locked_device_is_no_contradiction(wmi):
 # -- loading -----------------------------------------------------------------------------------------------------------
 
 
-def test_one_warning_lists_all_faults_of_a_library_and_all_its_skills_are_loaded(faulty_path, wmi, caplog):
-    library = SkillLibrary(wmi)
+def test_library_with_faults_is_loaded_with_one_warning(faulty_path, wmi, caplog):
+    library = SkillLibrary(wmi, log_faults)
     library.import_libraries(["faulty_skills"])
     names = ["wrong_remaps", "say", "unknown_key", "fetch", "right", "unknown_names", "no_such_skill", "contradiction"]
     library.load(names)
@@ -308,8 +309,8 @@ def test_one_warning_lists_all_faults_of_a_library_and_all_its_skills_are_loaded
     assert any("trees.py" in line and "[unknown-remap]" in line for line in lines)
 
 
-def test_a_skill_that_cannot_be_described_is_reported_once_with_its_line_and_skipped(faulty_path, wmi, caplog):
-    library = SkillLibrary(wmi)
+def test_undescribable_skill_is_reported_with_its_line_and_skipped(faulty_path, wmi, caplog):
+    library = SkillLibrary(wmi, log_faults)
     library.import_libraries(["faulty_skills"])
     library.load(["raises", "fetch"])
     assert [i.label for i in library.implementations()] == ["fetch"]
@@ -323,7 +324,7 @@ def test_a_skill_that_cannot_be_described_is_reported_once_with_its_line_and_ski
     )
 
 
-def test_an_unknown_kind_of_parameter_is_told_with_the_librarys_own_line_and_the_known_kinds(wmi):
+def test_unknown_parameter_type_is_reported_with_line_and_known_types(wmi):
     def create(self):
         self.setDescription(Work(), "misspelt")
         self.addParam("Text", "a", ParamTypes.Requird)

@@ -35,7 +35,7 @@ def run(scheduler, bench, *nodes):
     return task
 
 
-def test_five_hundred_tasks_run_at_once(scheduler, bench):
+def test_five_hundred_tasks_run_in_parallel(scheduler, bench):
     go_on = threading.Event()
     execute = lambda self: self.success("done") if go_on.is_set() else self.step("runs")  # noqa: E731
     bench.load(primitive(Work, "work", execute=execute))
@@ -49,7 +49,7 @@ def test_five_hundred_tasks_run_at_once(scheduler, bench):
     assert not bench.library.by_label("work").busy
 
 
-def test_a_tree_of_a_thousand_levels_of_compounds_runs_and_is_preempted(scheduler, bench):
+def test_thousand_levels_of_compounds_run_and_are_preempted(scheduler, bench):
     """Each level is a skill of its own with parameters and a remap."""
 
     class nest(SkillBase):
@@ -75,7 +75,7 @@ def test_a_tree_of_a_thousand_levels_of_compounds_runs_and_is_preempted(schedule
     assert len(task.progress()) == 1004
 
 
-def test_ten_thousand_nodes_side_by_side_are_preempted(scheduler, bench):
+def test_ten_thousand_parallel_nodes_are_preempted(scheduler, bench):
     bench.load(primitive(Work, "work", execute=lambda self: self.step()))
     group = Skill("", ParallelFf())(*(bench.node("work") for _ in range(10_000)))
     task = start(scheduler, bench, group)
@@ -87,7 +87,7 @@ def test_ten_thousand_nodes_side_by_side_are_preempted(scheduler, bench):
     assert not bench.library.by_label("work").busy
 
 
-def test_nothing_stays_of_the_nodes_of_tasks_that_have_ended(scheduler, bench):
+def test_nodes_of_ended_tasks_are_freed(scheduler, bench):
     """Of those that ended well, failed, and were preempted. tests/system/test_bad_commands.py does it with 100 000."""
     bench.load(
         primitive(Say, "say", execute=running_for(1)),

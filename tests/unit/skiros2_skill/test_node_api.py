@@ -31,7 +31,7 @@ def take(bench):
 # -- places ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_node_knows_what_is_above_and_below_it():
+def test_node_has_parent_and_children():
     leaf, other = Skill("leaf"), Skill("other")
     group = Skill("group")(leaf, other)
     root = Root("root")(group)
@@ -41,7 +41,7 @@ def test_a_node_knows_what_is_above_and_below_it():
     assert [leaf.inSubtreeOf(node) for node in (leaf, group, root, other)] == [True, True, True, False]
 
 
-def test_a_child_is_taken_out_and_put_elsewhere():
+def test_child_is_moved_to_another_node():
     child = Skill("child")
     one, two = Skill("one")(child), Skill("two")
     with pytest.raises(Refused, match="is a child of"):
@@ -56,7 +56,7 @@ def test_a_child_is_taken_out_and_put_elsewhere():
 # -- copies ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_light_copy_of_a_node_names_the_same_skill_with_the_same_parameters_in_no_tree(bench, take):
+def test_light_copy_of_a_node_has_its_skill_and_parameters(bench, take):
     take.remap("Object", "Thing")
     copy = take.getLightCopy()
     assert isinstance(copy, SkillWrapper)
@@ -67,7 +67,7 @@ def test_a_light_copy_of_a_node_names_the_same_skill_with_the_same_parameters_in
     assert bench.run(fresh).state is State.Success
 
 
-def test_a_light_copy_of_a_compound_is_a_loaded_one(bench):
+def test_light_copy_of_a_compound_is_loaded(bench):
     class both(SkillBase):
         def createDescription(self):
             self.setDescription(describe("Both", [OBJECT])(), "both")
@@ -78,7 +78,7 @@ def test_a_light_copy_of_a_compound_is_a_loaded_one(bench):
     assert copy.wmi is bench.wmi
 
 
-def test_a_light_copy_of_a_group_has_its_processor():
+def test_light_copy_of_a_group_has_its_processor():
     copy = Skill("group", ParallelFf())(Skill("child")).getLightCopy()
     assert (copy.label, copy.processor.printType(), copy.children) == ("group", "|ff|", [])
 
@@ -86,7 +86,7 @@ def test_a_light_copy_of_a_group_has_its_processor():
 # -- names of parameters -----------------------------------------------------------------------------------------------
 
 
-def test_a_remap_of_what_a_key_is_called_above_goes_on_with_it():
+def test_remap_of_a_remapped_key_is_chained():
     node = SkillInterface()
     node.remap("A", "B")
     node.remap("B", "C")
@@ -95,12 +95,12 @@ def test_a_remap_of_what_a_key_is_called_above_goes_on_with_it():
     assert node.get_remap("X") == "X"
 
 
-def test_the_skill_s_own_keys_are_told_whatever_they_are_called_above(take):
+def test_own_keys_are_independent_of_remaps(take):
     take.remap("Object", "Thing")
     assert list(take.getParamsNoRemaps()) == ["Container", "Object", "Robot"]
 
 
-def test_fixed_parameters_come_from_others_and_what_was_fixed_may_be_kept(bench):
+def test_specified_parameters_are_copied_and_may_be_kept(bench):
     bench.load(primitive(Speak, "speak", execute=lambda s: s.success(s.params["Text"].value)))
     given = ParamHandler()
     given.addParam("Text", "given", REQUIRED)
@@ -114,7 +114,7 @@ def test_fixed_parameters_come_from_others_and_what_was_fixed_may_be_kept(bench)
     assert node.progress_msg == "given"
 
 
-def test_parameters_are_set_back_to_what_they_were_at_the_start(bench):
+def test_parameters_are_reset_to_their_values_at_the_start(bench):
     def execute(self):
         self.params["Text"].value = "changed"
         return self.success()
@@ -130,7 +130,7 @@ def test_parameters_are_set_back_to_what_they_were_at_the_start(bench):
 # -- descriptions ------------------------------------------------------------------------------------------------------
 
 
-def test_a_node_takes_the_description_of_another_and_more(bench, take):
+def test_node_copies_and_extends_a_description(bench, take):
     node = SkillInterface()
     node.resetDescription(take)
     assert list(node.params.keys()) == ["Container", "Object", "Robot"]
@@ -143,7 +143,7 @@ def test_a_node_takes_the_description_of_another_and_more(bench, take):
     assert bench.library.by_label("hold").declared.params["Force"].value == 1.0
 
 
-def test_a_condition_may_change_the_description_too(bench):
+def test_added_condition_modifies_the_description(bench):
     class work(primitive(Work, "base")):
         pass
 
@@ -162,7 +162,7 @@ def test_a_condition_may_change_the_description_too(bench):
 # -- effects -----------------------------------------------------------------------------------------------------------
 
 
-def test_effects_are_simulated_and_taken_back(bench):
+def test_effects_are_simulated_and_undone(bench):
     gone = describe("Gone", [CONTAINER, OBJECT], hold=[contains()], post=[contains(state=False)])
     bench.load(primitive(gone, "gone", execute=lambda self: self.step()))
     node = bench.node("gone", Object=bench.product, Container=bench.tray)
@@ -183,7 +183,7 @@ def test_effects_are_simulated_and_taken_back(bench):
 # -- ticks by hand -----------------------------------------------------------------------------------------------------
 
 
-def test_a_tree_is_ticked_without_a_task(bench):
+def test_tree_is_ticked_without_a_task(bench):
     twice = lambda self: self.step() if self.progress_code == 0 else self.success()  # noqa: E731
     bench.load(primitive(Work, "work", execute=twice))
     tree = Skill("", Sequential(), bench.wmi)(bench.node("work"), bench.node("work"))
@@ -194,7 +194,7 @@ def test_a_tree_is_ticked_without_a_task(bench):
     assert bench.library.by_label("work")._free
 
 
-def test_a_chosen_implementation_is_there_while_the_node_runs(bench):
+def test_selected_implementation_is_available_while_the_node_runs(bench):
     resets = []
     bench.load(primitive(Work, "work", execute=lambda self: self.step(), onReset=lambda self: resets.append(1)))
     node = bench.node("work")

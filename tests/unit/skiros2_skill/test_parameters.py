@@ -60,23 +60,23 @@ def messages(task):
 # -- the blackboard ----------------------------------------------------------------------------------------------------
 
 
-def test_a_parameter_declared_by_a_type_takes_the_blackboard_s_value(bench):
+def test_parameter_declared_by_a_type_pulls_the_blackboard_value(bench):
     bench.load(primitive(Note, "note", execute=tell("Text")))
     assert "from above" in messages(bench.run(bench.node("note"), Text="from above"))
 
 
-def test_a_parameter_with_a_default_keeps_it(bench):
+def test_parameter_with_a_default_keeps_it(bench):
     bench.load(primitive(Speak, "speak", execute=tell("Text")))
     assert "hello" in messages(bench.run(bench.node("speak"), Text="from above"))
 
 
-def test_a_parameter_with_an_abstract_element_takes_the_blackboard_s_value(bench):
+def test_parameter_with_an_abstract_element_pulls_the_blackboard_value(bench):
     hold = describe("Hold", [("Object", Element("skiros:Product"), REQUIRED)])
     bench.load(primitive(hold, "hold", execute=lambda s: s.success(s.params["Object"].value.id)))
     assert bench.other_product.id in messages(bench.run(bench.node("hold"), Object=bench.other_product))
 
 
-def test_an_element_of_the_blackboard_that_is_gone_when_a_skill_starts_is_unset(bench):
+def test_removed_element_on_the_blackboard_is_unset_at_start(bench):
     hold = describe("Hold", [("Object", Element("skiros:Product"), OPTIONAL)])
     bench.load(
         primitive(hold, "hold", execute=lambda s: s.success(str(s.params.isSpecified("Object")))),
@@ -87,19 +87,19 @@ def test_an_element_of_the_blackboard_that_is_gone_when_a_skill_starts_is_unset(
     assert "False" in messages(task)
 
 
-def test_a_fixed_parameter_keeps_its_value(bench):
+def test_specified_parameter_keeps_its_value(bench):
     bench.load(primitive(Note, "note", execute=tell("Text")))
     assert "fixed" in messages(bench.run(bench.node("note", Text="fixed"), Text="from above"))
 
 
-def test_a_child_s_output_reaches_its_siblings(bench):
+def test_output_of_a_child_reaches_its_siblings(bench):
     bench.load(
         primitive(Produce, "produce", execute=put("Text", "made")), primitive(Note, "note", execute=tell("Text"))
     )
     assert "made" in messages(bench.run(bench.node("produce"), bench.node("note")))
 
 
-def test_a_child_s_output_reaches_its_parent_and_the_parent_s_siblings(bench):
+def test_output_of_a_child_reaches_its_parent_and_the_parents_siblings(bench):
     bench.load(
         primitive(Produce, "produce", execute=put("Text", "made")),
         primitive(Note, "note", execute=tell("Text")),
@@ -110,12 +110,12 @@ def test_a_child_s_output_reaches_its_parent_and_the_parent_s_siblings(bench):
     assert "made" in messages(task)
 
 
-def test_a_fixed_value_of_a_skill_that_has_succeeded_reaches_its_siblings(bench):
+def test_specified_value_of_a_succeeded_skill_reaches_its_siblings(bench):
     bench.load(primitive(Note, "first"), primitive(Note, "note", execute=tell("Text")))
     assert "fixed" in messages(bench.run(bench.node("first", Text="fixed"), bench.node("note")))
 
 
-def test_a_parameter_may_be_filled_by_a_parallel_sibling_while_the_skill_runs(bench):
+def test_running_skill_pulls_the_value_of_a_parallel_sibling(bench):
     def wait_for_text(self):
         text = self.params["Text"].value
         return self.step("waiting") if text is None else self.success(text)
@@ -136,7 +136,7 @@ def test_a_parameter_may_be_filled_by_a_parallel_sibling_while_the_skill_runs(be
     assert "late" in messages(task)
 
 
-def test_a_value_that_a_skill_unsets_is_unset_above(bench):
+def test_unset_value_is_removed_from_the_blackboard(bench):
     def unset(self):
         self.params["Text"].unset()
         return self.success()
@@ -148,7 +148,7 @@ def test_a_value_that_a_skill_unsets_is_unset_above(bench):
 # -- remaps ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_remap_names_the_parent_s_key(bench):
+def test_remap_targets_the_parents_key(bench):
     bench.load(
         primitive(Note, "note", execute=tell("Text")),
         compound("Say", lambda self, skill: skill(self.skill("Note", "note", remap={"Text": "Words"})),
@@ -157,7 +157,7 @@ def test_a_remap_names_the_parent_s_key(bench):
     assert "hi" in messages(bench.run(bench.node("say", Words="hi")))
 
 
-def test_remaps_hold_through_several_levels(bench):
+def test_remaps_apply_through_several_levels(bench):
     bench.load(
         primitive(Produce, "produce", execute=put("Text", "deep")),
         primitive(Note, "note", execute=tell("Text")),
@@ -170,7 +170,7 @@ def test_remaps_hold_through_several_levels(bench):
     assert "deep" in messages(task)
 
 
-def test_two_keys_may_change_places(bench):
+def test_remap_swaps_two_keys(bench):
     two = [("A", str, REQUIRED), ("B", str, REQUIRED)]
     bench.load(
         primitive(describe("Two", two), "two", execute=lambda s: s.success(s.params["A"].value + s.params["B"].value)),
@@ -179,7 +179,7 @@ def test_two_keys_may_change_places(bench):
     assert "ba" in messages(bench.run(bench.node("swap", A="a", B="b")))
 
 
-def test_a_remap_may_speak_of_a_key_that_only_a_descendant_has(bench):
+def test_remap_applies_to_a_descendants_key(bench):
     bench.load(
         primitive(Note, "note", execute=tell("Text")),
         compound("Inner", lambda self, skill: skill(self.skill("Note"))),
@@ -189,7 +189,7 @@ def test_a_remap_may_speak_of_a_key_that_only_a_descendant_has(bench):
     assert "through" in messages(bench.run(bench.node("outer", Words="through")))
 
 
-def test_specify_uses_the_names_after_the_remap(bench):
+def test_specify_uses_remapped_keys(bench):
     bench.load(
         primitive(Note, "note", execute=tell("Text")),
         compound(
@@ -199,7 +199,7 @@ def test_specify_uses_the_names_after_the_remap(bench):
     assert "x" in messages(bench.run(bench.node("say")))
 
 
-def test_an_empty_string_as_remap_is_none(bench):
+def test_empty_string_is_no_remap(bench):
     bench.load(
         primitive(Speak, "speak", execute=tell("Text")),
         compound("Say", lambda self, skill: skill(self.skill("Speak", "", "", {"Text": "y"}))),
@@ -214,7 +214,7 @@ def test_an_empty_string_as_remap_is_none(bench):
     ("given", "named"),
     [({"Txt": "x"}, "no parameter 'Txt'; near: Text"), ({"Text": 5}, "Text: expected a value of type str")],
 )
-def test_an_unknown_key_or_a_wrong_type_in_specify_is_logged_and_ignored(bench, caplog, given, named):
+def test_unknown_key_or_wrong_type_in_specify_is_logged(bench, caplog, given, named):
     bench.load(primitive(Speak, "speak", execute=tell("Text")))
     with caplog.at_level("ERROR"):
         task = bench.run(bench.node("speak", **given))
@@ -222,7 +222,7 @@ def test_an_unknown_key_or_a_wrong_type_in_specify_is_logged_and_ignored(bench, 
     assert "hello" in messages(task)
 
 
-def test_an_element_of_another_class_is_taken_where_no_implementation_declares_its_class(bench):
+def test_element_of_a_different_class_is_accepted(bench):
     bench.load(primitive(describe("Hold", [OBJECT]), "hold"))
     node = bench.node("hold", Object=bench.tray)
     assert bench.run(node).state is State.Success
@@ -234,7 +234,7 @@ def test_an_element_of_another_class_is_taken_where_no_implementation_declares_i
 
 
 @pytest.mark.parametrize("any_type", [Element(), Element(""), Element])
-def test_a_parameter_of_no_class_takes_any_element(bench, any_type):
+def test_parameter_of_any_class_accepts_any_element(bench, any_type):
     hold = describe("Hold", [("Object", any_type, REQUIRED)])
     bench.load(primitive(hold, "hold", execute=lambda s: s.success(s.params["Object"].value.id)))
     assert bench.tray.id in messages(bench.run(bench.node("hold", Object=bench.tray)))
@@ -243,12 +243,12 @@ def test_a_parameter_of_no_class_takes_any_element(bench, any_type):
 # -- inference ---------------------------------------------------------------------------------------------------------
 
 
-def test_an_inferred_parameter_is_found_from_the_pre_conditions(bench):
+def test_inferred_parameter_satisfies_the_pre_conditions(bench):
     bench.load(primitive(Take, "take", execute=lambda s: s.success(s.params["Container"].value.id)))
     assert bench.other_tray.id in messages(bench.run(bench.node("take", Object=bench.other_product)))
 
 
-def test_unset_parameters_are_searched_together(bench):
+def test_unset_parameters_are_inferred_together(bench):
     heavy = bench.add("skiros:Product", "heavy", bench.other_tray, Weight=9.0)
     take_heavy = describe(
         "TakeHeavy",
@@ -265,13 +265,13 @@ def test_unset_parameters_are_searched_together(bench):
     assert f"{bench.other_tray.id} {heavy.id}" in messages(bench.run(bench.node("take")))
 
 
-def test_elements_on_the_blackboard_are_preferred(bench):
+def test_inference_prefers_elements_on_the_blackboard(bench):
     bench.load(primitive(describe("Hold", [OBJECT]), "hold", execute=lambda s: s.success(s.params["Object"].value.id)))
     task = bench.run(bench.node("hold"), Something=bench.other_product)
     assert bench.other_product.id in messages(task)
 
 
-def test_candidates_are_tried_in_the_order_of_their_numbers(bench):
+def test_candidates_are_tried_in_order_of_ids(bench):
     products = [bench.add("skiros:Product", "p", bench.tray) for _ in range(12)]
     for element in (bench.product, bench.other_product):
         bench.wmi.remove_element(element)
@@ -279,7 +279,7 @@ def test_candidates_are_tried_in_the_order_of_their_numbers(bench):
     assert min(products, key=lambda p: p.getIdNumber()).id in messages(bench.run(bench.node("take")))
 
 
-def test_when_nothing_fits_the_message_tells_what_ruled_it_out(bench):
+def test_inference_failure_names_the_rejecting_condition(bench):
     empty = bench.add("skiros:LargeBox", "empty")
     bench.load(primitive(Take, "take"))
     node = bench.node("take", Container=empty)
@@ -291,14 +291,14 @@ def test_when_nothing_fits_the_message_tells_what_ruled_it_out(bench):
     ) in node.progress_msg
 
 
-def test_when_there_is_no_element_of_the_type_the_message_says_so(bench):
+def test_inference_failure_names_a_class_without_elements(bench):
     bench.load(primitive(describe("Watch", [("Camera", Element("skiros:DepthCamera"), REQUIRED)]), "watch"))
     node = bench.node("watch")
     bench.run(node)
     assert "no skiros:DepthCamera in the scene for parameter 'Camera'" in node.progress_msg
 
 
-def test_inferred_values_are_found_anew_when_the_skill_starts_again(bench):
+def test_restarted_skill_infers_again(bench):
     bench.load(primitive(Take, "take", execute=lambda s: s.success(s.params["Container"].value.id)))
     first = bench.run(bench.node("take", Object=bench.product))
     bench.wmi.set_relation(bench.tray.id, "skiros:contain", bench.product.id, False)
@@ -308,7 +308,7 @@ def test_inferred_values_are_found_anew_when_the_skill_starts_again(bench):
     assert bench.other_tray.id in messages(second)
 
 
-def test_what_a_compound_inferred_is_there_for_its_children(bench):
+def test_children_pull_values_inferred_by_their_compound(bench):
     class Fetch(SkillBase):
         def createDescription(self):
             self.setDescription(Take(), "fetch")
@@ -321,7 +321,7 @@ def test_what_a_compound_inferred_is_there_for_its_children(bench):
     assert bench.other_tray.id in messages(bench.run(bench.node("fetch", Object=bench.other_product)))
 
 
-def test_robot_is_the_robot_of_the_manager_also_when_another_fits(bench):
+def test_robot_is_that_of_the_manager(bench):
     first = bench.robot
     bench.robot = bench.add("cora:Robot", "skiros:other_robot")
     bench.load(primitive(Work, "work", execute=lambda s: s.success(s.params["Robot"].value.id)))
@@ -330,13 +330,13 @@ def test_robot_is_the_robot_of_the_manager_also_when_another_fits(bench):
     assert first.id not in messages(task)
 
 
-def test_robot_is_another_one_when_that_is_given(bench):
+def test_given_robot_replaces_that_of_the_manager(bench):
     other = bench.add("cora:Robot", "skiros:other_robot")
     bench.load(primitive(Work, "work", execute=lambda s: s.success(s.params["Robot"].value.id)))
     assert other.id in messages(bench.run(bench.node("work", Robot=other)))
 
 
-def test_a_robot_that_a_sibling_updates_at_each_tick_is_seen(bench):
+def test_robot_updated_by_a_sibling_is_refreshed(bench):
     other = bench.add("cora:Robot", "skiros:other_robot")
 
     def change(self):
@@ -362,7 +362,7 @@ def test_a_robot_that_a_sibling_updates_at_each_tick_is_seen(bench):
 # -- expansion ---------------------------------------------------------------------------------------------------------
 
 
-def test_expand_sees_the_values_that_the_skill_was_given(bench):
+def test_expand_reads_the_given_values(bench):
     def expand(self, skill):
         for _ in range(self.params["Times"].value):
             skill(self.skill("Work", "work"))
@@ -371,7 +371,7 @@ def test_expand_sees_the_values_that_the_skill_was_given(bench):
     assert len(bench.run(bench.node("repeat", Times=3)).root.children[0].children) == 3
 
 
-def test_expand_may_set_the_processor_on_itself(bench):
+def test_expand_sets_its_own_processor(bench):
     def expand(self, skill):
         self.setProcessor(ParallelFf())
         skill(self.skill("Work", "work"), self.skill("Work", "work"))
@@ -402,7 +402,7 @@ def test_expand_on_start_expands_at_each_start(bench, anew, expansions):
     assert len(count) == expansions
 
 
-def test_a_compound_s_own_execute_runs_when_its_children_have_ended_and_may_keep_their_state(bench):
+def test_execute_of_a_compound_runs_after_its_children(bench):
     seen = []
 
     class Watching(SkillBase):
@@ -420,7 +420,7 @@ def test_a_compound_s_own_execute_runs_when_its_children_have_ended_and_may_keep
     assert len(seen) == 1
 
 
-def test_a_description_may_be_narrowed_by_an_implementation(bench):
+def test_implementation_narrows_its_description(bench):
     class take_starter(primitive(Take, "base")):
         def createDescription(self):
             self.setDescription(Take(), "take_starter")
@@ -434,7 +434,7 @@ def test_a_description_may_be_narrowed_by_an_implementation(bench):
     assert node.params.getParamValue("Object").id == starter.id
 
 
-def test_modify_description_may_add_parameters_and_conditions(bench):
+def test_modify_description_adds_parameters_and_conditions(bench):
     class work(primitive(Work, "base")):
         def createDescription(self):
             self.setDescription(Work(), "work")

@@ -91,7 +91,7 @@ def run(processor, *states):
         (NoProcessor(), ["F"], "S", [0]),
     ],
 )
-def test_which_children_are_ticked_and_what_follows(processor, states, trace, ticks):
+def test_processor_ticks_children_and_combines_states(processor, states, trace, ticks):
     got, children = run(processor, *states)
     assert got == trace
     assert [c.ticks for c in children] == ticks
@@ -106,7 +106,7 @@ def test_which_children_are_ticked_and_what_follows(processor, states, trace, ti
         (ParallelFs(), ["R", "RS", "R"], [1, 0, 1]),
     ],
 )
-def test_running_children_are_preempted_when_the_node_ends_without_them(processor, states, preempted):
+def test_running_children_are_preempted_at_the_end_of_the_node(processor, states, preempted):
     _, children = run(processor, *states)
     assert [c.preempted for c in children] == preempted
 
@@ -118,14 +118,14 @@ def test_running_children_are_preempted_when_the_node_ends_without_them(processo
         (ParallelFf(), "|ff|"), (ParallelFs(), "|fs|"),
     ],
 )  # fmt: skip
-def test_symbols(processor, symbol):
+def test_processor_has_its_symbol(processor, symbol):
     assert processor.printType() == symbol
 
 
 @pytest.mark.parametrize(
     "processor", [SerialStar(), SelectorStar(), ParallelFf(), RetryOnFail(3), NoFail(SerialStar())]
 )
-def test_a_fresh_one_does_not_share_where_it_is(processor):
+def test_fresh_copy_has_its_own_position(processor):
     processor.processChildren([Child("S"), Child("R")], None)
     children = [Child("R"), Child("R")]
     processor.fresh().processChildren(children, None)
@@ -133,7 +133,7 @@ def test_a_fresh_one_does_not_share_where_it_is(processor):
 
 
 @pytest.mark.parametrize("processor", [SerialStar(), SelectorStar(), RetryOnFail(3), NoFail(SerialStar())])
-def test_reset_begins_with_the_first_child(processor):
+def test_reset_restarts_at_the_first_child(processor):
     first = "F" if isinstance(processor, SelectorStar) else "S"
     processor.processChildren([Child(first), Child("R")], None)
     processor.reset()
@@ -152,8 +152,8 @@ def test_reset_begins_with_the_first_child(processor):
         (ParallelFs(), (), [1, 1, 0]),
     ],
 )
-def test_what_runs_is_stopped_by_hand(processor, arguments, preempted):
-    """Those in order stop what comes after an index."""
+def test_stop_all_preempts_running_children(processor, arguments, preempted):
+    """Processors that tick in order preempt the children after an index."""
     children = [Child(s) for s in ("R", "R", "S")]
     for child in children:
         child.visit(None)

@@ -99,7 +99,7 @@ def compound(bench, processor, nodes):
 
 @settings(max_examples=150, deadline=None)
 @given(shape=tree, preempted_at=st.integers(0, 12))
-def test_a_tree_ends_with_nothing_running_and_everything_given_back(shape, preempted_at):
+def test_ended_tree_has_no_running_nodes_and_no_locks(shape, preempted_at):
     act.balance = Balance()
     with SkillBench(wmi=WORLD.wmi, robot=WORLD.robot) as bench:
         bench.load(act)

@@ -23,7 +23,7 @@ PARAMS = [
 
 
 class Counting(LocalWorldModel):
-    """Counts what is read."""
+    """Counts the reads of elements."""
 
     def __init__(self):
         super().__init__("test")
@@ -185,20 +185,20 @@ def test_hold_condition_on_own_parameter_is_checked_after_assignment(bench):
     assert [task.tick() for _ in range(3)] == [State.Running, State.Running, State.Failure]
 
 
-def test_a_relation_that_is_put_under_another_later(bench):
+def test_later_subproperty_satisfies_a_running_hold_condition(bench):
     task = held(bench, lambda d: d.getRelationCond("Apart", "skiros:closeTogether", "Container", "Object", False))
     bench.wmi.model.modify([("skiros:contain", "rdfs:subPropertyOf", "skiros:closeTogether", True)], "test")
     assert task.tick() is State.Failure
 
 
-def test_what_a_condition_of_a_library_looks_at_beyond_its_element(bench):
+def test_condition_on_other_elements_is_evaluated_again(bench):
     change(bench, bench.product, Weight=2.0)
     task = held(bench, lambda d: Heaviest("Heaviest", "skiros:Weight", "Object", "=", 0.0, True))
     change(bench, bench.other_product, Weight=3.0)
     assert task.tick() is State.Failure
 
 
-def test_an_element_that_is_gone(bench):
+def test_removed_element_fails_its_hold_condition(bench):
     task = held(bench, contains())
     bench.wmi.remove_element(bench.product)
     assert task.tick() is State.Failure
@@ -218,7 +218,7 @@ def test_an_element_that_is_gone(bench):
         (lambda s: 1 / 0, State.Failure, -405, "ZeroDivisionError"),
     ],
 )
-def test_whatever_it_answers_after_some_ticks_counts(bench, answer, state, code, message):
+def test_result_of_execute_after_some_ticks_is_used(bench, answer, state, code, message):
     turn = lambda s: s.step("on") if s.progress_code < 3 else answer(s)  # noqa: E731
     bench.load(primitive(describe("Turn"), "turn", execute=turn))
     node = bench.node("turn")
@@ -325,7 +325,7 @@ def random_change(choice, bench):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_what_is_not_read_again_cannot_be_noticed(bench, seed):
+def test_selective_refresh_equals_full_refresh(bench, seed):
     """One task reads what has changed, another all of it after each change: their skills fail at the same ticks."""
     choice = random.Random(seed)
     labels = []

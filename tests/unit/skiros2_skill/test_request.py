@@ -1,4 +1,4 @@
-"""A request to run skills is checked whole before anything starts."""
+"""A request to run skills is checked as a whole before a skill starts."""
 
 import pytest
 
@@ -23,7 +23,7 @@ def nodes(bench, *requests):
     return make_nodes(requests, bench.library, bench.wmi)
 
 
-def test_a_request_becomes_nodes_with_its_values_fixed(skills):
+def test_request_becomes_nodes_with_specified_values(skills):
     task = skills.run(
         *nodes(skills, request("Note", "note", Text="a"), request("skiros:Hold", "", Object=skills.product))
     )
@@ -47,28 +47,28 @@ def test_a_request_becomes_nodes_with_its_values_fixed(skills):
         ),
     ],
 )
-def test_a_wrong_request_is_refused_by_name(skills, asked, error, named):
+def test_wrong_request_is_refused(skills, asked, error, named):
     with pytest.raises(error, match=named):
         nodes(skills, *asked)
 
 
-def test_an_error_in_a_later_skill_refuses_the_whole_request(skills):
+def test_error_in_a_later_skill_refuses_the_request(skills):
     with pytest.raises(SkirosError):
         nodes(skills, request("Note", Text="a"), request("Nte"))
 
 
-def test_a_required_parameter_may_come_from_an_earlier_skill_of_the_request(skills):
+def test_required_parameter_of_an_earlier_skill_is_accepted(skills):
     skills.load(primitive(describe("Produce", [("Text", "made", REQUIRED)]), "produce"))
     assert len(nodes(skills, request("Produce"), request("Note"))) == 2
 
 
-def test_an_abstract_element_that_says_nothing_is_left_to_inference(skills):
+def test_unspecific_abstract_element_is_inferred(skills):
     (node,) = nodes(skills, request("Hold", Object=Element("skiros:Product")))
     skills.run(node)
     assert node.params.getParamValue("Object").id == skills.product.id
 
 
-def test_an_abstract_element_with_a_label_asks_for_such_a_one(skills):
+def test_abstract_element_with_a_label_selects_it(skills):
     (node,) = nodes(skills, request("Hold", Object=Element("skiros:Product", "other product")))
     skills.run(node)
     assert node.params.getParamValue("Object").id == skills.other_product.id
@@ -86,18 +86,18 @@ def refused(bench, *requests):
     return explanation
 
 
-def test_a_skill_that_is_not_there_is_a_refused_start_with_the_values_given(skills):
+def test_refused_start_of_an_unknown_skill_has_the_given_values(skills):
     explanation = refused(skills, request("Note", Text="a"), request("Nte", Text="b"))
     assert (explanation.stage, explanation.type, explanation.code) == (START, "skiros:Nte", -1)
     assert [(o.key, o.value, o.source) for o in explanation.params] == [("Text", "'b'", GIVEN)]
 
 
-def test_a_wrong_parameter_names_the_implementation_that_it_does_not_fit(skills):
+def test_wrong_parameter_names_the_implementation(skills):
     explanation = refused(skills, request("Note", Text=5))
     assert (explanation.stage, explanation.label) == (PARAMETER, "note")
 
 
-def test_each_implementation_that_the_parameters_do_not_fit_is_told(skills):
+def test_each_rejected_implementation_is_explained(skills):
     skills.load(primitive(Note, "other_note"))
     explanation = refused(skills, request("Note"))
     assert (explanation.stage, explanation.label) == (START, "")
@@ -107,6 +107,6 @@ def test_each_implementation_that_the_parameters_do_not_fit_is_told(skills):
     ]
 
 
-def test_what_is_not_wrong_by_itself_has_no_explanation(skills):
+def test_valid_request_has_no_explanation(skills):
     assert explain_refusal([request("Note", Text="a")], skills.library, skills.wmi, -1) is None
     assert explain_refusal([], skills.library, skills.wmi, -1) is None

@@ -6,7 +6,7 @@ import pytest
 from actionlib import CommState
 
 from skiros2_common.core.errors import TimedOut
-from skiros2_skill.ros import skill_run
+from skiros2_skill.client import skill_run
 
 
 class Client:

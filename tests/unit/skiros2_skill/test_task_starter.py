@@ -6,16 +6,17 @@ import json
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.explanation import PARAMETER
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.explanation import INFERENCE, PARAMETER, PRE
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.scheduler import Scheduler
-from skiros2_skill.ros.progress import param_messages, wire_code, wire_text
-from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter
+from skiros2_skill.core.runtime.task_starter import TaskRefused, TaskStarter
+from skiros2_skill.ros.messages import param_messages, skill_request, wire_code, wire_text
 from skiros2_world_model.core.world_model_abstract_interface import WmException
-from unit.skiros2_skill.skills import OBJECT, Note, describe, primitive
+from unit.skiros2_skill.skills import CONTAINER, OBJECT, Note, contains, describe, primitive
 
 
 @pytest.fixture
@@ -38,10 +39,10 @@ def starter(bench, scheduler, history):
 
 def description(stype="Note", **values):
     params = {key: Param(key, "", value, ParamTypes.Required) for key, value in values.items()}
-    return msgs.ResourceDescription(stype, "", serializeParamMap(params))
+    return skill_request(msgs.ResourceDescription(stype, "", serializeParamMap(params)))
 
 
-def test_a_task_is_made_and_waits_for_its_start(starter, scheduler, history):
+def test_created_task_is_not_started(starter, scheduler, history):
     task = starter.make("tests", [description(Text="a"), description(Text="b")])
     assert [node.type for node in task.root.children] == ["skiros:Note", "skiros:Note"]
     assert task.paused
@@ -51,7 +52,7 @@ def test_a_task_is_made_and_waits_for_its_start(starter, scheduler, history):
     assert task.state is State.Success
 
 
-def test_a_task_that_is_refused_is_kept_with_the_reason(starter, scheduler, history):
+def test_refused_task_is_recorded_with_the_reason(starter, scheduler, history):
     with pytest.raises(TaskRefused, match="required parameter 'Text' \\(str\\) is not set") as refused:
         starter.make("tests", [description()])
     assert history.get(-1) is refused.value.record
@@ -60,13 +61,13 @@ def test_a_task_that_is_refused_is_kept_with_the_reason(starter, scheduler, hist
     assert scheduler.tasks() == []
 
 
-def test_the_first_skill_that_cannot_run_is_named_among_several(starter, history):
+def test_first_wrong_skill_of_several_is_named(starter, history):
     with pytest.raises(TaskRefused, match="no skill of type skiros:Nothing"):
         starter.make("tests", [description(Text="a"), description("Nothing")])
     assert history.get(-1).explanations[0].type == "skiros:Nothing"
 
 
-def test_an_error_of_our_own_reaches_the_client(starter, bench, monkeypatch, caplog):
+def test_internal_error_is_reported_to_the_client(starter, bench, monkeypatch, caplog):
     def fail():
         raise ZeroDivisionError("of our own")
 
@@ -76,7 +77,7 @@ def test_an_error_of_our_own_reaches_the_client(starter, bench, monkeypatch, cap
     assert "creating a task for tests" in caplog.text
 
 
-def test_a_world_model_that_does_not_answer_is_the_reason(starter, bench, monkeypatch):
+def test_unavailable_world_model_is_reported(starter, bench, monkeypatch):
     def fail():
         raise WmException("service /wm/get does not answer")
 
@@ -85,21 +86,69 @@ def test_a_world_model_that_does_not_answer_is_the_reason(starter, bench, monkey
         starter.make("tests", [description(Text="a")])
 
 
+# -- preview ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def hold(bench):
+    """Loads a skill whose parameters are inferred: a product in a container."""
+    bench.load(primitive(describe("Hold", [CONTAINER, OBJECT], pre=[contains()]), "hold"))
+
+
+def test_preview_returns_the_inferred_elements(starter, bench, hold):
+    preview = starter.preview([written("Hold")])
+    assert (preview.label, preview.refusal) == ("hold", None)
+    assert {key: e.id for key, e in preview.elements.items()} == {
+        "Container": bench.tray.id,
+        "Object": bench.product.id,
+        "Robot": bench.robot.id,
+    }
+
+
+def test_preview_starts_nothing(starter, scheduler, history, bench, hold):
+    version = bench.wmi.version
+    starter.preview([written("Hold")])
+    starter.preview([written("Nothing")])
+    assert scheduler.tasks() == []
+    assert bench.wmi.version == version
+    assert not any(implementation.busy for implementation in bench.library.implementations())
+    with pytest.raises(UnknownName):
+        history.get(-1)
+
+
+def test_preview_explains_an_unsatisfied_pre_condition(starter, bench, hold):
+    given = [{"key": "Object", "values": bench.product.id}, {"key": "Container", "values": bench.other_tray.id}]
+    refusal = starter.preview([written("Hold", *given)]).refusal
+    assert (refusal.stage, len(refusal.findings)) == (PRE, 1)
+
+
+def test_preview_explains_a_failed_inference(starter, bench, hold):
+    bench.wmi.set_relation(bench.other_tray.id, "skiros:contain", bench.other_product.id, False)
+    refusal = starter.preview([written("Hold", {"key": "Object", "values": bench.other_product.id})]).refusal
+    assert refusal.stage == INFERENCE
+    assert [c.key for c in refusal.candidates] == ["Container"]
+
+
+def test_preview_explains_a_wrong_request(starter):
+    assert starter.preview([written("Note", {"key": "Text", "values": 7})]).refusal.stage == PARAMETER
+    assert "no skill of type skiros:Nothing" in starter.preview([written("Nothing")]).refusal.message
+
+
 # -- what travels -----------------------------------------------------------------------------------------------------
 
 
-def test_parameters_that_json_cannot_hold_stay_behind():
+def test_parameters_that_json_cannot_hold_are_omitted():
     params = {"good": Param("good", "", 1, ParamTypes.Required), "bad": Param("bad", "", {1, 2}, ParamTypes.Required)}
     (sent,) = param_messages(params)
     assert json.loads(sent.param)["key"] == "good"
 
 
 @pytest.mark.parametrize("text", ["plain", "ünïcode", "half \udcff of a letter"])
-def test_any_text_can_be_sent(text):
+def test_any_text_is_encoded(text):
     msgs.SkillProgress(progress_message=wire_text(text)).serialize(io.BytesIO())
 
 
-def test_codes_are_kept_within_their_type():
+def test_codes_are_limited_to_their_message_type():
     assert [wire_code(code) for code in (-100_000, -404, 7, 100_000)] == [-32768, -404, 7, 32767]
 
 
@@ -107,7 +156,8 @@ def test_codes_are_kept_within_their_type():
 
 
 def written(stype, *params):
-    return msgs.ResourceDescription(stype, "", [msgs.Param(p if isinstance(p, str) else json.dumps(p)) for p in params])
+    texts = [msgs.Param(p if isinstance(p, str) else json.dumps(p)) for p in params]
+    return skill_request(msgs.ResourceDescription(stype, "", texts))
 
 
 @pytest.fixture
@@ -124,11 +174,11 @@ def given(starter, scheduler):
 
 
 @pytest.mark.parametrize("values", ["a", ["a"]])
-def test_a_text_needs_no_type(given, values):
+def test_text_parameter_needs_no_type(given, values):
     assert given("Note", "Text", values) == ["a"]
 
 
-def test_an_element_is_given_by_its_id_or_label(given, bench):
+def test_element_is_given_by_id_or_label(given, bench):
     bench.load(primitive(describe("Hold", [OBJECT]), "hold"))
     product = bench.other_product
     for values in (product.id, product.label, [product.id], {"id": product.id}, {"label": product.label}):
@@ -136,7 +186,7 @@ def test_an_element_is_given_by_its_id_or_label(given, bench):
         assert value.id == product.id
 
 
-def test_a_whole_number_is_taken_where_a_real_one_is_declared(given, bench):
+def test_int_is_accepted_for_a_float(given, bench):
     bench.load(primitive(describe("Turn", [("Angle", float, ParamTypes.Required)]), "turn"))
     assert given("Turn", "Angle", [2]) == [2.0]
 

@@ -67,25 +67,25 @@ class both(SkillBase):
 # -- the scene ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_blank_scene_has_a_robot(skill_bench):
+def test_blank_scene_has_a_robot(skill_bench):
     assert skill_bench.robot.type == "cora:Robot"
     assert skill_bench.holder(skill_bench.robot.label) == skill_bench.wmi.get_element("skiros:Scene-0").label
 
 
-def test_a_scene_may_be_given_as_text():
+def test_scene_is_given_as_text():
     with SkillBench(SCENE) as bench:
         assert bench.holder("bolt") == "box"
         assert bench.element("bolt").id == "skiros:Product-7"
         assert bench.element("bolt").value_of("skiros:Weight") == 0.5
 
 
-def test_a_scene_may_be_a_file(tmp_path):
+def test_scene_is_read_from_a_file(tmp_path):
     (tmp_path / "cell.ttl").write_text(SCENE)
     with SkillBench(tmp_path / "cell.ttl") as bench:
         assert bench.related("box", "skiros:spatiallyRelated") == ["bolt"]
 
 
-def test_a_scene_may_be_built_by_calls(skill_bench):
+def test_scene_is_built_by_calls(skill_bench):
     box = skill_bench.add("skiros:LargeBox", "box")
     skill_bench.add("skiros:Product", "bolt", box, Weight=0.5)
     skill_bench.add("skiros:Location", "shelf")
@@ -95,7 +95,7 @@ def test_a_scene_may_be_built_by_calls(skill_bench):
     assert skill_bench.element("bolt").value_of("skiros:Weight") == 0.5
 
 
-def test_a_label_that_nothing_or_several_have_is_told(skill_bench):
+def test_unknown_or_ambiguous_label_is_refused(skill_bench):
     with pytest.raises(UnknownName, match=r"no element is labelled 'box'; there are: .*robot"):
         skill_bench.element("box")
     skill_bench.add("skiros:LargeBox", "box")
@@ -107,7 +107,7 @@ def test_a_label_that_nothing_or_several_have_is_told(skill_bench):
 # -- stand-ins ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_stand_in_ends_each_tick_as_its_script_says(skill_bench):
+def test_stand_in_follows_its_script(skill_bench):
     skill_bench.stand_in("Work", "RRS")
     task = skill_bench.command("Work")
     assert [task.tick() for _ in range(3)] == [State.Running, State.Running, State.Success]
@@ -125,26 +125,26 @@ def test_a_stand_in_ends_each_tick_as_its_script_says(skill_bench):
         (None, State.Failure, -405),
     ],
 )
-def test_an_outcome_is_a_letter_an_exception_a_function_or_an_answer(skill_bench, outcome, state, code):
+def test_script_accepts_letters_exceptions_functions_and_states(skill_bench, outcome, state, code):
     skill_bench.stand_in("Work", [outcome])
     task = skill_bench.command("Work").run()
     assert (task.skill.state, task.skill.progress_code) == (state, code)
 
 
-def test_a_script_may_differ_from_start_to_start(skill_bench):
+def test_script_may_differ_for_each_start(skill_bench):
     skill_bench.stand_in("Work", Script("F", "RS"))
     assert skill_bench.command("Work").run().state is State.Failure
     assert [len(skill_bench.command("Work").run().trace.ticks) for _ in range(2)] == [2, 2]
 
 
-def test_a_script_that_says_nothing_is_refused():
+def test_empty_script_is_refused():
     with pytest.raises(WrongValue, match="outcomes are R, S, F, X, got Q"):
         stand_in("Work", "RQ")
     with pytest.raises(WrongValue, match="an outcome for each start"):
         Script("F", "")
 
 
-def test_a_stand_in_tells_which_hooks_were_called_and_may_have_its_own(skill_bench):
+def test_stand_in_records_its_hooks(skill_bench):
     work = skill_bench.stand_in("Work", "R", onPreempt=State.Success)
     task = skill_bench.command("Work")
     task.tick()
@@ -154,7 +154,7 @@ def test_a_stand_in_tells_which_hooks_were_called_and_may_have_its_own(skill_ben
     assert task.skill.state is State.Success
 
 
-def test_a_stand_in_has_the_parameters_and_conditions_that_it_is_described_with(skill_bench):
+def test_stand_in_has_parameters_and_conditions_of_its_description(skill_bench):
     weighed = describe(
         "Weigh",
         [OBJECT, ("Most", 1.0, REQUIRED)],
@@ -168,7 +168,7 @@ def test_a_stand_in_has_the_parameters_and_conditions_that_it_is_described_with(
     assert task.skill.params["Object"].value.label == "bolt"
 
 
-def test_stand_ins_are_the_children_of_the_skill_under_test(skill_bench):
+def test_stand_ins_replace_children_of_the_tested_skill(skill_bench):
     skill_bench.add("skiros:Product", "bolt")
     skill_bench.load(both)
     skill_bench.stand_in("Left", "RS")
@@ -188,7 +188,7 @@ def test_stand_ins_are_the_children_of_the_skill_under_test(skill_bench):
 # -- tasks -------------------------------------------------------------------------------------------------------------
 
 
-def test_a_command_is_checked_as_in_a_manager(skill_bench):
+def test_bench_checks_requests_like_a_manager(skill_bench):
     skill_bench.stand_in(describe("Note", [("Text", str, REQUIRED)]))
     with pytest.raises(Refused, match="required parameter 'Text'"):
         skill_bench.command("Note")
@@ -197,7 +197,7 @@ def test_a_command_is_checked_as_in_a_manager(skill_bench):
     assert skill_bench.command("Note", Text="x").run().state is State.Success
 
 
-def test_several_skills_run_one_after_the_other(skill_bench):
+def test_several_skills_run_in_sequence(skill_bench):
     skill_bench.stand_in("One")
     skill_bench.stand_in("Two", "RS")
     task = skill_bench.commands(("One", "", {}), (":Two", "two", {})).run()
@@ -205,7 +205,7 @@ def test_several_skills_run_one_after_the_other(skill_bench):
     assert len(task.trace.ticks) == 2
 
 
-def test_nodes_may_be_remapped_and_fixed_and_read_from_the_blackboard(skill_bench):
+def test_nodes_have_remaps_specified_and_blackboard_values(skill_bench):
     def note(skill):
         heard.append((skill.params["Text"].value, skill.params["Size"].value))
         skill.params["Text"].value = "done"
@@ -218,7 +218,7 @@ def test_nodes_may_be_remapped_and_fixed_and_read_from_the_blackboard(skill_benc
     assert task.blackboard["Title"] == "done"
 
 
-def test_a_node_is_found_by_label_type_or_processor(skill_bench):
+def test_node_is_found_by_label_type_or_processor(skill_bench):
     skill_bench.stand_in("Work", label="worker")
     skill_bench.stand_in("Rest")
     group = Skill("", SerialStar())(skill_bench.node("Work"), skill_bench.node("Rest"), skill_bench.node("Rest"))
@@ -231,21 +231,21 @@ def test_a_node_is_found_by_label_type_or_processor(skill_bench):
         task.node("play")
 
 
-def test_why_tells_the_failure_and_what_the_tree_did(skill_bench):
+def test_why_has_the_failure_and_the_trace(skill_bench):
     skill_bench.stand_in("Work", ["R", lambda skill: skill.fail("no grip", 7)])
     why = skill_bench.command("Work").run().why
     assert "no grip" in why
     assert "work  R1 F-7" in why
 
 
-def test_running_gives_up_after_so_many_ticks(skill_bench):
+def test_run_ends_after_the_maximum_of_ticks(skill_bench):
     skill_bench.stand_in("Work", "R")
     task = skill_bench.command("Work").run(ticks=7)
     assert task.state is State.Running
     assert len(task.trace.ticks) == 7
 
 
-def test_the_thread_of_a_skill_gets_time_while_a_task_runs(skill_bench):
+def test_thread_of_a_skill_runs_between_ticks(skill_bench):
     class quick(sleeper):
         def run(self):
             return self.success("quick") if go.wait(10) else self.fail("slow", 1)
@@ -261,7 +261,7 @@ def test_the_thread_of_a_skill_gets_time_while_a_task_runs(skill_bench):
 # -- the clock ---------------------------------------------------------------------------------------------------------
 
 
-def test_time_passes_as_the_test_says(fake_clock, skill_bench):
+def test_fake_clock_advances_on_request(fake_clock, skill_bench):
     skill_bench.load(patient)
     task = skill_bench.command("Patience")
     assert task.tick() is State.Running
@@ -272,12 +272,12 @@ def test_time_passes_as_the_test_says(fake_clock, skill_bench):
     assert task.tick() is State.Success
 
 
-def test_a_tick_takes_a_period(fake_clock, skill_bench):
+def test_tick_advances_the_clock_by_a_period(fake_clock, skill_bench):
     skill_bench.load(patient)
     assert len(skill_bench.command("Patience").run(ticks=10_000).trace.ticks) == pytest.approx(120 / 0.04, abs=2)
 
 
-def test_a_thread_sleeps_until_the_clock_has_come_so_far(fake_clock, skill_bench):
+def test_sleeping_thread_wakes_at_its_deadline(fake_clock, skill_bench):
     skill_bench.load(sleeper)
     task = skill_bench.command("Sleep")
     task.tick(3)
@@ -287,7 +287,7 @@ def test_a_thread_sleeps_until_the_clock_has_come_so_far(fake_clock, skill_bench
     assert len(task.trace.ticks) >= 60.0 / 0.04
 
 
-def test_the_thread_of_the_test_does_not_wait_for_itself(fake_clock):
+def test_sleep_in_the_test_thread_advances_the_clock(fake_clock):
     before = time.time()
     time.sleep(3600.0)
     assert time.time() - before == 3600.0
@@ -295,7 +295,7 @@ def test_the_thread_of_the_test_does_not_wait_for_itself(fake_clock):
         fake_clock.advance(-1.0)
 
 
-def test_rospy_goes_by_the_fake_clock_too(fake_clock):
+def test_rospy_uses_the_fake_clock(fake_clock):
     rospy = pytest.importorskip("rospy")
     with FakeClock(50.0) as clock:
         assert rospy.get_time() == 50.0
@@ -303,7 +303,7 @@ def test_rospy_goes_by_the_fake_clock_too(fake_clock):
         assert rospy.Time.now().to_sec() == 52.5
 
 
-def test_after_it_time_is_the_machine_s():
+def test_real_time_is_restored_after_the_test():
     real = time.monotonic
     with FakeClock(5.0):
         assert time.monotonic() == pytest.approx(5.0)
@@ -314,7 +314,7 @@ def test_after_it_time_is_the_machine_s():
 
 
 @pytest.mark.parametrize(("hook", "code"), [("onStart", -404), ("execute", -405), ("onEnd", -405)])
-def test_a_hook_may_be_made_to_raise(skill_bench, hook, code):
+def test_injected_exception_is_raised_in_a_hook(skill_bench, hook, code):
     skill_bench.load(patient)
     skill_bench.inject(patient, hook, raises=RuntimeError("injected"))
     skill_bench.inject(patient, "execute", returns=State.Success) if hook == "onEnd" else None
@@ -323,32 +323,32 @@ def test_a_hook_may_be_made_to_raise(skill_bench, hook, code):
     assert "injected" in task.skill.progress_msg
 
 
-def test_a_hook_may_be_made_to_say_no(skill_bench):
+def test_injected_refusal_is_returned_by_a_hook(skill_bench):
     skill_bench.load(patient)
     with inject(patient, "onStart", returns=False):
         assert skill_bench.command("Patience").run(2).state is State.Failure
     assert skill_bench.command("Patience").run(2).state is State.Running
 
 
-def test_a_hook_may_fail_at_one_call_only(skill_bench):
+def test_fault_is_injected_at_one_call(skill_bench):
     skill_bench.load(patient)
     skill_bench.inject(patient, "execute", raises=RuntimeError("third time"), at=3)
     assert len(skill_bench.command("Patience").run().trace.ticks) == 3
 
 
-def test_a_hook_may_be_late(fake_clock, skill_bench):
+def test_injected_delay_slows_a_hook(fake_clock, skill_bench):
     skill_bench.load(patient)
     skill_bench.inject(patient, "execute", late=130.0)
     assert skill_bench.command("Patience").run().state is State.Success
     assert fake_clock.now > 1130.0
 
 
-def test_a_hook_that_the_skill_does_not_have_is_told():
+def test_fault_in_an_unknown_hook_is_refused():
     with pytest.raises(AttributeError), inject(patient, "onStrat", returns=False):
         pass
 
 
-def test_what_was_injected_is_taken_back():
+def test_injected_faults_are_removed():
     genuine = patient.execute
     with SkillBench() as bench:
         bench.inject(patient, "execute", returns=State.Success)
@@ -358,7 +358,7 @@ def test_what_was_injected_is_taken_back():
     assert "onEnd" not in vars(patient)
 
 
-def test_a_world_model_that_refuses_changes_fails_the_skill_that_makes_one(skill_bench):
+def test_refused_change_fails_the_skill(skill_bench):
     def paint(skill):
         product = skill.params["Object"].value
         product.setProperty("skiros:Weight", 2.0)
@@ -375,7 +375,7 @@ def test_a_world_model_that_refuses_changes_fails_the_skill_that_makes_one(skill
     assert skill_bench.command("Paint").run().state is State.Success
 
 
-def test_a_world_model_may_refuse_to_be_read(skill_bench):
+def test_refused_read_fails_the_skill(skill_bench):
     skill_bench.add("skiros:Product", "bolt")
     skill_bench.stand_in(describe("Look", [("Object", Element("skiros:Product"), INFERRED)]))
     task = skill_bench.command("Look")
@@ -395,13 +395,13 @@ root          R  R   F-1
   last        .  F-5 ."""
 
 
-def test_a_trace_is_printed_as_it_is_written():
+def test_trace_is_printed_as_a_table():
     assert str(Trace.parse(TABLE)) == TABLE
     assert Trace.parse(TABLE) == Trace.parse("\n" + TABLE.replace("\n", "\n     ").replace("root", "     root"))
     assert Trace.parse(TABLE) != Trace.parse(TABLE.replace("F-405", "F-8"))
 
 
-def test_a_trace_tells_tick_node_state_and_code():
+def test_trace_has_tick_node_state_and_code():
     rows = Trace.parse(TABLE).rows()
     assert rows[0] == (1, "root", State.Running, 0)
     assert rows[-3:-1] == [(3, "second", State.Failure, -405), (3, "deeper", State.Failure, -1)]
@@ -411,6 +411,6 @@ def test_a_trace_tells_tick_node_state_and_code():
 @pytest.mark.parametrize(
     ("table", "named"), [("a  R Q1", "'Q1' is not a state"), ("a  Rx", "'Rx'"), ("a  R R\n  b  R", "rows of")]
 )
-def test_a_table_that_is_none_is_told(table, named):
+def test_malformed_trace_table_is_refused(table, named):
     with pytest.raises(WrongValue, match=named):
         Trace.parse(table)

@@ -17,7 +17,7 @@ SECTIONS = [("docs/skills.md", "Testing skills", 4), ("CONTRIBUTING.md", "Add a 
 
 
 @pytest.mark.parametrize(("file", "heading", "tests"), SECTIONS, ids=lambda value: str(value))
-def test_the_tests_that_are_shown_pass(tmp_path: Path, file: str, heading: str, tests: int) -> None:
+def test_documented_tests_pass(tmp_path: Path, file: str, heading: str, tests: int) -> None:
     (section,) = re.findall(rf"^## {heading}$(.*?)^## ", (ROOT / file).read_text(), re.M | re.S)
     blocks = re.findall(r"^```python\n(.*?)^```$", section, re.M | re.S)
     (tmp_path / "conftest.py").write_text('pytest_plugins = ["skiros2_skill.testing"]\n')

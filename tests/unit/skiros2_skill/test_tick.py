@@ -40,14 +40,14 @@ def code(task, index=0):
 # -- states and progress -----------------------------------------------------------------------------------------------
 
 
-def test_execute_follows_the_start_in_the_same_tick(bench):
+def test_execute_is_called_in_the_tick_of_the_start(bench):
     bench.load(primitive(Work, "work"))
     task = bench.task(bench.node("work"))
     assert task.tick() is State.Success
     assert message(task) == "done"
 
 
-def test_progress_counts_up_by_step_and_is_negative_after_a_failure(bench):
+def test_progress_code_is_incremented_and_negative_after_a_failure(bench):
     def execute(self):
         return self.step("on it") if self.progress_code < 3 else self.fail("broken", 7)
 
@@ -60,7 +60,7 @@ def test_progress_counts_up_by_step_and_is_negative_after_a_failure(bench):
     assert (code(task), message(task)) == (-7, "broken")
 
 
-def test_a_task_s_end_is_seen_on_its_root(bench):
+def test_root_has_the_state_of_an_ended_task(bench):
     bench.load(primitive(Work, "work"), primitive(Work, "fails", execute=lambda self: self.fail("no", 3)))
     assert bench.run(bench.node("work")).root.progress_code == 1
     failed = bench.run(bench.node("fails"))
@@ -68,7 +68,7 @@ def test_a_task_s_end_is_seen_on_its_root(bench):
     assert "no" in failed.root.progress_msg
 
 
-def test_skills_of_a_task_run_one_after_the_other(bench):
+def test_skills_of_a_task_run_in_sequence(bench):
     order = []
     bench.load(
         primitive(Work, "first", execute=lambda self: order.append(1) or self.success()),
@@ -81,7 +81,7 @@ def test_skills_of_a_task_run_one_after_the_other(bench):
 # -- hooks -------------------------------------------------------------------------------------------------------------
 
 
-def test_the_hooks_are_called_in_order(bench):
+def test_hooks_are_called_in_order(bench):
     calls = []
 
     def hook(name, answer=None):
@@ -92,7 +92,7 @@ def test_the_hooks_are_called_in_order(bench):
     assert calls == ["start", "execute", "end"]
 
 
-def test_on_start_false_is_a_failure_with_its_reason(bench):
+def test_on_start_false_fails_with_its_reason(bench):
     calls = []
     bench.load(primitive(Work, "work", onStart=lambda self: self.startError("no battery", 12), execute=calls.append))
     task = bench.run(bench.node("work"))
@@ -101,13 +101,13 @@ def test_on_start_false_is_a_failure_with_its_reason(bench):
     assert calls == []
 
 
-def test_on_end_false_makes_a_success_a_failure(bench):
+def test_on_end_false_fails_a_successful_skill(bench):
     bench.load(primitive(Work, "work", onEnd=False))
     assert bench.run(bench.node("work")).state is State.Failure
 
 
 @pytest.mark.parametrize(("hook", "expected"), [("onStart", -404), ("execute", -405), ("onEnd", -405)])
-def test_what_a_hook_raises_is_the_message_of_a_failure(bench, hook, expected):
+def test_exception_of_a_hook_is_the_failure_message(bench, hook, expected):
     def raises(self):
         raise RuntimeError("out of coffee")
 
@@ -131,7 +131,7 @@ def test_on_end_runs_after_an_exception(bench, hook):
     assert ended == [1]
 
 
-def test_after_an_exception_the_next_task_runs(bench):
+def test_next_task_runs_after_an_exception(bench):
     def raises(self):
         raise RuntimeError("out of coffee")
 
@@ -141,7 +141,7 @@ def test_after_an_exception_the_next_task_runs(bench):
 
 
 @pytest.mark.parametrize(("answer", "state"), [(None, State.Failure), (7, State.Failure), (True, State.Success)])
-def test_an_execute_that_returns_no_state_is_told_so(bench, answer, state):
+def test_execute_without_a_state_fails(bench, answer, state):
     bench.load(primitive(Work, "work", execute=answer))
     task = bench.run(bench.node("work"))
     assert task.state is state
@@ -149,7 +149,7 @@ def test_an_execute_that_returns_no_state_is_told_so(bench, answer, state):
         assert f"execute returned {answer!r}" in message(task)
 
 
-def test_skill_preempted_ends_a_skill_without_a_traceback(bench):
+def test_skill_preempted_exception_has_no_traceback(bench):
     def execute(self):
         raise SkillPreempted("enough")
 
@@ -171,7 +171,7 @@ def test_skill_preempted_ends_a_skill_without_a_traceback(bench):
         ("start raised", ["onEnd"]),
     ],
 )
-def test_on_end_runs_once_however_the_skill_ends(bench, how, called):
+def test_on_end_is_called_once(bench, how, called):
     calls = []
     execute = {
         "success": lambda self: self.success(),
@@ -200,7 +200,7 @@ def test_on_end_runs_once_however_the_skill_ends(bench, how, called):
 # -- conditions --------------------------------------------------------------------------------------------------------
 
 
-def test_a_failed_pre_condition_names_the_elements(bench):
+def test_unsatisfied_pre_condition_names_the_elements(bench):
     bench.load(primitive(Take, "take"))
     task = bench.run(bench.node("take", Container=bench.other_tray, Object=bench.product))
     assert task.state is State.Failure
@@ -209,7 +209,7 @@ def test_a_failed_pre_condition_names_the_elements(bench):
         assert part in message(task)
 
 
-def test_a_broken_hold_condition_preempts_and_fails(bench):
+def test_unsatisfied_hold_condition_preempts_and_fails(bench):
     calls = []
     watched = describe("Watched", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], hold=[contains()])
     bench.load(
@@ -231,7 +231,7 @@ def test_a_broken_hold_condition_preempts_and_fails(bench):
     assert bench.product.id in message(task)
 
 
-def test_the_children_of_a_skill_whose_hold_condition_fails_are_not_ticked_again(bench):
+def test_children_are_not_ticked_after_a_failed_hold_condition(bench):
     ticks = []
 
     class Guarded(SkillBase):
@@ -252,7 +252,7 @@ def test_the_children_of_a_skill_whose_hold_condition_fails_are_not_ticked_again
     assert task.root.children[0].children[0].state is State.Failure
 
 
-def test_a_post_condition_that_does_not_hold_makes_a_success_a_failure(bench):
+def test_unsatisfied_post_condition_fails_a_successful_skill(bench):
     gone = describe(
         "Gone", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], post=[contains(state=False)]
     )
@@ -262,7 +262,7 @@ def test_a_post_condition_that_does_not_hold_makes_a_success_a_failure(bench):
     assert "Post-condition failed" in message(task)
 
 
-def test_pre_conditions_given_with_the_node_count(bench):
+def test_pre_conditions_of_the_node_are_checked(bench):
     class Guarded(SkillBase):
         def createDescription(self):
             self.setDescription(describe("Guarded", [OBJECT])(), "guarded")
@@ -280,7 +280,7 @@ def test_pre_conditions_given_with_the_node_count(bench):
 # -- choosing an implementation ----------------------------------------------------------------------------------------
 
 
-def test_with_an_empty_label_the_first_that_fits_is_taken(bench):
+def test_empty_label_selects_the_first_matching_implementation(bench):
     heavy = lambda self: self.addPreCondition(self.getPropCond("Heavy", "skiros:Weight", "Object", ">", 2.0, True))  # noqa: E731
     lifted = describe("Lift", [OBJECT])
 
@@ -306,7 +306,7 @@ def test_with_an_empty_label_the_first_that_fits_is_taken(bench):
     assert chosen(bench.add("skiros:Product", "anvil", Weight=50.0)) == "lift_heavy"
 
 
-def test_when_none_fits_each_says_why(bench):
+def test_each_rejected_implementation_states_its_reason(bench):
     bench.load(primitive(Take, "take_left"), primitive(Take, "take_right"))
     node = SkillWrapper("Take", "", bench.library)
     node.specifyParamDefault("Object", bench.product)
@@ -316,7 +316,7 @@ def test_when_none_fits_each_says_why(bench):
     assert "take_right: Pre-condition failed" in node.progress_msg
 
 
-def test_an_unknown_type_or_label_is_a_failure_that_names_it(bench):
+def test_unknown_type_or_label_fails_with_its_name(bench):
     bench.load(primitive(Take, "take"))
     unknown = SkillWrapper("Tke", "", bench.library)
     assert bench.run(unknown).state is State.Failure
@@ -326,7 +326,7 @@ def test_an_unknown_type_or_label_is_a_failure_that_names_it(bench):
     assert "skiros:Take has no implementation 'takes'; it has: 'take'" in unlabelled.progress_msg
 
 
-def test_the_same_skill_may_run_several_times_at_once(bench):
+def test_one_skill_runs_several_times_in_parallel(bench):
     bench.load(primitive(Work, "work", execute=running_for(3)))
     both = Skill("", ParallelFf())(bench.node("work"), bench.node("work"))
     task = bench.run(both)
@@ -337,7 +337,7 @@ def test_the_same_skill_may_run_several_times_at_once(bench):
 # -- elements ----------------------------------------------------------------------------------------------------------
 
 
-def test_an_element_that_a_skill_changes_and_assigns_is_written(bench):
+def test_assigned_element_is_written(bench):
     def execute(self):
         product = self.params["Object"].value
         product.setProperty("skiros:Weight", 4.0)
@@ -349,7 +349,7 @@ def test_an_element_that_a_skill_changes_and_assigns_is_written(bench):
     assert bench.wmi.get_element(bench.product.id).getProperty("skiros:Weight").value == 4.0
 
 
-def test_only_what_a_skill_changed_is_written(bench):
+def test_only_changed_properties_are_written(bench):
     def execute(self):
         # somebody else changes another property meanwhile
         other = self.wmi.get_element(self.params["Object"].value.id)
@@ -367,7 +367,7 @@ def test_only_what_a_skill_changed_is_written(bench):
     assert after.getProperty("skiros:CadModel").value == "theirs"
 
 
-def test_an_abstract_element_that_got_data_is_not_added(bench):
+def test_assigned_abstract_element_is_not_added(bench):
     def execute(self):
         found = self.params["Found"].value
         found.setProperty("skiros:Weight", 1.0)
@@ -380,7 +380,7 @@ def test_an_abstract_element_that_got_data_is_not_added(bench):
     assert not bench.wmi.resolve_elements(Element("skiros:Starter"))
 
 
-def test_elements_are_read_anew_before_every_execute(bench):
+def test_elements_are_refreshed_before_execute(bench):
     seen = []
 
     def execute(self):
@@ -397,7 +397,7 @@ def test_elements_are_read_anew_before_every_execute(bench):
     assert seen == [None, 9.0]
 
 
-def test_a_skill_whose_element_is_removed_while_it_runs_fails_and_names_the_element(bench):
+def test_removal_of_an_element_fails_the_running_skill(bench):
     seen = []
 
     def execute(self):
@@ -416,7 +416,7 @@ def test_a_skill_whose_element_is_removed_while_it_runs_fails_and_names_the_elem
     assert node.progress_msg.endswith("while watch was running with it")
 
 
-def test_a_given_element_that_does_not_exist_is_an_error_not_a_wish(bench):
+def test_given_element_that_does_not_exist_is_refused(bench):
     bench.load(primitive(describe("Watch", [OBJECT]), "watch"))
     ghost = Element("skiros:Product", "ghost", "skiros:Product-9999")
     task = bench.run(bench.node("watch", Object=ghost))
@@ -436,7 +436,7 @@ def device_state(bench, arm):
     return bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value
 
 
-def test_a_locked_device_is_busy_while_the_skill_runs_and_free_after(bench, arm):
+def test_locked_device_is_busy_while_the_skill_runs(bench, arm):
     bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=running_for(3)))
     task = bench.task(bench.node("move"))
     task.tick()
@@ -447,7 +447,7 @@ def test_a_locked_device_is_busy_while_the_skill_runs_and_free_after(bench, arm)
     assert device_state(bench, arm) == "Idle"
 
 
-def test_a_second_skill_does_not_get_a_locked_device(bench, arm):
+def test_second_skill_cannot_lock_a_locked_device(bench, arm):
     bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=running_for(3)))
     first, second = bench.node("move"), bench.node("move")
     bench.run(Skill("", ParallelFs())(first, second))
@@ -455,7 +455,7 @@ def test_a_second_skill_does_not_get_a_locked_device(bench, arm):
 
 
 @pytest.mark.parametrize("how", ["exception", "failure", "preempt", "start"])
-def test_a_device_is_freed_however_the_skill_ends(bench, arm, how):
+def test_device_is_released_at_any_end(bench, arm, how):
     def raises(self):
         raise RuntimeError("!")
 
@@ -492,7 +492,7 @@ class Outer(SkillBase):
         self.wmi.calls.append("outer end")
 
 
-def test_preemption_goes_from_the_leaves_up_and_calls_on_end(bench):
+def test_preemption_starts_at_the_leaves_and_calls_on_end(bench):
     bench.wmi.calls = calls = []
     bench.load(
         primitive(
@@ -512,7 +512,7 @@ def test_preemption_goes_from_the_leaves_up_and_calls_on_end(bench):
     assert task.root.progress_msg == "Preempted"
 
 
-def test_a_node_that_needs_time_to_end_gets_it(bench):
+def test_running_on_preempt_is_continued(bench):
     def execute(self):
         self.count = getattr(self, "count", 0) + 1
         return self.step("braking") if self.count < 4 else self.fail("stopped", 1)
@@ -534,7 +534,7 @@ def test_a_node_that_needs_time_to_end_gets_it(bench):
 @pytest.mark.parametrize(
     ("answer", "state"), [(True, State.Success), (False, State.Failure), (State.Success, State.Success)]
 )
-def test_on_preempt_may_answer_a_state_or_a_bool(bench, answer, state):
+def test_on_preempt_returns_a_state_or_a_bool(bench, answer, state):
     bench.load(primitive(Work, "work", execute=lambda self: self.step(), onPreempt=answer))
     task = bench.task(bench.node("work"))
     task.tick()
@@ -544,7 +544,7 @@ def test_on_preempt_may_answer_a_state_or_a_bool(bench, answer, state):
     assert task.state is State.Failure
 
 
-def test_what_on_preempt_raises_is_reported_and_the_task_ends(bench):
+def test_exception_in_on_preempt_is_reported_and_the_task_ends(bench):
     def raises(self):
         raise RuntimeError("stuck")
 
@@ -557,7 +557,7 @@ def test_what_on_preempt_raises_is_reported_and_the_task_ends(bench):
     assert "stuck" in message(task)
 
 
-def test_a_selector_goes_back_to_an_earlier_child_and_preempts_the_running_one(bench):
+def test_selector_returns_to_an_earlier_child_and_preempts_the_running_one(bench):
     watched = describe("Guard", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], pre=[contains()])
     bench.load(
         primitive(watched, "guard", execute=lambda self: self.step()),
@@ -576,7 +576,7 @@ def test_a_selector_goes_back_to_an_earlier_child_and_preempts_the_running_one(b
 # -- trees -------------------------------------------------------------------------------------------------------------
 
 
-def test_a_tree_of_a_thousand_levels_is_ticked(bench, deep_stack):
+def test_tree_of_a_thousand_levels_is_ticked(bench, deep_stack):
     bench.load(primitive(Work, "work", execute=running_for(2)))
     top = node = Skill("top")
     for _ in range(1000):
@@ -596,7 +596,7 @@ def test_ten_thousand_children_are_ticked_and_numbered(bench):
     assert ids[0] == task.id
 
 
-def test_progress_of_a_task_names_only_its_own_nodes(bench):
+def test_progress_of_a_task_has_only_its_nodes(bench):
     bench.load(primitive(Speak, "speak", execute=running_for(2)), primitive(Note, "note"))
     one = bench.task(bench.node("speak"))
     other = bench.task(bench.node("note", Text="x"))

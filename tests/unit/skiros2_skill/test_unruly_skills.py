@@ -1,4 +1,4 @@
-"""Skills whose code does what it should not: each fails by itself with a clear message, and the next task runs."""
+"""Skills with faulty code: only the skill fails, with a clear message, and the next task runs."""
 
 import sys
 import threading
@@ -121,7 +121,7 @@ def test_changes_before_exception_are_not_written(bench, hook):
 
 @pytest.mark.parametrize(("kind", "code"), [("pre", -404), ("hold", -405), ("post", -405)])
 def test_exception_in_condition_fails_only_its_skill(bench, kind, code):
-    """As exceptions in hooks do: the rest of the task goes on."""
+    """Like exceptions in hooks: the remaining task continues."""
     condition = lambda d: ConditionFunction("Fresh", ["Text"], raises)  # noqa: E731
     unruly = describe("Unruly", [("Text", "x", REQUIRED)], **{kind: [condition]})
     bench.load(primitive(unruly, "unruly", execute=running_for(3)), primitive(Work, "work"))
@@ -273,7 +273,7 @@ def test_preempted_skill_without_progress_has_message_preempted(bench, answer):
 # -- parameters and trees that are not the skill's own -----------------------------------------------------------------
 
 
-def test_a_skill_reads_and_sets_only_its_own_parameters(bench, caplog):
+def test_skill_accesses_only_its_own_parameters(bench, caplog):
     def reads(self):
         return self.success(self.params["Words"].value)
 
@@ -369,7 +369,7 @@ def test_running_child_cannot_be_removed(bench):
 
 def test_running_subtree_may_grow(bench):
     def execute(self):
-        if len(self._expands_into.children) < 4:
+        if len(self.expands_into.children) < 4:
             self.addChild(self.skill("Work", "work"))
             return self.step("one more")
         return None

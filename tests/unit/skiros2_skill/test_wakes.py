@@ -38,7 +38,7 @@ def started(scheduler, bench, *nodes):
 
 
 class Ticks:
-    """An `execute` that goes on, and counts."""
+    """An `execute` that keeps running and counts its calls."""
 
     def __init__(self):
         self.count = 0

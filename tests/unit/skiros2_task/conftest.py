@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
-from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.preview import preview
 from skiros2_world_model.core.preview_copy import PreviewCopy
@@ -30,7 +29,7 @@ def processes() -> Iterator[EngineProcesses]:
 @pytest.fixture
 def plan(processes: EngineProcesses) -> Plan:
     """Plans a goal in a world, and carries the plan out on a copy of it: the goal has to hold then."""
-    planner = CheckedPlanner(UpPlanner(processes))
+    planner = CheckedPlanner(engine_planner(processes))
 
     def make(world: PlanningWorld, goal: str) -> PlanningResult:
         result = TaskPlanner(world.wm, planner, Limits(seconds=30.0)).plan(goal)
@@ -38,8 +37,8 @@ def plan(processes: EngineProcesses) -> Plan:
             after = carry_out(world, result.calls)
             assert TaskPlanner(after.wm, planner, Limits()).plan(goal).verdict is Verdict.NOTHING_TO_DO
         if result.verdict is Verdict.PLANNED:
-            assert result.task is not None
-            tried = preview(PreviewCopy(world.wm), result.task, result.steps, result.calls)
+            assert result.plan is not None
+            tried = preview(PreviewCopy(world.wm), result.plan)
             assert tried.works, str(tried)
         return result
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_task.core.archive import Archive
+from skiros2_task.core.store import Archive
 
 
 def test_request_has_folder_and_latest_pddl_is_on_top(tmp_path: Path) -> None:

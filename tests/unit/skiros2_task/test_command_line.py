@@ -36,7 +36,7 @@ Run = Callable[..., Result]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
-    monkeypatch.setattr(planning, "_FOLDER", tmp_path / "planner")
+    monkeypatch.setattr(planning, "FOLDER", tmp_path / "planner")
 
     def run(name: str, *arguments: str) -> Result:
         try:

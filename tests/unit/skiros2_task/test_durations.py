@@ -14,8 +14,8 @@ import pytest
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.durations import DEFAULT_DURATION, MAX_RUNS, Durations
 from skiros2_task.core.skills import Skill, read_robots
+from skiros2_task.core.store import DEFAULT_DURATION, MAX_RUNS, Durations
 from skiros2_task.core.world import WorldView
 from support.planning_world import DRIVE, PlanningWorld, skill
 

@@ -39,9 +39,9 @@ def test_relation_expands_to_changed_subproperties() -> None:
     atom = Atom(relation("spatiallyRelated"), ("a", "b"))
     contains = Atom(relation("contain"), ("a", "b"))
     facts = families(relation("contain"), relation("at"))
-    assert facts.positive(atom) == Or((atom, contains))
-    assert facts.negative(atom).parts == (Not(atom), Not(contains))  # type: ignore[union-attr]
-    assert families(relation("at")).positive(atom) == atom
+    assert facts.literal(atom, True) == Or((atom, contains))
+    assert facts.literal(atom, False).parts == (Not(atom), Not(contains))  # type: ignore[union-attr]
+    assert families(relation("at")).literal(atom, True) == atom
 
 
 def test_deleting_relation_deletes_subproperties() -> None:
@@ -98,4 +98,4 @@ def test_numeric_effect_decides_implied_comparisons(
 def test_negated_comparison_includes_missing_value() -> None:
     atom = Atom(compares(">", 5.0), ("a",))
     expected = Or((Atom(compares("<=", 5.0), ("a",)), Not(Atom(has("Weight"), ("a",)))))
-    assert families().negative(atom) == expected
+    assert families().literal(atom, False) == expected

@@ -5,10 +5,9 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_task.core.commands import Phase, StepState
-from skiros2_task.core.execution import ROBOT_TIMEOUT
+from skiros2_task.core.execution import ROBOT_TIMEOUT, Phase, StepState
+from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import Verdict
-from skiros2_task.core.steps import Step
 from support.transport_cell import PLANNING_TIME, STEP_TIME, TransportCell
 
 

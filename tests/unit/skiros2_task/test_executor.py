@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from skiros2_task.core.commands import End, StepState
-from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.execution import End, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
-from skiros2_task.core.planner import Limits, PlannerAnswer
-from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.planners import PlannerAnswer, engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.task import PlanningTask
 from support.planning_world import PlanningWorld, transport_world
@@ -24,7 +23,7 @@ class Cell:
     def __init__(self, world: PlanningWorld, processes: EngineProcesses, seconds: float = 0.02) -> None:
         self.world = world
         self.step_runner = StandInStepRunner(world, seconds)
-        self.executor = GoalExecutor(TaskPlanner(world.wm, UpPlanner(processes), Limits(30.0)), self.step_runner)
+        self.executor = GoalExecutor(TaskPlanner(world.wm, engine_planner(processes), Limits(30.0)), self.step_runner)
         self.step_runner.on_change = self.executor.world_changed
 
     @property
@@ -177,7 +176,7 @@ class BadStepRunner(StandInStepRunner):
 def test_internal_error_ends_goal_with_message(processes: EngineProcesses) -> None:
     world = transport_world()
     goal = Goal(f"(skiros:contain {world.places[1]} {world.products[0]})")
-    cases = ((BadPlanner(), StandInStepRunner(world)), (UpPlanner(processes), BadStepRunner(world)))
+    cases = ((BadPlanner(), StandInStepRunner(world)), (engine_planner(processes), BadStepRunner(world)))
     for planner, step_runner in cases:
         executor = GoalExecutor(TaskPlanner(world.wm, planner, Limits(30.0)), step_runner)
         end = Request(executor, goal).end

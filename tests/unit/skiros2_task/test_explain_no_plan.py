@@ -9,12 +9,21 @@ import pytest
 
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_task.core.compiler import make_task
-from skiros2_task.core.explain_no_plan import HOLDS, REACHABLE, UNKNOWN, UNREACHABLE, Fact, NoPlan, explain_no_plan
+from skiros2_task.core.engines import Outcome
+from skiros2_task.core.explain_no_plan import (
+    HOLDS,
+    REACHABLE,
+    UNKNOWN,
+    UNREACHABLE,
+    Fact,
+    NoPlan,
+    explain_no_plan,
+    unusable_skills,
+)
 from skiros2_task.core.formula import FALSE, And, Atom, Formula, Kind, Not, Or, Predicate, conjunction
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.reachability import Deadline
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.unusable_skills import unusable_skills
 from skiros2_task.core.world import WorldView
 from support.planning_world import DRIVE, PICK, PLACE, REQUIRED, PlanningWorld, prop, skill, transport_world
 from support.transport_task import AT, HAS_A, at, contain, transport_task
@@ -29,7 +38,7 @@ R, G, A, B, P = (
 
 
 def impossible(task: PlanningTask, **options: Any) -> NoPlan:
-    return explain_no_plan(task, "proven impossible", **options)
+    return explain_no_plan(task, Outcome.IMPOSSIBLE, **options)
 
 
 def without(task: PlanningTask, predicate: Predicate) -> PlanningTask:
@@ -150,12 +159,12 @@ def test_parts_reachable_only_alone_are_reported() -> None:
 
 
 def test_unreachable_goal_overrides_timeout() -> None:
-    assert explain_no_plan(transport_task(1, 2, 1, contain(P, B)), "timed out").verdict == "proven impossible"
-    assert explain_no_plan(transport_task(1, 2, 1), "timed out").verdict == "timed out"
+    assert explain_no_plan(transport_task(1, 2, 1, contain(P, B)), Outcome.TIMED_OUT).verdict == "proven impossible"
+    assert explain_no_plan(transport_task(1, 2, 1), Outcome.TIMED_OUT).verdict == "timed out"
 
 
 def test_passed_deadline_gives_unknown_states() -> None:
-    why = explain_no_plan(transport_task(1, 2, 1), "timed out", deadline=Deadline(-1.0))
+    why = explain_no_plan(transport_task(1, 2, 1), Outcome.TIMED_OUT, deadline=Deadline(-1.0))
     assert [fact.state for fact in why.goals] == [UNKNOWN]
     assert "the time was too short to find" in str(why)
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from skiros2_common.core.world_element import Element
 from skiros2_task.core.explain_plan import OUTSIDE, Link, WhyPlan, explain_plan
 from skiros2_task.core.formula import Formula, conjunction
 from skiros2_task.core.partial_order import deorder
-from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.plan import plan_of
+from skiros2_task.core.schedule import schedule
+from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanStep
 from support.transport_task import at, contain, transport_task
 
@@ -26,8 +29,8 @@ def why(*plan: PlanStep, goal: Formula | None = None) -> WhyPlan:
     task = transport_task(1, 3, 1)
     if goal is not None:
         task = replace(task, goal=goal)
-    calls = [SkillCall("/alpha", f"skiros:{step.action.capitalize()}", step.action, ()) for step in plan]
-    return explain_plan(task, deorder(task, plan), calls)
+    objects = {name: Element("", eid=name) for name in task.objects}
+    return explain_plan(plan_of(task, schedule(task, deorder(task, plan), Durations()), objects))
 
 
 def test_step_serves_consumers_of_its_effects() -> None:

@@ -11,18 +11,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.formula import TRUE, And, Exists, ForAll, Formula, Not, Or
 from skiros2_task.core.goal_reader import GoalReader
-from skiros2_task.core.goals import (
-    all_of,
-    any_of,
-    compares,
-    equals,
-    exists,
-    for_all,
-    has,
-    is_same,
-    negated,
-    related,
-)
+from skiros2_task.core.goals import all_of, any_of, compares, equals, exists, for_all, has, is_same, negated, related
 from skiros2_task.core.world import WorldView
 from support.planning_world import PlanningWorld, transport_world
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
+from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.planners import Quality, planner_named
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from support.plan_checks import CheckedPlanner, carry_out, is_known

@@ -15,7 +15,7 @@ from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.partial_order import GOAL, INIT, CausalLink, PartialOrder, deorder
 from skiros2_task.core.semantics import validate
 from skiros2_task.core.skills import Skill
-from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep, during_of, effects_of, robot_of
+from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep
 from skiros2_task.core.world import WorldView
 from support.planning_world import INFERRED, REQUIRED, PlanningWorld, prop, skill
 from support.planning_world import given as specified
@@ -220,10 +220,10 @@ def test_unordered_steps_do_not_interfere(
     """Unordered steps have different robots, and neither changes a fact that the other produces."""
     task, plan = planned
     for i, j in unordered(deorder(task, plan)):
-        assert robot_of(task, plan[i]) != robot_of(task, plan[j])
+        assert task.ground(plan[i]).robot != task.ground(plan[j]).robot
         for one, other in ((plan[i], plan[j]), (plan[j], plan[i])):
-            spoilt = {(atom, not state) for atom, state in (*net_effects(task, one), *during_of(task, one))}
-            assert not spoilt & (net_effects(task, other) | set(during_of(task, other)))
+            spoilt = {(atom, not state) for atom, state in task.ground(one).changes}
+            assert not spoilt & set(task.ground(other).changes)
 
 
 @given(planned=planned_tasks())
@@ -235,13 +235,7 @@ def test_no_step_breaks_a_causal_link(
         end = len(plan) if link.consumer == GOAL else link.consumer
         assert link.producer < end
         for k in range(link.producer + 1, end):
-            assert (link.atom, not link.state) not in net_effects(task, plan[k]) | set(during_of(task, plan[k]))
-
-
-def net_effects(task: PlanningTask, step: PlanStep) -> set[tuple[Atom, bool]]:
-    """Returns the changes of a step; an atom that is made both true and false is true."""
-    made = set(effects_of(task, step))
-    return {(atom, state) for atom, state in made if state or (atom, True) not in made}
+            assert (link.atom, not link.state) not in task.ground(plan[k]).changes
 
 
 def unordered(order: PartialOrder) -> list[tuple[int, int]]:

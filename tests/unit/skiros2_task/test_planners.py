@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from skiros2_task.core.actions import Action, Effect, Variable
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.engine_worker import Job
-from skiros2_task.core.fast_downward import Search, SearchPortfolio
+from skiros2_task.core.engines import EngineProcesses, Job, Limits, Outcome, Search, SearchPortfolio
 from skiros2_task.core.formula import Not, Or, conjunction
-from skiros2_task.core.planner import Limits, Outcome
-from skiros2_task.core.planners import Portfolio, Quality, UpPlanner, makespan, planner_named
+from skiros2_task.core.planners import EnginePlanner, Quality, engine_planner, planner_named
 from skiros2_task.core.semantics import validate
-from skiros2_task.core.task import PlanningTask, PlanStep
 from support.ros import wait_until
 from support.running import running_in
 from support.transport_task import at, contain, transport_task
@@ -27,8 +22,8 @@ LIMITS = Limits(seconds=60.0)
 R, A, B, C, P = "cora:Robot-0", *(f"skiros:Location-{i}" for i in range(3)), "skiros:Product-0"
 
 
-def portfolio(processes: EngineProcesses, quality: Quality) -> Portfolio:
-    return Portfolio(processes, quality, makespan())
+def portfolio(processes: EngineProcesses, quality: Quality) -> EnginePlanner:
+    return planner_named(processes, quality.value)
 
 
 @pytest.mark.parametrize("quality", Quality)
@@ -37,7 +32,7 @@ def test_each_quality_gives_valid_plan(processes: EngineProcesses, quality: Qual
     answer = portfolio(processes, quality).solve(task, LIMITS)
     assert answer.outcome is Outcome.SOLVED, answer.reason
     assert validate(task, answer.plan) == ""
-    assert set(dict(answer.files)) == {"domain.pddl", "p01.pddl", "plan.txt"}
+    assert set(dict(answer.files)) == {"domain.pddl", "p01.pddl"}
 
 
 @pytest.mark.parametrize("quality", Quality)
@@ -63,21 +58,6 @@ def test_optimal_plan_has_fewest_steps(processes: EngineProcesses) -> None:
     task = transport_task(1, 3, 2)
     # To each product, and with it to where it belongs; the second lies where the first one goes.
     assert len(portfolio(processes, Quality.OPTIMAL).solve(task, LIMITS).plan) == 6
-
-
-def test_plan_with_lowest_cost_is_chosen(processes: EngineProcesses) -> None:
-    seen: list[float] = []
-
-    def by_first_robot(_: PlanningTask, plan: Sequence[PlanStep]) -> float:
-        seen.append(float(sum(R in step.arguments for step in plan)))
-        return seen[-1]
-
-    task = transport_task(3, 8, 12)
-    answer = Portfolio(processes, Quality.BEST, by_first_robot).solve(task, LIMITS)
-    assert len(set(seen)) > 1, "all searches use the first robot alike; this test needs another task"
-    least = min(seen)
-    assert by_first_robot(task, answer.plan) == least
-    assert "lama-first, after" in answer.log
 
 
 def test_best_plan_is_returned_at_time_limit(
@@ -122,18 +102,11 @@ def test_portfolio_respects_memory_limit(processes: EngineProcesses) -> None:
     assert "blind exceeded its memory limit" in answer.reason
 
 
-def test_makespan_counts_overlapping_steps_once(processes: EngineProcesses) -> None:
-    other = "cora:Robot-1"
-    alone, both = (PlanStep("drive", (R, A, B)),), (PlanStep("drive", (R, A, B)), PlanStep("drive", (other, A, B)))
-    one = makespan()(transport_task(2, 3, 1, at(R, B)), alone)
-    assert makespan()(transport_task(2, 3, 1, conjunction([at(R, B), at(other, B)])), both) == one > 0.0
-
-
 def test_planner_named_accepts_quality_or_engine(processes: EngineProcesses) -> None:
     assert planner_named(processes).name == planner_named(processes, "first").name == "fast-downward, first plan"
     assert planner_named(processes, "optimal").name == "fast-downward, optimal plan"
     other = planner_named(processes, "fast-downward-opt")
-    assert isinstance(other, UpPlanner)
+    assert isinstance(other, EnginePlanner)
     assert other.name == "fast-downward-opt"
 
 
@@ -158,23 +131,23 @@ BAD = "support.bad_engines"
 def test_bad_engine_fails_and_next_run_succeeds(
     processes: EngineProcesses, own_folder: Path, engine: str, reason: str
 ) -> None:
-    answer = UpPlanner(processes, f"{BAD}:{engine}").solve(transport_task(1, 2, 1), LIMITS)
+    answer = engine_planner(processes, f"{BAD}:{engine}").solve(transport_task(1, 2, 1), LIMITS)
     assert answer.outcome is Outcome.FAILED
     assert reason in answer.reason
-    assert UpPlanner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
+    assert engine_planner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
 
 
 def test_hanging_engine_is_killed_at_time_limit(processes: EngineProcesses, own_folder: Path) -> None:
     """The engine ignores signals and has processes in another session."""
-    answer = UpPlanner(processes, f"{BAD}:Hanging").solve(transport_task(1, 2, 1), Limits(seconds=0.5))
+    answer = engine_planner(processes, f"{BAD}:Hanging").solve(transport_task(1, 2, 1), Limits(seconds=0.5))
     assert answer.outcome is Outcome.TIMED_OUT
     wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
 
 
 def test_engine_without_type_hierarchy_gets_flat_problem(processes: EngineProcesses) -> None:
     task = transport_task(2, 3, 2)
-    answer = UpPlanner(processes, f"{BAD}:Flat").solve(task, LIMITS)
+    answer = engine_planner(processes, f"{BAD}:Flat").solve(task, LIMITS)
     assert answer.outcome is Outcome.SOLVED, answer.reason
     assert validate(task, answer.plan) == ""
 
@@ -193,14 +166,14 @@ def test_quantified_effect_is_limited_to_crossing_class(processes: EngineProcess
     task = replace(
         base, actions=(sweep,), members=members, goal=conjunction([Not(contain(A, P)), contain(A, boxes[1])])
     )
-    answer = UpPlanner(processes).solve(task, LIMITS)
+    answer = engine_planner(processes).solve(task, LIMITS)
     assert [step.action for step in answer.plan] == ["sweep"], answer.reason
     assert validate(task, answer.plan) == ""
 
 
 def test_invalid_plan_is_returned_only_without_valid_one(processes: EngineProcesses) -> None:
     task = transport_task(1, 2, 1)
-    answer = UpPlanner(processes, f"{BAD}:Wrong").solve(task, LIMITS)
+    answer = engine_planner(processes, f"{BAD}:Wrong").solve(task, LIMITS)
     assert answer.outcome is Outcome.SOLVED
     assert "does not hold" in validate(task, answer.plan)
 

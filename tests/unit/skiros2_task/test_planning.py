@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import WrongType
-from skiros2_task.core.archive import Archive
+from skiros2_task.core.engines import FoundPlan, Limits, Outcome
 from skiros2_task.core.formula import Atom, Exists, Kind, Predicate
-from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.planners import PlannerAnswer
 from skiros2_task.core.planning import TaskPlanner, Verdict
+from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep
 from support.planning_world import PlanningWorld, transport_world
 
@@ -50,7 +51,8 @@ def planner(world: PlanningWorld, answer: PlannerAnswer, archive: Archive | None
 
 
 def test_valid_plan_is_returned(world: PlanningWorld) -> None:
-    result = planner(world, PlannerAnswer(Outcome.SOLVED, (drive_step(world),))).plan(drive_goal(world))
+    answer = PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", (drive_step(world),)),))
+    result = planner(world, answer).plan(drive_goal(world))
     assert result.verdict is Verdict.PLANNED
     (call,) = result.calls
     assert (call.manager, call.type, call.label) == ("/alpha", "skiros:Drive", "drive")
@@ -59,7 +61,7 @@ def test_valid_plan_is_returned(world: PlanningWorld) -> None:
 
 @pytest.mark.parametrize("plan", [(), (PlanStep("drive", ("nobody", "nowhere", "nowhere")),), (PlanStep("dance", ()),)])
 def test_invalid_plan_is_not_returned(world: PlanningWorld, plan: tuple[PlanStep, ...]) -> None:
-    result = planner(world, PlannerAnswer(Outcome.SOLVED, plan)).plan(drive_goal(world))
+    result = planner(world, PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", plan),))).plan(drive_goal(world))
     assert (result.verdict, result.calls) == (Verdict.FAILED, ())
     assert "a plan that does not work" in result.message
 
@@ -107,7 +109,7 @@ def test_planner_is_not_called_for_trivial_goals(world: PlanningWorld) -> None:
 
 
 def test_goal_may_be_formula(world: PlanningWorld) -> None:
-    answer = PlannerAnswer(Outcome.SOLVED, (drive_step(world),))
+    answer = PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", (drive_step(world),)),))
     goal = Atom(AT, (world.robots[0], world.places[1]))
     assert planner(world, answer).plan(goal).verdict is Verdict.PLANNED
     somewhere = Exists((("?x", "skiros:Location"),), Atom(AT, (world.robots[0], "?x")))
@@ -169,7 +171,7 @@ def test_goal_with_too_large_expansion_is_refused(world: PlanningWorld) -> None:
 
 def test_files_of_request_are_archived(world: PlanningWorld, tmp_path: Path) -> None:
     files = (("domain.pddl", "(define"), ("p01.pddl", "(define"))
-    answer = PlannerAnswer(Outcome.SOLVED, (drive_step(world),), log="found it", files=files)
+    answer = PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", (drive_step(world),)),), log="found it", files=files)
     planner(world, answer, Archive(tmp_path)).plan(drive_goal(world))
     (request,) = (p for p in tmp_path.iterdir() if p.is_dir())
     assert {p.name for p in request.iterdir()} == {

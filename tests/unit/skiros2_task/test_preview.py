@@ -6,8 +6,10 @@ from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.compiler import make_task
 from skiros2_task.core.goal_reader import GoalReader
-from skiros2_task.core.plan import skill_calls
+from skiros2_task.core.partial_order import PartialOrder
+from skiros2_task.core.plan import plan_of
 from skiros2_task.core.preview import FactChange, Preview, preview
+from skiros2_task.core.schedule import Schedule, Scheduled
 from skiros2_task.core.task import PlanStep
 from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.preview_copy import PreviewCopy
@@ -19,8 +21,10 @@ PRODUCT = [("Object", "skiros:Product", REQUIRED)]
 
 def tried(world: PlanningWorld, goal: str, *plan: PlanStep, states: bool = False) -> Preview:
     view = WorldView(world.wm)
+    order = PartialOrder(plan, frozenset(), ())
+    scheduled = Schedule(order, tuple(Scheduled(i, "", 0.0, 0.0) for i in range(len(plan))), 0.0)
     task = make_task(view, GoalReader(view, condition_predicates(view.robots)).read(goal))
-    return preview(PreviewCopy(world.wm), task, plan, skill_calls(task, plan, view.objects), states)
+    return preview(PreviewCopy(world.wm), plan_of(task, scheduled, view.objects), states)
 
 
 def drive(world: PlanningWorld, start: int, end: int) -> PlanStep:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 
 from skiros2_task.core.reachability import Deadline, explore
-from skiros2_task.core.semantics import apply_step
 from skiros2_task.core.task import PlanStep
 from support.transport_task import transport_task
 
@@ -28,7 +27,7 @@ def test_facts_reached_by_plans_are_reachable() -> None:
         PlanStep("place", (R, G, B, P)),
     ):
         assert state <= reached.true
-        state = apply_step(task, state, step)
+        state = task.ground(step).apply(state)
     assert state <= reached.true
     assert reached.complete
 

@@ -7,14 +7,16 @@ import threading
 import pytest
 from hypothesis import given
 
-from skiros2_task.core.durations import Durations
+from skiros2_common.core.world_element import Element
+from skiros2_task.core.engines import FoundPlan, Limits, Outcome
 from skiros2_task.core.formula import disjunction, holds
-from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.plan import make_plan
+from skiros2_task.core.planners import PlannerAnswer
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.reduction import reduced
-from skiros2_task.core.schedule import schedule_plan
-from skiros2_task.core.semantics import apply_step, validate
-from skiros2_task.core.task import PlanningTask, PlanStep, precondition_of
+from skiros2_task.core.semantics import validate
+from skiros2_task.core.store import Durations
+from skiros2_task.core.task import PlanningTask, PlanStep
 from support.planning_world import DRIVE, REQUIRED, PlanningWorld, prop, related, skill
 from support.random_tasks import planned_tasks
 from support.transport_task import at, contain, transport_task
@@ -74,7 +76,7 @@ class GivenPlan:
         self._plan = plan
 
     def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
-        return PlannerAnswer(Outcome.SOLVED, self._plan)
+        return PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", self._plan),))
 
 
 def test_repeated_step_is_removed_from_result() -> None:
@@ -97,9 +99,9 @@ def _without(task: PlanningTask, plan: tuple[PlanStep, ...], index: int) -> tupl
     """The plan without a step and the later ones that then cannot run; None when the goal does not hold then."""
     state, kept = task.init, []
     for number, step in enumerate(plan):
-        if number != index and holds(precondition_of(task, step), state):
+        if number != index and holds(task.ground(step).precondition, state):
             kept.append(step)
-            state = apply_step(task, state, step)
+            state = task.ground(step).apply(state)
     return tuple(kept) if holds(task.goal, state) else None
 
 
@@ -120,7 +122,7 @@ def test_reduced_plan_is_valid_and_minimal(
 @given(planned_tasks(most=8))
 def test_scheduled_plan_has_no_redundant_steps(drawn: tuple[PlanningTask, tuple[PlanStep, ...]]) -> None:
     task, plan = drawn
-    found = schedule_plan(task, plan, Durations()).order.steps
+    found = make_plan(task, plan, Durations(), {name: Element() for name in task.objects}).order.steps
     assert validate(task, found) == ""
     for index in range(len(found)):
         assert _without(task, found, index) is None

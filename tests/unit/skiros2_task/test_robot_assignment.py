@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from skiros2_common.core.skill_description import ParamOptions
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.compiler import make_task
-from skiros2_task.core.durations import Durations
 from skiros2_task.core.formula import conjunction
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.schedule import Schedule, schedule, seconds_of
 from skiros2_task.core.semantics import validate
+from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.world import WorldView
 from support.planning_world import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skiros2_task.core.semantics import apply_step, validate
+from skiros2_task.core.semantics import validate
 from skiros2_task.core.task import PlanStep
 from support.transport_task import at, contain, transport_task
 
@@ -24,12 +24,12 @@ def test_valid_plan_passes() -> None:
 
 
 def test_step_applies_only_its_effects() -> None:
-    state = apply_step(TASK, TASK.init, PLAN[1])
+    state = TASK.ground(PLAN[1]).apply(TASK.init)
     assert state == (TASK.init - {at(R, A)}) | {at(R, B)}
 
 
 def test_add_wins_over_delete() -> None:
-    assert at(R, A) in apply_step(TASK, TASK.init, PlanStep("drive", (R, A, A)))
+    assert at(R, A) in TASK.ground(PlanStep("drive", (R, A, A))).apply(TASK.init)
 
 
 @pytest.mark.parametrize(

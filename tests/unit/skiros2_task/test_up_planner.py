@@ -13,11 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.engines import EngineProcesses, Limits, Outcome, descendants
 from skiros2_task.core.formula import Not, Or, conjunction
-from skiros2_task.core.planner import Limits, Outcome
-from skiros2_task.core.planners import UpPlanner
-from skiros2_task.core.processes import descendants
+from skiros2_task.core.planners import EnginePlanner, engine_planner
 from skiros2_task.core.semantics import validate
 from support.ros import wait_until
 from support.running import command, running_in
@@ -28,19 +26,19 @@ R, A, B, C, P = "cora:Robot-0", *(f"skiros:Location-{i}" for i in range(3)), "sk
 
 
 @pytest.fixture
-def planner(processes: EngineProcesses) -> UpPlanner:
-    return UpPlanner(processes)
+def planner(processes: EngineProcesses) -> EnginePlanner:
+    return engine_planner(processes)
 
 
 @pytest.mark.parametrize(("robots", "places", "products"), [(1, 2, 1), (2, 4, 3)])
-def test_plan_is_valid(planner: UpPlanner, robots: int, places: int, products: int) -> None:
+def test_plan_is_valid(planner: EnginePlanner, robots: int, places: int, products: int) -> None:
     task = transport_task(robots, places, products)
     answer = planner.solve(task, LIMITS)
     assert answer.outcome is Outcome.SOLVED, answer.reason
     assert validate(task, answer.plan) == ""
 
 
-def test_disjunctive_and_negative_goals_are_solved(planner: UpPlanner) -> None:
+def test_disjunctive_and_negative_goals_are_solved(planner: EnginePlanner) -> None:
     goal = conjunction([Not(contain(A, P)), Or((contain(P, A), at(R, C)))])
     task = transport_task(1, 3, 1, goal)
     answer = planner.solve(task, LIMITS)
@@ -53,29 +51,30 @@ def test_disjunctive_and_negative_goals_are_solved(planner: UpPlanner) -> None:
     [contain(P, B), conjunction([at(R, A), at(R, B)]), Or((contain(P, A), contain(P, B)))],
     ids=["no skill does it", "not both", "neither of two"],
 )
-def test_impossible_goal_is_proven(planner: UpPlanner, goal: object) -> None:
+def test_impossible_goal_is_proven(planner: EnginePlanner, goal: object) -> None:
     answer = planner.solve(transport_task(1, 2, 1, goal), LIMITS)  # type: ignore[arg-type]
     assert (answer.outcome, answer.plan) == (Outcome.IMPOSSIBLE, ())
     assert answer.reason
 
 
-def test_answer_has_pddl_files(planner: UpPlanner) -> None:
-    files = dict(planner.solve(transport_task(1, 2, 1), LIMITS).files)
-    assert set(files) == {"domain.pddl", "p01.pddl", "plan.txt"}
+def test_answer_has_pddl_files(planner: EnginePlanner) -> None:
+    answer = planner.solve(transport_task(1, 2, 1), LIMITS)
+    files = dict(answer.files)
+    assert set(files) == {"domain.pddl", "p01.pddl"}
     assert "(:action drive" in files["domain.pddl"]
     assert "(skiros_contain skiros_location-0 skiros_product-0)" in files["p01.pddl"]
     assert "(:goal (and \n           (skiros_contain skiros_location-1 skiros_product-0)" in files["p01.pddl"]
-    assert files["plan.txt"].splitlines()[1] == "(drive cora_robot-0 skiros_location-0 skiros_location-1)"
+    assert answer.plans[0].text.splitlines()[1] == "(drive cora_robot-0 skiros_location-0 skiros_location-1)"
 
 
-def test_run_leaves_no_files(planner: UpPlanner, own_folder: Path) -> None:
+def test_run_leaves_no_files(planner: EnginePlanner, own_folder: Path) -> None:
     assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     assert list((own_folder / "work").iterdir()) == []
     assert list((own_folder / "tmp").iterdir()) == []
     wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
 
 
-def test_runs_are_concurrent(planner: UpPlanner) -> None:
+def test_runs_are_concurrent(planner: EnginePlanner) -> None:
     outcomes: dict[int, Outcome] = {}
 
     def solve(places: int) -> None:
@@ -91,7 +90,7 @@ def test_runs_are_concurrent(planner: UpPlanner) -> None:
     assert outcomes == dict.fromkeys((2, 3, 4), Outcome.SOLVED)
 
 
-def test_socket_default_timeout_is_ignored(planner: UpPlanner) -> None:
+def test_socket_default_timeout_is_ignored(planner: EnginePlanner) -> None:
     """rospy sets one."""
     socket.setdefaulttimeout(30.0)
     try:
@@ -101,7 +100,7 @@ def test_socket_default_timeout_is_ignored(planner: UpPlanner) -> None:
 
 
 def test_timed_out_run_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
-    planner = UpPlanner(processes, "fast-downward-opt")
+    planner = engine_planner(processes, "fast-downward-opt")
     started = time.monotonic()
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=2.0))
     assert (answer.outcome, answer.plan) == (Outcome.TIMED_OUT, ())
@@ -111,7 +110,7 @@ def test_timed_out_run_leaves_no_process(processes: EngineProcesses, own_folder:
 
 
 def test_cancelled_run_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
-    planner = UpPlanner(processes, "fast-downward-opt")
+    planner = engine_planner(processes, "fast-downward-opt")
     cancelled = threading.Event()
     answers = []
     task = transport_task(4, 12, 14)
@@ -129,21 +128,21 @@ def test_cancelled_run_leaves_no_process(processes: EngineProcesses, own_folder:
 
 
 def test_unknown_engine_is_reported_with_installed_ones(processes: EngineProcesses) -> None:
-    answer = UpPlanner(processes, "slow-upward").solve(transport_task(1, 2, 1), LIMITS)
+    answer = engine_planner(processes, "slow-upward").solve(transport_task(1, 2, 1), LIMITS)
     assert answer.outcome is Outcome.FAILED
     assert "there is no planner 'slow-upward'" in answer.reason
     assert "fast-downward" in answer.reason
 
 
 def test_crashed_engine_is_reported_with_log(processes: EngineProcesses) -> None:
-    planner = UpPlanner(processes, options={"fast_downward_search_config": "nonsense()"})
+    planner = engine_planner(processes, fast_downward_search_config="nonsense()")
     answer = planner.solve(transport_task(1, 2, 1), LIMITS)
     assert answer.outcome is Outcome.FAILED
     assert "nonsense" in answer.log
 
 
 def test_run_respects_memory_limit(processes: EngineProcesses) -> None:
-    planner = UpPlanner(processes, options={"fast_downward_search_config": "astar(blind())"})
+    planner = engine_planner(processes, fast_downward_search_config="astar(blind())")
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=60.0, memory_mb=60))
     assert (answer.outcome, answer.reason) == (
         Outcome.FAILED,
@@ -158,7 +157,7 @@ def test_dead_process_is_restarted() -> None:
         (pid,) = set(descendants(os.getpid())) - before
         os.kill(pid, signal.SIGKILL)
         wait_until(lambda: command(pid) == "", what="the end of the process")
-        assert UpPlanner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
+        assert engine_planner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     finally:
         processes.close()
     assert set(descendants(os.getpid())) <= before
@@ -172,7 +171,7 @@ def test_process_that_dies_during_request_is_restarted() -> None:
         os.kill(pid, signal.SIGSTOP)  # it takes nothing any more
         killing = threading.Timer(0.3, os.kill, (pid, signal.SIGKILL))
         killing.start()
-        assert UpPlanner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
+        assert engine_planner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
         killing.join()
     finally:
         processes.close()
@@ -182,12 +181,11 @@ def test_engines_end_with_killed_node(tmp_path: Path) -> None:
     """A node that is killed takes its engines with it."""
     program = """if True:
         import os, threading
-        from skiros2_task.core.engine_processes import EngineProcesses
-        from skiros2_task.core.planner import Limits
-        from skiros2_task.core.planners import UpPlanner
+        from skiros2_task.core.engines import EngineProcesses, Limits
+        from skiros2_task.core.planners import engine_planner
         from support.transport_task import transport_task
 
-        planner = UpPlanner(EngineProcesses(), "fast-downward-opt")
+        planner = engine_planner(EngineProcesses(), "fast-downward-opt")
         planner.solve(transport_task(4, 12, 14), Limits(seconds=60.0))
     """
     environment = {

@@ -26,7 +26,7 @@ def part(label="part", etype="skiros:Part", eid="", **values):
     element = Element(etype, label, eid)
     for key, value in values.items():
         prop = element._props[f"skiros:{key}"] = Property(f"skiros:{key}", type(value))
-        prop._values = [value]  # as a message brings it
+        prop.current = [value]  # as a message brings it
     return element
 
 

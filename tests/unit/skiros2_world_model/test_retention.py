@@ -12,7 +12,7 @@ import pytest
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core import retention
+from skiros2_world_model.core import journal_file
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
@@ -23,9 +23,9 @@ Start = Callable[..., tuple[LocalWorldModel, Journal]]
 @pytest.fixture
 def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
     """Starts a world model whose retention runs when the test says so."""
-    monkeypatch.setattr(retention, "_PERIOD", 3600.0)
-    monkeypatch.setattr(retention, "_REQUESTS", 1 << 60)
-    monkeypatch.setattr(retention, "_PAUSE", 0.0)
+    monkeypatch.setattr(journal_file, "_PERIOD", 3600.0)
+    monkeypatch.setattr(journal_file, "_REQUESTS", 1 << 60)
+    monkeypatch.setattr(journal_file, "_PAUSE", 0.0)
     journals: list[Journal] = []
 
     def start(**options: Any) -> tuple[LocalWorldModel, Journal]:
@@ -95,7 +95,7 @@ def test_large_expired_request_is_pruned_completely(start: Start, tmp_path: Path
     journal = Journal(tmp_path / "wm.journal", max_bytes=1)
     wm = LocalWorldModel("tester", WorldModel(None, tmp_path, journal=journal))
     for _ in range(2):
-        elements = [Element("skiros:Part") for _ in range(3 * retention._ROWS)]
+        elements = [Element("skiros:Part") for _ in range(3 * journal_file._ROWS)]
         for element in elements:
             element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
         wm.add_elements(elements)
@@ -158,9 +158,9 @@ def test_requests_and_questions_go_on_meanwhile(start: Start) -> None:
 
 
 def test_thread_prunes_after_a_number_of_requests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(retention, "_REQUESTS", 10)
+    monkeypatch.setattr(journal_file, "_REQUESTS", 10)
     pruned = threading.Event()
-    monkeypatch.setattr(retention.Retention, "prune", lambda self: pruned.set())
+    monkeypatch.setattr(journal_file.Retention, "prune", lambda self: pruned.set())
     journal = Journal(tmp_path / "wm.journal")
     wm = LocalWorldModel("tester", WorldModel(journal=journal))
     for _ in range(10):

@@ -143,7 +143,8 @@ class InProcess(WorldModelMachine):
         except Refused as refused:
             assert element.id in str(refused)
             assert self.model.number != number
-            assert element.id not in self.scene.things or "conflict" in str(refused)
+            code = getattr(refused.__cause__, "code", "")
+            assert element.id not in self.scene.things or "conflict" in f"{code} {refused}"
         else:
             assert answer.ids == [element.id] * 2
             assert self.seen_of(element.id) == seen

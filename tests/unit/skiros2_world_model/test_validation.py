@@ -5,6 +5,8 @@ import logging
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.limits import Limits
+from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -69,8 +71,10 @@ def test_elements_of_skill_managers_are_valid(tmp_path):
     parameter = Element("skiros:Parameter", "Robot")
     parameter.setProperty("skiros:ParameterType", 2)
     parameter.setProperty("skiros:DataType", "cora:Robot")
+    speed = Param("Speed", "How fast", 0.5, ParamTypes.Optional, Limits("m/s", 0.1, 2.0, (0.5, 1.0)))
     skill = Element("skiros:Skill", "drive")
     skill.addRelation("-1", "skiros:hasParam", parameter)
+    skill.addRelation("-1", "skiros:hasParam", speed.toElement())
     skill.addRelation("skiros:Scene-0", "skiros:sceneProperty", "-1")
     wm.add_element(skill)
     assert wm.validate().findings == []
@@ -219,11 +223,12 @@ def test_a_robot_has_a_start_location(validate):
 def test_parameters_and_conditions_of_skills_are_well_formed(validate):
     report = validate("""skiros:Skill-1 a skiros:Skill ;
         skiros:hasParam skiros:Parameter-2 ; skiros:hasPreCondition skiros:ConditionHasProperty-3 .
-        skiros:Parameter-2 a skiros:Parameter ; skiros:ParameterType "7" .
+        skiros:Parameter-2 a skiros:Parameter ; skiros:ParameterType "7" ;
+            skiros:LowerBound 2.0 ; skiros:UpperBound 1.0 .
         skiros:ConditionHasProperty-3 a skiros:ConditionHasProperty .""")
     assert {(f.element, f.property) for f in report.findings if "unknown" not in f.text} == {
         ("skiros:Parameter-2", "rdfs:label"), ("skiros:Parameter-2", "skiros:ParameterType"),
-        ("skiros:Parameter-2", "skiros:DataType"), ("skiros:ConditionHasProperty-3", "skiros:desiredState"),
+        ("skiros:Parameter-2", "skiros:LowerBound"), ("skiros:ConditionHasProperty-3", "skiros:desiredState"),
     }  # fmt: skip
 
 

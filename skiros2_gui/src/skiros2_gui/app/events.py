@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from skiros2_runs.core.task_run import TaskRun
+
 
 @dataclass(frozen=True)
 class WorldChanged:
@@ -42,6 +44,27 @@ class TaskProgress:
 
 
 @dataclass(frozen=True)
+class TasksChanged:
+    """Tasks were added or removed, or their states have changed."""
+
+
+@dataclass(frozen=True)
+class RunRecorded:
+    """The progress of a task was recorded.
+
+    :param is_new_shape: whether its tree has changed shape.
+    """
+
+    run: TaskRun
+    is_new_shape: bool
+
+
+@dataclass(frozen=True)
+class FailureExplained:
+    """The reason of the failure of a task has been asked for, or answered."""
+
+
+@dataclass(frozen=True)
 class ManagersChanged:
     """Managers have connected or disconnected, or offer different skills."""
 
@@ -70,6 +93,11 @@ class TaskStarted:
     manager: str
     task: int
     to_front: bool = False
+
+
+@dataclass(frozen=True)
+class StopRequested:
+    """The user stops everything: all tasks of all robots, and the goal being planned or achieved."""
 
 
 @dataclass(frozen=True)
@@ -108,10 +136,14 @@ class GoalFeedback:
 Event = (
     WorldChanged
     | TaskProgress
+    | TasksChanged
+    | RunRecorded
+    | FailureExplained
     | ManagersChanged
     | ConnectionChanged
     | ElementSelected
     | TaskStarted
+    | StopRequested
     | GoalFeedback
     | ProblemReported
     | NodeShutdown

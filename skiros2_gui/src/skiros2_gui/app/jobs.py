@@ -16,12 +16,10 @@ log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 
-#: The number of worker threads.
-MAX_AT_ONCE = 16
-
-
 @dataclass(eq=False)
-class _Job:
+class Job:
+    """A call and its callbacks; see `Jobs.run`."""
+
     call: Callable[[], Any]
     done: Callable[[Any], None] | None
     failed: Callable[[Exception], None] | None
@@ -44,13 +42,9 @@ class Jobs:
         self._problems = problems
         self._wake = wake
         self._lock = threading.Lock()
-        self._ready: deque[_Job] = deque()
-        self._queues: dict[str, deque[_Job]] = {}  # the waiting jobs of each queue that has a running job
-        self._ended: deque[_Job] = deque()
-        self._running: list[_Job] = []  # used by the window's thread only
-        self._free = 0
-        self._workers = 0
-        self._available = threading.Condition(self._lock)
+        self._queues: dict[str, deque[Job]] = {}  # the waiting jobs of each queue that has a running job
+        self._ended: deque[Job] = deque()
+        self._running: list[Job] = []  # used by the window's thread only
         self._is_closed = False
         self._busy_hooks: list[Callable[[], None]] = []
 
@@ -71,26 +65,28 @@ class Jobs:
         *,
         activity: str = "",
         queue: str = "",
-        urgent: bool = False,
     ) -> None:
-        """Runs a call in a worker thread.
+        """Runs a call in a daemon thread of its own, so that the program can end while it hangs.
 
         :param call: does not access the window.
         :param done: called in the window's thread with the result.
         :param failed: called in the window's thread with the error; None shows it in the error bar.
         :param activity: describes the call for the busy sign and the error bar: "loading the scene"; "" shows no busy
             sign.
-        :param queue: calls with the same queue run one at a time, in order.
-        :param urgent: the call gets a thread of its own at once, and ignores `queue` and `MAX_AT_ONCE`.
+        :param queue: calls with the same queue run one at a time, in order; "" runs at once.
         """
         if self._is_closed:
             return
-        job = _Job(call, done, failed, activity, "" if urgent else queue)
+        job = Job(call, done, failed, activity, queue)
         self._running.append(job)
-        if urgent:
-            threading.Thread(target=self._work_at_once, args=(job,), name="urgent window job", daemon=True).start()
-        else:
-            self._begin(job)
+        with self._lock:
+            waiting = self._queues.get(queue)
+            if waiting is not None:
+                waiting.append(job)
+            elif queue:
+                self._queues[queue] = deque()
+        if waiting is None:
+            self._start(job)
         self._notify_busy()
 
     def post(self, call: Callable[[], None]) -> None:
@@ -98,7 +94,7 @@ class Jobs:
         with self._lock:
             if self._is_closed:
                 return
-            self._ended.append(_Job(_nothing, lambda _: call(), None, "", ""))
+            self._ended.append(Job(_nothing, lambda _: call(), None, "", ""))
         self._wake()
 
     def deliver(self) -> None:
@@ -119,57 +115,29 @@ class Jobs:
         """Discards waiting calls and all results. Does not wait for running calls."""
         with self._lock:
             self._is_closed = True
-            self._ready.clear()
             self._queues.clear()
-            self._available.notify_all()
         self._running.clear()
         self._busy_hooks.clear()
 
-    def _begin(self, job: _Job) -> None:
-        with self._lock:
-            if job.queue:
-                waiting = self._queues.get(job.queue)
-                if waiting is not None:
-                    waiting.append(job)
-                    return
-                self._queues[job.queue] = deque()
-            self._put(job)
+    def _start(self, job: Job) -> None:
+        """Runs a job and those that wait for it; in a thread of its own."""
+        threading.Thread(target=self._work, args=(job,), name=f"window job {job.activity}", daemon=True).start()
 
-    def _put(self, job: _Job) -> None:
-        """Gives a job to a worker. The lock is held."""
-        self._ready.append(job)
-        if self._free < len(self._ready) and self._workers < MAX_AT_ONCE:
-            self._workers += 1
-            threading.Thread(target=self._work, name=f"window job {self._workers}", daemon=True).start()
-        self._available.notify()
-
-    def _work(self) -> None:
-        while True:
+    def _work(self, job: Job | None) -> None:
+        while job is not None:
+            self._run_call(job)
             with self._lock:
-                self._free += 1
-                self._available.wait_for(lambda: self._ready or self._is_closed)
-                self._free -= 1
                 if self._is_closed:
                     return
-                job = self._ready.popleft()
-            self._work_at_once(job)
-
-    def _work_at_once(self, job: _Job) -> None:
-        """Runs one job in this thread, then gives the next one of its queue to a worker."""
-        self._run_call(job)
-        with self._lock:
-            if self._is_closed:
-                return
-            self._ended.append(job)
-            waiting = self._queues.get(job.queue)
-            if waiting:
-                self._put(waiting.popleft())
-            elif waiting is not None:
-                del self._queues[job.queue]
-        self._wake()
+                self._ended.append(job)
+                waiting = self._queues.get(job.queue)
+                if not waiting:
+                    self._queues.pop(job.queue, None)
+                job = waiting.popleft() if waiting else None
+            self._wake()
 
     @staticmethod
-    def _run_call(job: _Job) -> None:
+    def _run_call(job: Job) -> None:
         try:
             job.result = job.call()
         except Exception as error:  # shown in the window
@@ -177,18 +145,21 @@ class Jobs:
         except SystemExit as error:  # raised by a library
             job.error = RuntimeError(f"the call tried to exit the program ({error})")
 
-    def _call_back(self, job: _Job) -> None:
+    def _call_back(self, job: Job) -> None:
         try:
-            if job.error is None:
-                if job.done is not None:
-                    job.done(job.result)
-            elif job.failed is not None:
-                job.failed(job.error)
-            else:
-                self._problems.report(job.activity, job.error)
+            self._conclude(job)
         except FOREIGN_ERRORS as error:
             log.exception("showing the result of %r failed", job.activity or job.call)
             self._problems.report(f"showing the result of {job.activity or 'a call'}", error)
+
+    def _conclude(self, job: Job) -> None:
+        if job.error is None:
+            if job.done is not None:
+                job.done(job.result)
+        elif job.failed is not None:
+            job.failed(job.error)
+        else:
+            self._problems.report(job.activity, job.error)
 
     def _notify_busy(self) -> None:
         for hook in self._busy_hooks:

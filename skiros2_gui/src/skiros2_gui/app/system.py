@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from skiros2_skill.command_line.description import Skill
-from skiros2_skill.core.diagnosis.inspection import NodeStatus
+from skiros2_runs.core.values import NodeStatus
+from skiros2_skill.client.description import Skill, Step, Why
+from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.runtime.task_starter import StartPreview
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -42,33 +44,47 @@ class Manager(Protocol):
     def name(self) -> str:
         """The node name. Does not block."""
 
-    def skills(self) -> list[Skill]:
+    def read_skills(self) -> list[Skill]:
         """Returns the skills offered."""
 
-    def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
+    def command(self, action: str, task_id: int, skills: Sequence[Step] = ()) -> int:
         """Sends a command and returns the task id.
 
         :param action: `start` (resumes a paused task; with id -1 starts a new one), `preempt`, `pause` or `tick_once`
             (with id -1 starts a new task, ticks it once and pauses it).
-        :param skills: the skills of a new task, in sequence: `skiros2_skill.command_line.assignments.Step`, or objects
-            with its `type`, `label` and `params` (JSON texts).
+        :param skills: the skills of a new task, in sequence.
         """
 
-    def tasks(self, task_id: int = -1) -> list[Sequence[Any]]:
+    def read_tasks(self, task_id: int = -1) -> list[Sequence[Any]]:
         """Returns the `SkillProgress` of all nodes of each unfinished task, ordered by task id."""
 
-    def why(self, task_id: int) -> Any:
-        """Explains a failed task: `text` for users and `json`, a list of `Explanation`."""
+    def preview(self, skills: Sequence[Step], partial: bool = False) -> StartPreview:
+        """Returns what a start of skills would do now; changes nothing.
+
+        :param partial: whether required parameters may have no value yet.
+        """
+
+    def why(self, task_id: int = -1) -> Why:
+        """Explains a failed task; -1: the last one that failed or was refused."""
 
     def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         """Returns the current parameters and conditions of a node of an unfinished task."""
 
-    def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
-        """Executes `add`, `remove` or `list`. Returns the breakpoint's number and the list of all."""
+    def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
+        """Adds a breakpoint. Returns its number."""
+
+    def remove_breakpoint(self, number: int = -1) -> None:
+        """Removes a breakpoint; -1: all."""
+
+    def breakpoints(self) -> dict[int, Breakpoint]:
+        """Returns the breakpoints by number."""
 
 
 class Planner(Protocol):
     """The task manager. Called by jobs only; raises `SkirosError` if it refuses or does not answer."""
+
+    def plan(self, goals: str) -> Any:
+        """Makes a plan without executing it; blocks until the end and returns a `MakePlanResult`."""
 
     def achieve(self, goals: str, on_feedback: Callable[[Any], None], quality: str = "", seconds: float = 0.0) -> Any:
         """Plans and executes goals; blocks until the end and returns an `AchieveResult`.
@@ -77,7 +93,7 @@ class Planner(Protocol):
         """
 
     def cancel(self) -> None:
-        """Cancels a running `achieve`, from another thread."""
+        """Cancels a running `plan` or `achieve`, from another thread."""
 
 
 class System(Protocol):

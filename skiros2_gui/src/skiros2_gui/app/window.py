@@ -1,4 +1,4 @@
-"""The context that the parts of a window share: the system, jobs, problems and the event bus."""
+"""The context that the parts of a window share: the system, jobs, tasks, problems and the event bus."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from skiros2_gui.app.events import Event
 from skiros2_gui.app.jobs import Jobs
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.system import System
+from skiros2_gui.app.tasks import TaskList
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +35,7 @@ class Window:
         self._event_queue = event_queue
         self._pending: deque[Event] = deque()
         self._handlers: defaultdict[type, list[Callable[[Any], None]]] = defaultdict(list)
+        self.tasks = TaskList(self)
 
     def subscribe(self, kind: type[E], handler: Callable[[E], None]) -> None:
         """Registers `handler` for all events of a kind. It is called in the window's thread."""

@@ -10,6 +10,7 @@ from heapq import nsmallest
 
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
+from skiros2_gui.goal.lines import quoted
 from skiros2_task.core.goal_text import COMPARATORS
 from skiros2_task.core.skills import SkillCondition
 from skiros2_task.core.world import WorldView
@@ -61,7 +62,7 @@ class Vocabulary:
     predicates: tuple[Completion, ...] = ()
     properties: tuple[Completion, ...] = ()
     values: tuple[Completion, ...] = ()
-    classes: tuple[Completion, ...] = ()
+    classes: tuple[Completion, ...] = ()  # those with elements first
     elements: tuple[Completion, ...] = ()
 
 
@@ -87,6 +88,11 @@ def read_vocabulary(world: WorldView) -> Vocabulary:
     def rank(name: str) -> int:
         return ranks.get(name, 3)
 
+    types = {element.type for element in world.objects.values()}
+
+    def is_used(cls: str) -> bool:
+        return any(world.is_subclass(etype, cls) for etype in types)
+
     relations = [Completion(name, local_name(name), RELATION, rank(name)) for name in world.relations()]
     known = world.properties() | _properties_in_skills(world)
     properties = [Completion(name, local_name(name), PROPERTY, rank(name)) for name in known]
@@ -94,8 +100,8 @@ def read_vocabulary(world: WorldView) -> Vocabulary:
     return Vocabulary(
         _sorted([*relations, *properties]),
         _sorted(properties),
-        tuple(Completion(_quoted(text), text, VALUE) for text in texts),
-        _sorted(Completion(name, local_name(name), CLASS) for name in world.classes()),
+        tuple(Completion(quoted(text), text, VALUE) for text in texts),
+        _sorted(Completion(name, local_name(name), CLASS, 0 if is_used(name) else 1) for name in world.classes()),
         _sorted(map(_element, world.objects.values())),
     )
 
@@ -129,11 +135,7 @@ def _sorted(completions: Iterable[Completion]) -> tuple[Completion, ...]:
 
 
 def _element(element: Element) -> Completion:
-    return Completion(_quoted(element.id or element.label), element.label or element.id, ELEMENT)
-
-
-def _quoted(text: str) -> str:
-    return f'"{text}"' if re.search(r'[\s(),;]', text) or not text else text
+    return Completion(quoted(element.id or element.label), element.label or element.id, ELEMENT)
 
 
 # -- completion ----------------------------------------------------------------------------------------------------

@@ -109,6 +109,16 @@ def _read(text: str) -> list[dict[str, Any]]:
     return data
 
 
+def read_steps(plan: str, name_of: NameOf) -> tuple[StepRow, ...]:
+    """Returns the steps of a plan, as the task manager sends it.
+
+    :param plan: a JSON list.
+    :param name_of: returns the displayed name of an element.
+    :raises ValueError: it cannot be read.
+    """
+    return _with_plan((), _read(plan), name_of)
+
+
 def _with_plan(
     rows: Iterable[StepRow], plan: Iterable[dict[str, Any]], name_of: NameOf
 ) -> tuple[StepRow, ...]:

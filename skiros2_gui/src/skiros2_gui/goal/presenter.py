@@ -1,18 +1,18 @@
-"""The presenter of goals: completion, diagnostics, planning, execution."""
+"""The presenter of goals: editing as text and as lines, diagnostics, planning, execution."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, WorldChanged
+from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, StopRequested, WorldChanged
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completions, Vocabulary, complete
 from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.goal.plan import Diagnostic, GoalChecker, GoalPlan, GoalPlanner, check_syntax
+from skiros2_gui.goal.lines import Line, read_lines, write_lines
+from skiros2_gui.goal.plan import Diagnostic, GoalChecker, GoalPlan, check_syntax, read_plan
 
 _QUEUE = "goal: check"
 
@@ -26,16 +26,15 @@ _UNREADABLE = "the response of the task manager cannot be read"
 class GoalPresenter:
     """Used in the window's thread. The view sets `on_goal`, called when the state has changed, and `on_vocabulary`,
     called when the completions have.
-
-    :param planner: closed by `close`.
     """
 
-    def __init__(self, window: Window, planner: GoalPlanner | None = None) -> None:
+    def __init__(self, window: Window) -> None:
         self._window = window
-        self._planner = planner or GoalPlanner()
         self.on_goal: Callable[[], None] = _nothing
         self.on_vocabulary: Callable[[], None] = _nothing
         self.text = ""
+        #: The goal as lines, incomplete ones included; None if the text does not parse.
+        self.lines: tuple[Line, ...] | None = ()
         self.diagnostic: Diagnostic | None = None
         self.plan: GoalPlan | None = None
         self.execution: GoalExecution | None = None
@@ -44,15 +43,17 @@ class GoalPresenter:
         #: The goals planned or executed, the last one first.
         self.history: list[str] = []
         self._checker: GoalChecker | None = None
-        self._vocabulary = Vocabulary()
+        #: The names that goals may use.
+        self.vocabulary = Vocabulary()
         self._is_stale = True  # the vocabulary may be out of date
         self._is_unchecked = False  # the text has not been checked
         self._is_refreshing = False
         self._throttle = Throttle()
-        self._cancelled: threading.Event | None = None
+        self._is_planning = False
         window.subscribe(WorldChanged, lambda _: self._invalidate())
         window.subscribe(ConnectionChanged, lambda _: self._connection_changed())
         window.subscribe(GoalFeedback, self._on_feedback)
+        window.subscribe(StopRequested, lambda _: self.cancel())
 
     # -- editing -----------------------------------------------------------------------------------------------
 
@@ -62,9 +63,22 @@ class GoalPresenter:
             return
         self.text = text
         self.diagnostic = check_syntax(text) if text.strip() else None
+        if self.diagnostic is not None:
+            self.lines = None
+        elif self.lines is None or text != write_lines(self.lines):
+            self.lines = read_lines(text) if text.strip() else ()
         self._is_unchecked = True
         self.on_goal()
         self.refresh()
+
+    def edit_lines(self, lines: Iterable[Line]) -> None:
+        """Sets the lines of the goal; its text follows from the complete ones."""
+        self.lines = tuple(lines)
+        text = write_lines(self.lines)
+        if text == self.text:
+            self.on_goal()
+        else:
+            self.write(text)
 
     @property
     def is_complete(self) -> bool:
@@ -73,7 +87,7 @@ class GoalPresenter:
 
     def completions(self, cursor: int) -> Completions:
         """Returns the completions at a cursor (an offset)."""
-        return complete(self.text, cursor, self._vocabulary)
+        return complete(self.text, cursor, self.vocabulary)
 
     def _invalidate(self) -> None:
         self._is_stale = True
@@ -111,7 +125,7 @@ class GoalPresenter:
         self._is_refreshing = False
         if checker is not self._checker:
             self._throttle.end()
-            self._checker, self._vocabulary = checker, checker.vocabulary
+            self._checker, self.vocabulary = checker, checker.vocabulary
             self.on_vocabulary()
         if text and text == self.text:
             self.diagnostic = diagnostic
@@ -139,40 +153,41 @@ class GoalPresenter:
 
     @property
     def can_plan(self) -> bool:
-        """Whether there is a valid goal and a world model."""
-        return self.is_complete and not self.is_busy and self._window.system.world is not None
+        """Whether there is a valid goal, and a task manager to plan it."""
+        return self.is_complete and not self.is_busy and self.has_task_manager
 
     @property
     def has_task_manager(self) -> bool:
         """Whether the task manager is up."""
         return self._window.system.planner is not None
 
-    @property
-    def can_achieve(self) -> bool:
-        """Whether the goal can be executed."""
-        return self.can_plan and self.has_task_manager
-
     def make_plan(self) -> None:
-        """Plans the goal and simulates the plan."""
-        world = self._window.system.world
-        if not self.can_plan or world is None:
+        """Lets the task manager plan the goal and simulate the plan."""
+        planner = self._window.system.planner
+        if not self.can_plan or planner is None:
             return
         goal = self.text
         self._add_to_history(goal)
         self.execution, self.plan = None, None
         self.activity = "Looking for a plan…"
-        cancelled = self._cancelled = threading.Event()
+        self._is_planning = True
         self.on_goal()
         self._window.jobs.run(
-            lambda: self._planner.plan(goal, world, cancelled, _log),
-            self._planned,
+            lambda: planner.plan(goal),
+            lambda result: self._planned(self._plan_of(goal, result)),
             lambda error: self._planned(GoalPlan(goal, "failed", error_text(error), works=False)),
             activity="planning",
             queue="goal: plan",
         )
 
+    def _plan_of(self, goal: str, result: Any) -> GoalPlan:
+        try:
+            return read_plan(goal, result, self._name)
+        except ValueError as error:
+            return GoalPlan(goal, "failed", f"{_UNREADABLE}: {error}", works=False)
+
     def _planned(self, plan: GoalPlan) -> None:
-        self.activity, self._cancelled = "", None
+        self.activity, self._is_planning = "", False
         self.plan = plan
         self.on_goal()
 
@@ -181,7 +196,7 @@ class GoalPresenter:
     def achieve(self) -> None:
         """Lets the task manager execute the goal."""
         planner = self._window.system.planner
-        if not self.can_achieve or planner is None:
+        if not self.can_plan or planner is None:
             return
         goal = self.text
         self._add_to_history(goal)
@@ -204,18 +219,14 @@ class GoalPresenter:
 
     def cancel(self) -> None:
         """Cancels planning or execution."""
-        if self._cancelled is not None:
-            self._cancelled.set()
-            self.activity = _CANCELLING
-            self.on_goal()
-        elif self.execution is not None and not self.execution.is_finished:
+        if self._is_planning or (self.execution is not None and not self.execution.is_finished):
             planner = self._window.system.planner
             if planner is None:
                 self._window.problems.report("cancelling the goal", "the task manager is not there")
                 return
             self.activity = _CANCELLING
             self.on_goal()
-            self._window.jobs.run(planner.cancel, activity="cancelling the goal", urgent=True)
+            self._window.jobs.run(planner.cancel, activity="cancelling the goal")
 
     def _on_feedback(self, event: GoalFeedback) -> None:
         if self.execution is not None and event.goal == self.execution.goal and not self.execution.is_finished:
@@ -259,12 +270,6 @@ class GoalPresenter:
             self.write(text)
         self.on_goal()
 
-    def close(self) -> None:
-        """Ends the planning engines. Synchronous, as the process may exit next."""
-        if self._cancelled is not None:
-            self._cancelled.set()
-        self._planner.close()
-
     def _add_to_history(self, goal: str) -> None:
         self.history = [goal, *(known for known in self.history if known != goal)][:MAX_HISTORY]
 
@@ -273,10 +278,6 @@ def _check(checker: GoalChecker | None, world: Any, text: str) -> tuple[GoalChec
     """Returns the checker and the diagnostic of a goal; in a worker."""
     checker = checker or GoalChecker(world)
     return checker, checker.check(text) if text.strip() else None
-
-
-def _log(_: str) -> None:
-    """Ignores the activity, which is too short to show."""
 
 
 def _nothing() -> None:

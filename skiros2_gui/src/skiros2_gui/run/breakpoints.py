@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_gui.app.events import ManagersChanged
+from skiros2_gui.app.system import Manager
 from skiros2_gui.app.window import Window
-from skiros2_gui.run.shape import Shape
+from skiros2_runs.core.shape import Shape
 from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START, NODE, WHEN, Breakpoint
 
 #: Descriptions, by kind and when.
@@ -47,6 +48,9 @@ class Breakpoints:
         self._window = window
         self._on_change = on_change
         self._known: dict[str, list[ManagerBreakpoint]] = {}
+        self._robots: set[str] = set()
+        window.subscribe(ManagersChanged, lambda _: self._update_managers())
+        self._update_managers()
 
     def of(self, robot: str) -> Sequence[ManagerBreakpoint]:
         """Returns the known breakpoints of a manager."""
@@ -55,16 +59,16 @@ class Breakpoints:
     def ask(self, robot: str) -> None:
         """Reads the breakpoints of a manager; clears those of a manager that is down."""
         if robot in self._window.system.managers:
-            self._send(robot, "", "list")
+            self._send(robot, "", lambda manager: None)
         elif self._known.pop(robot, None):
             self._on_change()
 
     def add(self, robot: str, kind: str, pattern: str, when: str) -> None:
         """Adds a breakpoint; see `skiros2_skill.core.engine.breakpoints`."""
-        self._send(robot, "adding a breakpoint", "add", kind, pattern.strip(), when)
+        self._send(robot, "adding a breakpoint", lambda m: m.set_breakpoint(kind, pattern.strip(), when))
 
     def remove(self, known: ManagerBreakpoint) -> None:
-        self._send(known.robot, "removing a breakpoint", "remove", number=known.number)
+        self._send(known.robot, "removing a breakpoint", lambda m: m.remove_breakpoint(known.number))
 
     def toggle(self, robot: str, shape: Shape, index: int, when: str = BEFORE_START) -> None:
         """Adds a breakpoint at a node, or removes it."""
@@ -94,17 +98,22 @@ class Breakpoints:
                     found[index] = by_name[kind, label]
         return found
 
-    def _send(
-        self, robot: str, activity: str, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0
-    ) -> None:
+    def _update_managers(self) -> None:
+        robots = set(self._window.system.managers)
+        changed, self._robots = self._robots ^ robots, robots
+        for robot in sorted(changed):
+            self.ask(robot)
+
+    def _send(self, robot: str, activity: str, change: Callable[[Manager], object]) -> None:
+        """Changes the breakpoints of a manager and reads them."""
         manager = self._window.system.managers.get(robot)
         if manager is None:
             self._window.problems.report(activity, WrongValue(f"{robot} is not running"))
             return
 
         def call() -> list[ManagerBreakpoint]:
-            manager.breakpoint(action, kind, pattern, when, number)
-            return _read(robot, manager.breakpoint("list")[1])
+            change(manager)
+            return [ManagerBreakpoint(robot, number, known) for number, known in manager.breakpoints().items()]
 
         failed = None if activity else (lambda error: self._take(robot, []))
         self._window.jobs.run(call, lambda known: self._take(robot, known), failed, activity=activity, queue=robot)
@@ -119,13 +128,3 @@ def _pattern(shape: Shape, index: int) -> str:
     """Returns the most specific pattern that matches a node."""
     kind, label = shape.type(index), shape.label(index)
     return f"{kind}-{label}" if label else kind
-
-
-def _read(robot: str, listed: Any) -> list[ManagerBreakpoint]:
-    """:raises WrongValue: the response is no list of breakpoints."""
-    try:
-        return [
-            ManagerBreakpoint(robot, int(b["number"]), Breakpoint(b["kind"], b["pattern"], b["when"])) for b in listed
-        ]
-    except (KeyError, TypeError, ValueError) as error:
-        raise WrongValue(f"{robot}: got {listed!r}, expected a list of breakpoints") from error

@@ -6,9 +6,9 @@ import time
 from dataclasses import dataclass, field
 
 from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
-from skiros2_gui.app.state_style import IDLE, RUNNING, style_of
-from skiros2_gui.run.frame import Frame
-from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, ConditionStatus, NodeStatus
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.states import IDLE, RUNNING, style_of
+from skiros2_runs.core.values import FAILS, HOLDS, ConditionStatus, NodeStatus
 
 #: The symbols of verdicts.
 VERDICTS = {HOLDS: "✓", FAILS: "✗"}
@@ -63,7 +63,7 @@ def node_text(
 ) -> NodeText:
     """Describes a node at a tick.
 
-    :param now: its current parameters and conditions; None if they were not read.
+    :param now: its parameters and conditions at that tick; None if they are not known.
     :param why: why it failed, if known.
     """
     shape, state = frame.shape, frame.state(index)
@@ -87,22 +87,19 @@ def node_text(
     path = shape.path_names(index)[:-1]
     if path:
         facts.append(("in", " › ".join(["…", *path[-_MAX_ANCESTORS:]] if len(path) > _MAX_ANCESTORS else path)))
-    conditions = [_condition(condition, state) for condition in now.conditions] if now is not None else []
+    conditions = [_condition(condition) for condition in now.conditions] if now is not None else []
     params = [] if now is None else [(p.key, p.value or "unset", p.source_text if p.source else "") for p in now.params]
     return NodeText(
         shape.name(index), state, facts, conditions, params, list(why.lines())[1:] if why is not None else [], note
     )
 
 
-def _condition(now: ConditionStatus, state: int) -> ConditionText:
-    """Describes a condition; its current value may differ from the value at its stage."""
-    stage = STAGES.get(now.stage, now.stage)
-    if now.stage == PRE and state != IDLE:
-        stage += " (it has started; this is how it is now)"
-    elif now.stage == POST and state in (IDLE, RUNNING):
-        stage += " (not yet)"
-    symbol = VERDICTS.get(now.verdict, "?")
-    return ConditionText(stage, symbol, now.text, now.found, now.elements)
+def _condition(condition: ConditionStatus) -> ConditionText:
+    """Describes a condition as it was evaluated, with the time; before its evaluation, as a preview."""
+    stage = STAGES.get(condition.stage, condition.stage)
+    stage += f", evaluated at {clock_text(condition.time)}" if condition.time else " (not evaluated yet; as it is now)"
+    symbol = VERDICTS.get(condition.verdict, "?")
+    return ConditionText(stage, symbol, condition.text, condition.found, condition.elements)
 
 
 #: How processors tick the children, by symbol.

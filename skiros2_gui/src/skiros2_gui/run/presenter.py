@@ -7,19 +7,18 @@ import heapq
 import weakref
 from collections.abc import Callable, Iterable
 
-from skiros2_gui.app.events import TaskStarted
+from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
+from skiros2_gui.app.tasks import PAUSE, RESUME
 from skiros2_gui.app.window import Window
+from skiros2_gui.run.bag import RunBag, read_bag
 from skiros2_gui.run.breakpoints import Breakpoints
-from skiros2_gui.run.frame import Frame
-from skiros2_gui.run.live_runs import LiveRuns, is_paused
-from skiros2_gui.run.runs import RunBag, Runs, read_bag
+from skiros2_gui.run.node_text import NodeText
 from skiros2_gui.run.selected_node import SelectedNode
-from skiros2_gui.run.task_run import TaskRun
 from skiros2_gui.run.tree import RunTree
-
-#: The commands for a task.
-PAUSE, RESUME, STEP, STOP = "pause", "start", "tick_once", "preempt"
-_ACTIVITIES = {PAUSE: "pausing", RESUME: "resuming", STEP: "ticking", STOP: "stopping"}
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.runs import Runs
+from skiros2_runs.core.states import TaskState
+from skiros2_runs.core.task_run import TaskRun
 
 
 class Redraw(enum.Flag):
@@ -58,11 +57,10 @@ class RunPresenter:
         self.on_change: Callable[[Redraw], None] = lambda part: None
         self.breakpoints = Breakpoints(window, lambda: self.on_change(Redraw.BREAKPOINTS | Redraw.STATES))
         self.node = SelectedNode(window, lambda: self.on_change(Redraw.NODE))
-        self._live = LiveRuns(
-            window, self._on_run, lambda: self.on_change(Redraw.TASKS | Redraw.STATES), self.breakpoints.ask
-        )
+        self._live = window.tasks
+        window.subscribe(RunRecorded, self._on_run)
+        window.subscribe(TasksChanged, lambda _: self._on_tasks())
         window.subscribe(TaskStarted, self._on_started)
-        self._live.update_managers()
 
     # -- tasks -----------------------------------------------------------------------------------------------------
 
@@ -87,7 +85,7 @@ class RunPresenter:
 
     @property
     def is_paused(self) -> bool:
-        return self.is_live and self.run is not None and is_paused(self.run)
+        return self.is_live and self.run is not None and self.run.state is TaskState.PAUSED
 
     def pick(self, run: TaskRun) -> None:
         """Shows a task until it has ended; a task that has ended stays until another one is picked."""
@@ -97,20 +95,8 @@ class RunPresenter:
     def command(self, action: str) -> None:
         """Sends a command for the shown task."""
         run = self.run
-        if run is None or not self.is_live:
-            return
-        activity = f"{_ACTIVITIES[action]} task {run.task_id} of {run.robot}"
-        manager = self._window.system.managers.get(run.robot)
-        if manager is None:
-            self._window.problems.report(activity, f"{run.robot} is not running")
-            return
-        # Not in the queue of the inspections: stopping does not wait, other commands wait for each other only.
-        self._window.jobs.run(
-            lambda: manager.command(action, run.task_id),
-            activity=activity,
-            queue=f"{run.robot}: commands",
-            urgent=action == STOP,
-        )
+        if run is not None and self.is_live:
+            self._live.command(action, run.robot, run.task_id)
 
     def toggle(self) -> None:
         """Pauses or resumes the shown task."""
@@ -118,10 +104,7 @@ class RunPresenter:
 
     def clear_ended(self) -> None:
         """Removes the tasks that have ended."""
-        self._live.runs.clear_ended()
-        if self.bag is None and self.run is not None and self.run not in list(self._live.runs):
-            self._show(self._live.newest())
-        self.on_change(Redraw.TASKS)
+        self._live.clear_ended()
 
     def check(self, now: float) -> None:
         """Checks tasks without recent progress. To be called periodically.
@@ -198,7 +181,15 @@ class RunPresenter:
         if self.run is None or frame is None or index is None:
             self.node.clear()
         else:
-            self.node.ask(self.run, frame, index, self.is_live, self.bag)
+            is_known = self.bag is None and self._live.find(self.run.robot, self.run.task_id) is self.run
+            self.node.ask(self.run, frame, index, self.is_live, is_known)
+
+    def node_text(self, index: int) -> NodeText | None:
+        """Returns the description of a node of the shown tree."""
+        frame = self.frame
+        if self.run is None or frame is None:
+            return None
+        return self.node.text(self.run, frame, index, self.bag is not None)
 
     def fold(self, index: int) -> None:
         """Folds or unfolds a node."""
@@ -272,9 +263,15 @@ class RunPresenter:
 
     # -- events ------------------------------------------------------------------------------------------------------
 
-    def _on_run(self, run: TaskRun, is_new: bool) -> None:
+    def _on_tasks(self) -> None:
+        if self.bag is None and self.run is not None and self.run not in list(self._live.runs):
+            self._show(self._live.newest())
+        self.on_change(Redraw.TASKS | Redraw.STATES)
+
+    def _on_run(self, event: RunRecorded) -> None:
         if self.bag is not None:
             return
+        run = event.run
         if self._awaited_task == (run.robot, run.task_id):
             self._awaited_task = None
             self.pick(run)
@@ -285,7 +282,7 @@ class RunPresenter:
                 self.tick = run.tick_at(self._tick_time)  # older ones may have been dropped
             elif run.latest.has_ended:
                 self._select_failed_node(run)
-            self.on_change(Redraw.STATES | Redraw.TREE if is_new else Redraw.STATES)
+            self.on_change(Redraw.STATES | Redraw.TREE if event.is_new_shape else Redraw.STATES)
 
     def _select_failed_node(self, run: TaskRun) -> None:
         """Selects the node that failed last, if none is selected; else reads the selected one again."""

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from skiros2_gui.app.state_style import FAILURE, RUNNING
 from skiros2_gui.run.drawing import Drawing
-from skiros2_gui.run.frame import Frame
-from skiros2_gui.run.shape import Shape
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.shape import Shape
+from skiros2_runs.core.states import FAILURE, RUNNING
 
 #: A tree with more nodes is partly folded at first.
 MAX_AT_FIRST = 1500

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from skiros2_common.core.names import local_name
-from skiros2_skill.command_line.description import Parameter, Skill
+from skiros2_skill.client.description import Parameter, Skill
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
@@ -12,10 +11,11 @@ from typing import Any
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
 from skiros2_common.core.json_text import read_json
+from skiros2_common.core.limits import Limits
 from skiros2_common.core.names import ANY_TYPE, full_name, local_name
 from skiros2_common.core.world_element import Element
+from skiros2_skill.client.description import Parameter
 from skiros2_skill.command_line.assignments import read_values
-from skiros2_skill.command_line.description import Parameter
 
 
 class Editor(Enum):
@@ -25,7 +25,7 @@ class Editor(Enum):
     TEXT = "text"
     NUMBER = "number"
     TRUTH = "yes or no"
-    CHOICE = "one of some texts"
+    CHOICE = "one of some values"
     JSON = "JSON"
 
 
@@ -51,13 +51,6 @@ _TYPE_NAMES = {
 
 _EXAMPLES = {"list": "[1, 2]", "dict": '{"name": 1}'}
 
-_NUMBER = r"([-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)"
-_RANGE = re.compile(rf"{_NUMBER}\s*(?:to|\.\.\.?|–)\s*{_NUMBER}", re.IGNORECASE)
-_LEAST = re.compile(rf"\bat least\s+{_NUMBER}", re.IGNORECASE)
-_MOST = re.compile(rf"\bat most\s+{_NUMBER}", re.IGNORECASE)
-_ONE_OF = re.compile(r"\bone of:?\s+([^.;()]+)", re.IGNORECASE)
-_UNIT = re.compile(r"\(([^\s()]{1,8})\)\s*$")
-
 
 @dataclass(frozen=True)
 class ElementChoice:
@@ -66,10 +59,6 @@ class ElementChoice:
     id: str
     label: str
     type: str = ""
-
-    @property
-    def text(self) -> str:
-        return f"{self.label}  ({self.id})" if self.label else self.id
 
 
 @dataclass
@@ -105,7 +94,7 @@ class Field:
         if len(self.declared.default) > 1:
             return Editor.JSON  # several values are edited as a list
         found = _EDITORS.get(self.declared.wire_type, Editor.JSON)
-        return Editor.CHOICE if found is Editor.TEXT and self.options else found
+        return Editor.CHOICE if self.limits.choices and found in (Editor.TEXT, Editor.NUMBER) else found
 
     @property
     def element_class(self) -> str:
@@ -121,27 +110,14 @@ class Field:
         return _TYPE_NAMES.get(self.declared.wire_type, self.declared.wire_type)
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """The least and the greatest value, as in the description: `0 to 1` or `at least 0`."""
-        text = self.declared.description
-        found = _RANGE.search(text)
-        if found and float(found[1]) < float(found[2]):
-            return float(found[1]), float(found[2])
-        least, most = _LEAST.search(text), _MOST.search(text)
-        return float(least[1]) if least else -math.inf, float(most[1]) if most else math.inf
+    def limits(self) -> Limits:
+        """The unit and the allowed values."""
+        return self.declared.limits
 
     @property
     def options(self) -> tuple[str, ...]:
-        """The allowed texts, as in the description: `one of: fast, slow`."""
-        found = _ONE_OF.search(self.declared.description)
-        names = re.split(r",|\bor\b", found[1]) if found else []
-        return tuple(name.strip(" '\"`") for name in names if name.strip(" '\"`"))
-
-    @property
-    def unit(self) -> str:
-        """The unit at the end of the description: `How long (s)`."""
-        found = _UNIT.search(self.declared.description) if self.editor is Editor.NUMBER else None
-        return found[1] if found else ""
+        """The texts of the allowed values, if they are enumerated."""
+        return tuple(map(str, self.limits.choices))
 
     @property
     def modes(self) -> tuple[ValueMode, ...]:
@@ -217,9 +193,11 @@ class Field:
             return [element_value(str(self.value), self.element_class)]
         if editor is Editor.TRUTH:
             return [bool(self.value)]
-        if editor is Editor.CHOICE and self.text not in self.options:
-            raise WrongValue(f"expected one of {', '.join(self.options)}")
-        if editor is Editor.TEXT or editor is Editor.CHOICE:
+        if editor is Editor.CHOICE:
+            if self.text not in self.options:
+                raise WrongValue(f"expected {self.limits.text}")
+            return [self.limits.choices[self.options.index(self.text)]]
+        if editor is Editor.TEXT:
             if not self.text and self.declared.must_be_given:
                 raise WrongValue("a text is needed")
             return [self.text]
@@ -236,9 +214,8 @@ class Field:
             ok = False
         if not ok:
             raise WrongValue(f"{text!r} is no {self.type_name}")
-        least, most = self.limits
-        if not least <= value <= most:
-            raise WrongValue(f"expected {_between(least, most)}")
+        if not self.limits.allows(value):
+            raise WrongValue(f"expected {self.limits.text}")
         return [value]
 
     def _json(self) -> list[Any]:
@@ -250,12 +227,16 @@ class Field:
         except ValueError as error:
             raise WrongValue(f"this cannot be read: {error}") from None
         try:
-            return read_values(self.declared, self.text, _no_element)
+            values = read_values(self.declared, self.text, _no_element)
         except SkirosError:
             example = _EXAMPLES.get(self.declared.wire_type, "")
             such = f", such as {example}" if example else ""
             what = self.type_name if not self._is_several else f"list of values, each a {self.type_name}"
             raise WrongValue(f"a {what} is needed{such}") from None
+        problem = self.limits.problem(values)
+        if problem:
+            raise WrongValue(problem)
+        return values
 
     @property
     def _is_several(self) -> bool:
@@ -270,12 +251,6 @@ def element_value(eid: str, element_class: str = "") -> dict[str, Any]:
 
 def _no_element(_: Parameter, name: str) -> Any:
     raise UnknownName(f"{name!r} is no element")
-
-
-def _between(least: float, most: float) -> str:
-    if math.isinf(most):
-        return f"at least {least:g}"
-    return f"at most {most:g}" if math.isinf(least) else f"a number from {least:g} to {most:g}"
 
 
 def element_choices(elements: Iterable[Element]) -> tuple[ElementChoice, ...]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from skiros2_gui.skills.catalogue import Offer
 from skiros2_gui.skills.fields import Field
-from skiros2_skill.command_line.assignments import Step
+from skiros2_skill.client.description import Step
 from skiros2_task.core.actions import ROBOT_KEY
 
 #: The display order of parameters.
@@ -40,7 +40,7 @@ class Form:
     def step(self) -> Step:
         """Returns the step to send; requires that there are no `errors`."""
         params = [self.fields[key].declared.wire(values) for key, values in self.given().items()]
-        return Step(self.offer.type, self.offer.label, {}, params)
+        return Step(self.offer.type, self.offer.label, params)
 
     def reset(self) -> None:
         """Restores all defaults."""

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ManagersChanged, TaskStarted, WorldChanged
 from skiros2_gui.app.problems import error_text
+from skiros2_gui.app.system import Manager
+from skiros2_gui.app.tasks import STOP
 from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import Offer, RobotRow, offers_of, rows_of
-from skiros2_gui.skills.fields import Field, ValueMode
+from skiros2_gui.skills.fields import ElementChoice, Field, ValueMode, element_choices
 from skiros2_gui.skills.form import Form
-from skiros2_gui.skills.start_preview import StartPreview, preview_start
-from skiros2_gui.skills.task_presenter import TaskListPresenter
-from skiros2_skill.command_line.description import Skill
+from skiros2_skill.client.description import Skill, Step
+from skiros2_skill.core.runtime.task_starter import StartPreview
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 #: The job queue of previews.
 _QUEUE = "skills: preview"
@@ -27,15 +30,52 @@ _MAX_USES = 1_000_000
 
 
 @dataclass(frozen=True)
+class Started:
+    """A started task.
+
+    :param nodes: its `SkillProgress` messages; empty if it has ended already.
+    :param stamp: when they were asked for (s since the epoch).
+    """
+
+    task_id: int
+    nodes: Sequence[Any]
+    stamp: float
+
+
+@dataclass(frozen=True)
 class Refused:
     """A refused start.
 
     :param text: the manager's message.
-    :param explanation: the reason, if known.
+    :param preview: of a repetition; None if the manager does not answer.
     """
 
     text: str
-    explanation: Explanation | None = None
+    preview: StartPreview | None = None
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """The reason, if known."""
+        return self.preview.refusal if self.preview is not None else None
+
+
+@dataclass(frozen=True)
+class Preview:
+    """A preview of a start.
+
+    :param start: the manager's; None if there is none.
+    :param choices: the elements of each class that a parameter requires, by class.
+    :param problem: why there is no preview; "" if there is one.
+    """
+
+    start: StartPreview | None = None
+    choices: Mapping[str, Sequence[ElementChoice]] = field(default_factory=dict)
+    problem: str = ""
+
+    def element(self, key: str) -> ElementChoice | None:
+        """Returns the element that a parameter would get; None if it would not get one."""
+        found = self.start.elements.get(key) if self.start is not None else None
+        return ElementChoice(found.id, found.label, found.type) if found is not None else None
 
 
 class SkillsPresenter:
@@ -47,14 +87,14 @@ class SkillsPresenter:
 
     def __init__(self, window: Window) -> None:
         self._window = window
-        self.tasks = TaskListPresenter(window)
+        self.tasks = window.tasks
         self.on_rows: Callable[[], None] = _nothing
         self.on_form: Callable[[], None] = _nothing
         self.on_preview: Callable[[], None] = _nothing
         self.search = ""
         self.uses: dict[str, int] = {}
         self.form: Form | None = None
-        self.preview: StartPreview | None = None
+        self.preview: Preview | None = None
         self.refused: Refused | None = None
         self.is_starting = False
         self._stop_when_started = False  # the pending start
@@ -82,7 +122,7 @@ class SkillsPresenter:
         self._offered = {name: skills for name, skills in self._offered.items() if name in managers}
         for name, manager in managers.items():
             self._window.jobs.run(
-                manager.skills,
+                manager.read_skills,
                 lambda skills, name=name: self._take(name, skills),  # type: ignore[misc]
                 activity=f"reading the skills of {name}",
                 queue=name,
@@ -185,20 +225,21 @@ class SkillsPresenter:
     def refresh(self) -> None:
         """Refreshes the preview if the scene or the form has changed."""
         form, world = self.form, self._window.system.world
-        if not self._is_stale or self._is_refreshing or form is None or world is None:
+        manager = self._window.system.managers.get(form.offer.manager) if form is not None else None
+        if not self._is_stale or self._is_refreshing or form is None or manager is None:
             return
         self._is_stale = self._is_edited = False
-        given = form.given()
+        step, classes = form.step(), form.classes
         self._is_refreshing = True
         self._throttle.begin()
         self._window.jobs.run(
-            lambda: preview_start(form.offer, given, form.classes, world),
+            lambda: _preview(manager, step, classes, world),
             lambda preview: self._refreshed(form, preview),
-            lambda error: self._refreshed(form, StartPreview(problem=error_text(error))),
+            lambda error: self._refreshed(form, Preview(problem=error_text(error))),
             queue=_QUEUE,
         )
 
-    def _refreshed(self, form: Form, preview: StartPreview) -> None:
+    def _refreshed(self, form: Form, preview: Preview) -> None:
         self._is_refreshing = False
         self._throttle.end()
         if form is self.form:
@@ -208,11 +249,6 @@ class SkillsPresenter:
             self.refresh()
 
     # -- starting ----------------------------------------------------------------------------------------------
-
-    @property
-    def has_world(self) -> bool:
-        """Whether a world model was found."""
-        return self._window.system.world is not None
 
     @property
     def can_start(self) -> bool:
@@ -232,24 +268,23 @@ class SkillsPresenter:
         step = form.step()
         action = "tick_once" if ticks_once else "start"
         self.is_starting, self._stop_when_started, self.refused = True, False, None
-        since = self.tasks.now()
         self.on_preview()
         self._window.jobs.run(
             lambda: _start(manager, action, step),
-            lambda task: self._started(form, task, since),
-            lambda error: self._started(form, Refused(error_text(error)), since),
+            lambda result: self._started(form, result),
+            lambda error: self._started(form, Refused(error_text(error))),
             activity=f"starting {offer.name} of {offer.manager}",
         )
 
-    def _started(self, form: Form, result: int | Refused, since: float) -> None:
+    def _started(self, form: Form, result: Started | Refused) -> None:
         self.is_starting = False
         offer = form.offer
-        if isinstance(result, int):
+        if isinstance(result, Started):
             self.uses[offer.use] = min(self.uses.get(offer.use, 0) + 1, _MAX_USES)
-            self.tasks.started(offer.manager, result, offer.name, since)
-            self._window.publish(TaskStarted(offer.manager, result))
+            self.tasks.started(offer.manager, result.task_id, result.nodes, result.stamp)
+            self._window.publish(TaskStarted(offer.manager, result.task_id))
             if self._stop_when_started:
-                self.tasks.stop((offer.manager, result))
+                self.tasks.command(STOP, offer.manager, result.task_id)
         elif form is self.form:
             self.refused = result
         else:
@@ -264,9 +299,9 @@ class SkillsPresenter:
             self._stop_when_started = True
             return
         manager = self.form.offer.manager if self.form is not None else ""
-        last = self.tasks.last_of(manager)
+        last = self.tasks.last_started(manager)
         if last is not None and not last.is_finished:
-            self.tasks.stop(last.key)
+            self.tasks.command(STOP, manager, last.task_id)
         else:
             self.start()
 
@@ -285,22 +320,30 @@ class SkillsPresenter:
         self.on_rows()
 
 
-def _start(manager: Any, action: str, step: Any) -> int | Refused:
-    """Sends a skill; in a worker. Returns the task id, or the refusal."""
+def _preview(
+    manager: Manager, step: Step, classes: Sequence[str], world: WorldModelAbstractInterface | None
+) -> Preview:
+    """Previews a start; in a worker.
+
+    :param classes: the classes whose elements are returned as choices; "" for any.
+    """
+    choices: dict[str, Sequence[ElementChoice]] = {}
     try:
-        return int(manager.command(action, -1, [step]))
+        if world is not None:
+            choices.update((cls, element_choices(world.resolve_elements(Element(cls)))) for cls in classes)
+        return Preview(manager.preview([step], partial=True), choices)
     except SkirosError as error:
-        return Refused(str(error), _why_refused(manager, str(error)))
+        return Preview(None, choices, str(error))
 
 
-def _why_refused(manager: Any, text: str) -> Explanation | None:
-    """Returns the manager's explanation of the refused start; None if its last one is about another start."""
+def _start(manager: Manager, action: str, step: Step) -> Started | Refused:
+    """Sends a skill and reads its task; in a worker."""
     try:
-        explanations = json.loads(manager.why(-1).json or "[]")
-        explanation = Explanation.from_dict(explanations[-1]) if explanations else None
-    except (SkirosError, ValueError):
-        return None
-    return explanation if explanation is not None and explanation.message in text else None
+        task_id = manager.command(action, -1, [step])
+        stamp = time.time()
+        return Started(task_id, next(iter(manager.read_tasks(task_id)), ()), stamp)
+    except SkirosError as error:
+        return Refused(str(error), _preview(manager, step, (), None).start)
 
 
 def _nothing() -> None:

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_gui.skills.presenter import SkillsPresenter
-from skiros2_gui.skills.start_preview import StartPreview
+from skiros2_gui.skills.presenter import Preview, SkillsPresenter
 from skiros2_task.core.actions import ROBOT_KEY
 
 READY, REFUSED, WAITING = "ready", "refused", "waiting"
@@ -34,31 +33,27 @@ def start_status(skills: SkillsPresenter) -> StartStatus:
         return StartStatus(WAITING, f"Starting {form.offer.name}…")
     if skills.refused is not None:
         why = skills.refused.explanation
-        first, *more = _without_author(skills.refused.text).strip().splitlines() or [""]
+        first, *more = (why.message if why else skills.refused.text).strip().splitlines() or [""]
         return StartStatus(REFUSED, f"Refused: {first}", tuple(_lines(why)) if why else tuple(more))
     if not skills.is_offered:
         return StartStatus(REFUSED, f"{form.offer.manager} does not offer {form.offer.name} now.")
     if form.errors:
         errors = "; ".join(f"{key}: {error}" for key, error in form.errors.items())
         return StartStatus(REFUSED, f"Fill in first: {errors}")
-    if skills.preview is None and not skills.has_world:
-        return StartStatus(WAITING, "The start cannot be previewed without the world model.")
     if skills.preview is None:
-        return StartStatus(WAITING, "Reading the scene…")
+        return StartStatus(WAITING, "Asking the robot…")
     return _of_preview(skills.preview)
 
 
-def _of_preview(preview: StartPreview) -> StartStatus:
-    if preview.problem:
+def _of_preview(preview: Preview) -> StartStatus:
+    start = preview.start
+    if start is None:
         return StartStatus(REFUSED, f"The start cannot be previewed: {preview.problem}")
-    if preview.refusal is not None:
-        text = f"It would be refused: {_headline(preview.refusal)}"
-        return StartStatus(REFUSED, text, tuple(_lines(preview.refusal)))
-    found = [f"{key} = {e.label or e.id}" for key, e in sorted(preview.values.items()) if key != ROBOT_KEY]
-    text = f"Ready. The robot would take {', '.join(found)}." if found else "Ready."
-    if preview.unchecked:
-        text += f" Only the robot can check: {', '.join(preview.unchecked)}."
-    return StartStatus(READY, text)
+    if start.refusal is not None:
+        text = f"It would be refused: {_headline(start.refusal)}"
+        return StartStatus(REFUSED, text, tuple(_lines(start.refusal)))
+    found = [f"{key} = {e.label or e.id}" for key, e in sorted(start.elements.items()) if key != ROBOT_KEY]
+    return StartStatus(READY, f"Ready. The robot would take {', '.join(found)}." if found else "Ready.")
 
 
 def _headline(refusal: Explanation) -> str:
@@ -85,9 +80,3 @@ def _lines(explanation: Explanation) -> Iterator[str]:
         yield f"{tried.label or tried.type}:"
         below = list(_lines(tried)) or tried.message.splitlines()
         yield from (f"  {line}" for line in below)
-
-
-def _without_author(text: str) -> str:
-    """Returns the text of a refusal without the name of the requester, which is this window."""
-    head, separator, rest = text.partition(" refused: ")
-    return rest if separator and head.startswith(("start by", "tick_once by")) else text

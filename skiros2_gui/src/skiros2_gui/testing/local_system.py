@@ -5,64 +5,32 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import Refused, UnknownName
-from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
 from skiros2_gui.app.event_queue import EventQueue
 from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
-from skiros2_skill.command_line.description import Skill, read_skill
-from skiros2_skill.core.diagnosis.inspection import NodeStatus, inspect
+from skiros2_runs.core.values import NodeStatus
+from skiros2_skill.client.description import Skill, Step, Why, read_skill
+from skiros2_skill.core.diagnosis.inspection import inspect
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.runtime.history import REFUSED, History, Record
-from skiros2_skill.core.runtime.request import SkillRequest, explain_refusal, make_nodes
+from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.request import SkillRequest
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
+from skiros2_skill.core.runtime.task_starter import StartPreview, TaskStarter
+from skiros2_skill.ros.progress import progress_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.reader import SceneReader
 
-_STATES = {State.Success: 1, State.Failure: 2, State.Running: 3}
-_IDLE = 4
-
 _ALL = -1
-
-
-@dataclass
-class Node:
-    """A node of a task, with the fields of `SkillProgress`."""
-
-    robot: str
-    task_id: int
-    id: int
-    parent_label: str
-    parent_id: int
-    type: str
-    label: str
-    params: list[Any]
-    processor: str
-    state: int
-    progress_code: int
-    progress_period: float
-    progress_time: float
-    progress_message: str
-
-
-@dataclass
-class Why:
-    """The response of `Manager.why`."""
-
-    ok: bool
-    text: str
-    json: str
 
 
 class LocalManager:
@@ -93,6 +61,7 @@ class LocalManager:
         self._registration.register(self._library.implementations())
         self._history = History()
         self._scheduler = Scheduler(on_progress=self._on_progress)
+        self._starter = TaskStarter(self._library, wm, self._scheduler, self._history, lambda: self._registration.robot)
         wm.add_listener(self._scheduler.on_change)
 
     @property
@@ -104,7 +73,7 @@ class LocalManager:
         self._wm.remove_listener(self._scheduler.on_change)
         self._scheduler.stop()
 
-    def skills(self) -> list[Skill]:
+    def read_skills(self) -> list[Skill]:
         return [
             read_skill(
                 i.type,
@@ -114,10 +83,10 @@ class LocalManager:
             for i in self._library.implementations()
         ]
 
-    def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
+    def command(self, action: str, task_id: int, skills: Sequence[Step] = ()) -> int:
         ticks = 1 if action == "tick_once" else 0
         if action in ("start", "tick_once"):
-            number = self._make(skills) if task_id == _ALL else task_id
+            number = self._starter.make("window", [_request(s) for s in skills]).id if task_id == _ALL else task_id
             self._scheduler.start(number, ticks)
             return number
         if action not in ("preempt", "pause"):
@@ -126,56 +95,40 @@ class LocalManager:
             (self._scheduler.preempt if action == "preempt" else self._scheduler.pause)(number)
         return task_id
 
-    def tasks(self, task_id: int = _ALL) -> list[Sequence[Any]]:
+    def read_tasks(self, task_id: int = _ALL) -> list[Sequence[Any]]:
         return [self._nodes(task) for task in self._scheduler.tasks() if task_id in (_ALL, task.id)]
 
-    def why(self, task_id: int) -> Any:
+    def why(self, task_id: int = -1) -> Why:
         record = self._history.get(task_id)
-        return Why(True, str(record), json.dumps([e.to_dict() for e in record.explanations]))
+        return Why(str(record), record.explanations)
 
     def inspect(self, task_id: int, node_id: int) -> NodeStatus:
-        return inspect(self._scheduler.get(task_id), node_id, self._wm)
+        return inspect(self._history.task(task_id), node_id, self._wm)
 
-    def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
-        known = self._scheduler.breakpoints
-        if action == "add":
-            number = known.add(Breakpoint(kind, pattern, when))
-        elif action == "remove":
-            for one in list(known.all()) if number == _ALL else [number]:
-                known.remove(one)
-        listed = [{"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when} for n, b in known.all().items()]
-        return number, listed
+    def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
+        return self._scheduler.breakpoints.add(Breakpoint(kind, pattern, when))
 
-    def _make(self, skills: Sequence[Any]) -> int:
-        requests = [
-            SkillRequest(s.type, s.label, {p.key: p for p in (decodeParam(text) for text in s.params)}) for s in skills
-        ]
-        try:
-            nodes = make_nodes(requests, self._library, self._wm)
-        except Exception as error:
-            explanation = explain_refusal(requests, self._library, self._wm, -1)
-            explanations = [explanation] if explanation is not None else []
-            self._history.refuse(Record(REFUSED, "window", State.Idle, -1, str(error), explanations))
-            raise Refused(f"start by window refused: {error}") from error
-        task = self._scheduler.new_task(self._wm, "window")
-        task.root.params.addParam("Robot", self._registration.robot, ParamTypes.Inferred)
-        task.root(*nodes)
-        self._history.begin(task)
-        return task.id
+    def remove_breakpoint(self, number: int = _ALL) -> None:
+        for one in list(self.breakpoints()) if number == _ALL else [number]:
+            self._scheduler.breakpoints.remove(one)
+
+    def breakpoints(self) -> dict[int, Breakpoint]:
+        return self._scheduler.breakpoints.all()
+
+    def preview(self, skills: Sequence[Step], partial: bool = False) -> StartPreview:
+        return self._starter.preview([_request(skill) for skill in skills], partial)
 
     def _on_progress(self, task: Task) -> None:
         if task.ended.is_set():
             self._history.end(task)
         self._report(TaskProgress(self._name, self._nodes(task), time.time()))
 
-    def _nodes(self, task: Task) -> list[Node]:
-        return [
-            Node(
-                self._name, task.id, n.id, n.parent_label, n.parent_id, n.type, n.label, [], n.processor,
-                _STATES.get(n.state, _IDLE), n.progress_code, n.progress_period, n.progress_time, n.progress_message,
-            )
-            for n in task.progress()
-        ]  # fmt: skip
+    def _nodes(self, task: Task) -> list[Any]:
+        return progress_messages(task, self._name)
+
+
+def _request(step: Step) -> SkillRequest:
+    return SkillRequest(step.type, step.label, {p.key: p for p in map(decodeParam, step.params)})
 
 
 class LocalSystem:

@@ -14,6 +14,9 @@ from skiros2_gui.testing.driver import TIMEOUT, Driver
 #: The least share of pixels of locations, and of handles.
 LOCATIONS, HANDLES = 0.01, 0.00002
 
+#: The time to draw elements whose frames were not known at first (s).
+SETTLING_SECONDS = 3.0
+
 _Channel = NDArray[np.int16]
 
 
@@ -32,7 +35,9 @@ def rviz_screenshot(driver: Driver, timeout: float = TIMEOUT) -> QImage:
         picture = window_screenshot(driver)
         return picture if is_drawn(picture) else None
 
-    return driver.wait_until(drawn, "rviz to draw locations and handles", timeout)
+    driver.wait_until(drawn, "rviz to draw locations and handles", timeout)
+    driver.process_for(SETTLING_SECONDS)
+    return window_screenshot(driver)
 
 
 def window_screenshot(driver: Driver) -> QImage:

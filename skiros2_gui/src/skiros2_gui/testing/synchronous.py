@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
 
 from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.jobs import Jobs
+from skiros2_gui.app.jobs import Job, Jobs
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.system import System
 from skiros2_gui.app.window import Window
 
-Result = TypeVar("Result")
-
 
 class SynchronousJobs(Jobs):
-    """Runs calls and their callbacks within `run`.
+    """Runs calls and their callbacks within `run`. Errors of callbacks are raised.
 
     :param deferred: delays calls until `release`, to test the state while they run.
     """
@@ -23,22 +20,7 @@ class SynchronousJobs(Jobs):
     def __init__(self, problems: Problems, deferred: bool = False) -> None:
         super().__init__(problems, lambda: None)
         self.deferred = deferred
-        self._waiting: list[Callable[[], None]] = []
-
-    def run(
-        self,
-        call: Callable[[], Result],
-        done: Callable[[Result], None] | None = None,
-        failed: Callable[[Exception], None] | None = None,
-        *,
-        activity: str = "",
-        queue: str = "",
-        urgent: bool = False,
-    ) -> None:
-        if self.deferred:
-            self._waiting.append(lambda: self._now(call, done, failed, activity))
-        else:
-            self._now(call, done, failed, activity)
+        self._waiting: list[Job] = []
 
     def post(self, call: Callable[[], None]) -> None:
         call()
@@ -47,25 +29,20 @@ class SynchronousJobs(Jobs):
         """Runs the delayed calls."""
         waiting, self._waiting = self._waiting, []
         for job in waiting:
-            job()
+            self._now(job)
 
-    def _now(
-        self,
-        call: Callable[[], Result],
-        done: Callable[[Result], None] | None,
-        failed: Callable[[Exception], None] | None,
-        activity: str,
-    ) -> None:
-        try:
-            result = call()
-        except Exception as error:
-            if failed is None:
-                self._problems.report(activity, error)
-            else:
-                failed(error)
-            return
-        if done is not None:
-            done(result)
+    def _start(self, job: Job) -> None:
+        if self.deferred:
+            self._waiting.append(job)
+        else:
+            self._now(job)
+
+    def _now(self, job: Job) -> None:
+        self._work(job)
+        self.deliver()
+
+    def _call_back(self, job: Job) -> None:
+        self._conclude(job)
 
 
 def make_window(connect: Callable[[EventQueue], System]) -> Window:

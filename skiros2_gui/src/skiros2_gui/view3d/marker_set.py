@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from skiros2_common.core.world_element import Element
+from skiros2_gui.view3d.labels import place_labels
 from skiros2_gui.view3d.markers import ElementMarker
 from skiros2_world_model.core.changes import RESET, Change
 
@@ -85,6 +86,7 @@ class MarkerSet:
     def __init__(self, make: Callable[[Element], ElementMarker | None]) -> None:
         self._make = make
         self._markers: dict[str, ElementMarker] = {}
+        self._lifts: dict[str, float | None] = {}
 
     @property
     def all(self) -> Iterable[ElementMarker]:
@@ -95,9 +97,26 @@ class MarkerSet:
         """Returns the marker of an element, or None."""
         return self._markers.get(eid)
 
+    def place_labels(self) -> MarkerUpdate:
+        """Places the labels of all markers; changes of elements keep the places until the next call."""
+        bare = {eid: replace(marker, lift=0.0) if marker.lift else marker for eid, marker in self._markers.items()}
+        self._lifts = place_labels(bare)
+        update = MarkerUpdate()
+        for eid, lift in self._lifts.items():
+            if self._markers[eid].lift != lift:
+                self._markers[eid] = replace(bare[eid], lift=lift)
+                update.changed.append(self._markers[eid])
+        return update
+
+    def _lifted(self, element: Element) -> ElementMarker | None:
+        """Returns the marker of an element with its label in its place."""
+        marker = self._make(element)
+        lift = self._lifts.get(marker.id, 0.0) if marker is not None else 0.0
+        return replace(marker, lift=lift) if marker is not None and lift != 0.0 else marker
+
     def replace_all(self, elements: Iterable[Element]) -> MarkerUpdate:
         """Replaces all markers with those of the given elements."""
-        now = {marker.id: marker for element in elements if (marker := self._make(element)) is not None}
+        now = {marker.id: marker for element in elements if (marker := self._lifted(element)) is not None}
         before, self._markers = self._markers, now
         return MarkerUpdate(
             [marker for eid, marker in now.items() if before.get(eid) != marker],
@@ -109,7 +128,7 @@ class MarkerSet:
         update = MarkerUpdate()
         for eid, element in elements.items():
             before = self._markers.get(eid)
-            now = self._make(element) if element is not None else None
+            now = self._lifted(element) if element is not None else None
             if now is not None and now != before:
                 self._markers[eid] = now
                 update.changed.append(now)

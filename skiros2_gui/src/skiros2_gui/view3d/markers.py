@@ -72,19 +72,23 @@ class ElementMarker:
     """The marker of an element.
 
     :param frame: the tf frame of `pose`, without a leading slash.
+    :param own_frame: the tf frame of the element.
+    :param lift: how far the text is raised (m); None hides it. See `labels.place_labels`.
     """
 
     id: str
     frame: str
     pose: Pose
     visual: Visual
+    own_frame: str = ""
+    lift: float | None = 0.0
 
     @property
     def text_position(self) -> Vector:
-        """Where the text is drawn: above the shape, along z of `frame` (m)."""
+        """Where the text is drawn, along z of `frame`: above the shape, and raised (m)."""
         x, y, z = self.pose.position
         high = half_extents(self.pose.orientation, self.visual.size)[2] if self.visual.shape == BOX else 0.1
-        return x, y, z + high + TEXT_HEIGHT
+        return x, y, z + high + TEXT_HEIGHT + (self.lift or 0.0)
 
 
 class MarkerFactory:
@@ -124,7 +128,7 @@ class MarkerFactory:
             self._colour(element.type),
             space.text(element, space.LINKED_TO),
         )
-        return ElementMarker(element.id, frame, pose, visual)
+        return ElementMarker(element.id, frame, pose, visual, own)
 
     def _colour(self, etype: str) -> Colour:
         if etype not in self._colours:

@@ -70,25 +70,19 @@ def element_choices(
     hierarchy: SceneHierarchy,
     vocabulary: Vocabulary,
     types: Sequence[str] = (),
-    text: str = "",
     without: str = "",
-    most: int = 200,
 ) -> list[tuple[str, str]]:
-    """Returns ids and names of the elements that match a text ("" matches all), then the matching templates.
+    """Returns ids and names of the elements, then of the templates.
 
     :param types: instances of these classes come first.
     :param without: an id to leave out.
-    :param most: the most elements.
     """
-    words = text.lower().split()
-    all_ids = (record.id for record in hierarchy.scene)
-    found = hierarchy.find(text, len(hierarchy)) if words else sorted(all_ids, key=id_order)
+    found = sorted((record.id for record in hierarchy.scene), key=id_order)
     preferred = {name for etype in types for name in vocabulary.ontology.subclasses(etype)}
     if preferred:
         found.sort(key=lambda eid: (record := hierarchy.scene.record(eid)) is None or record.type not in preferred)
-    chosen = [(eid, display_name(hierarchy, eid)) for eid in found if eid != without][:most]
-    templates = [name for name in vocabulary.templates() if words and all(word in name.lower() for word in words)]
-    return chosen + [(name, f"{local_name(name)}  (template)") for name in templates]
+    elements = [(eid, display_name(hierarchy, eid)) for eid in found if eid != without]
+    return elements + [(name, f"{local_name(name)}  (template)") for name in vocabulary.templates()]
 
 
 def predicate_choices(vocabulary: Vocabulary, subject_type: str) -> list[tuple[Predicate, bool]]:

@@ -13,25 +13,16 @@ from skiros2_common.core.property import Property
 from skiros2_gui.world.scene import UNPLACED, SceneHierarchy
 from skiros2_gui.world.vocabulary import Vocabulary
 from skiros2_std_reasoners.core.geometry import to_euler
-from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, pose_of, text
+from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, ORIENTATION, POSITION, pose_of, text
 from skiros2_world_model.core.formatting import format_values
 from skiros2_world_model.core.scene import ROOT
 
-#: Pseudo properties of elements with an orientation.
-ANGLES = ("Roll", "Pitch", "Yaw")
-_ANGLE_TIPS = (
-    "The rotation about x. Roll, pitch and yaw are computed from the orientation (a quaternion).",
-    "The rotation about y, after roll.",
-    "The rotation about z, after roll and pitch.",
-)
 _TYPE_NAMES = {float: "number", int: "whole number", bool: "yes or no", str: "text", list: "list", dict: "table"}
 #: The display order of properties: the index of the first pattern that matches.
 _ORDER = tuple(
     re.compile(pattern)
     for pattern in (
-        r"skiros:Position[XYZ]",
-        r"Roll|Pitch|Yaw",
-        r"skiros:Orientation[XYZW]",
+        r"skiros:(Position[XYZ]|Orientation[XYZW])",
         r"skiros:Size[XYZ]",
         r"(?!skiros:((Base|LinkedTo|PushTo)?FrameId|PublishTf|TfTimeStamp|DiscreteReasoner|Template)$).*",
         r".*",
@@ -118,18 +109,12 @@ class PoseDetails:
     angles: tuple[float, float, float]
     frame: str
 
-    @property
-    def text(self) -> str:
-        """The pose in one line."""
-        position = ", ".join(f"{number:.4g}" for number in self.position)
-        angles = ", ".join(f"{_plain(number):.4g}°" for number in self.angles)
-        return f"At ({position}) m, turned by ({angles})" + (f" in {self.frame}" if self.frame else "")
-
 
 @dataclass(frozen=True)
 class Details:
     """The details of an element.
 
+    :param properties: all but those of the pose, if it has one.
     :param pose: None if it has no pose.
     :param author, stamp: of the last change (s since the epoch; 0.0 if unknown).
     """
@@ -151,10 +136,12 @@ def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> D
     if record is None:
         return None
     pose = _pose(hierarchy, eid)
-    rows = [property_row(vocabulary, record.type, key, prop) for key, prop in record.properties.items()]
-    if pose is not None:
-        turns = zip(ANGLES, pose.angles, _ANGLE_TIPS, strict=True)
-        rows += [PropertyRow(name, (_plain(angle),), float, "°", tip) for name, angle, tip in turns]
+    of_pose = (*POSITION, *ORIENTATION) if pose is not None else ()
+    rows = [
+        property_row(vocabulary, record.type, key, prop)
+        for key, prop in record.properties.items()
+        if key not in of_pose
+    ]
     outgoing = [(pred, dst, True) for _, pred, dst in hierarchy.scene.relations(eid)]
     incoming = [(pred, src, False) for src, pred, _ in hierarchy.scene.relations(dst=eid)]
     relations = [
@@ -206,7 +193,7 @@ def _pose(hierarchy: SceneHierarchy, eid: str) -> PoseDetails | None:
     roll, pitch, yaw = map(math.degrees, to_euler(pose.orientation))
     frame = text(element, BASE_FRAME)
     frame_name = display_name(hierarchy, frame) if frame in hierarchy.scene else frame
-    return PoseDetails(pose.position, (roll, pitch, yaw), frame_name)
+    return PoseDetails(pose.position, (_plain(roll), _plain(pitch), _plain(yaw)), frame_name)
 
 
 def _plain(number: float) -> float:
@@ -216,4 +203,4 @@ def _plain(number: float) -> float:
 
 def _property_order(row: PropertyRow) -> tuple[int, str]:
     rank = next(i for i, pattern in enumerate(_ORDER) if pattern.fullmatch(row.key))
-    return rank, f"{ANGLES.index(row.key)}" if row.key in ANGLES else "~W" if row.name == "OrientationW" else row.name
+    return rank, "~W" if row.name == "OrientationW" else row.name

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from skiros2_gui.app.window import Window
-from skiros2_gui.world.undo_stack import UndoCommand, UndoStack, revert
+from skiros2_gui.world.undo_stack import UndoCommand, UndoStack
 from skiros2_world_model.core.changes import Operation, Outcome
-from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.changeset import ChangeSet
 
 #: The job queue of the calls that change the world model.
 QUEUE = "world"
@@ -17,14 +17,12 @@ QUEUE = "world"
 class SceneEditor:
     """Sends changes and keeps the undo stack. Used by the Qt thread only; jobs make the blocking calls.
 
-    :param who: returns who changed an element last and when; called by jobs.
     :param on_undo_stack: called when the undo stack has changed.
     """
 
-    def __init__(self, window: Window, who: Callable[[str], str], on_undo_stack: Callable[[], None]) -> None:
+    def __init__(self, window: Window, on_undo_stack: Callable[[], None]) -> None:
         self.undo_stack = UndoStack()
         self._window = window
-        self._who = who
         self._on_undo_stack = on_undo_stack
         self._steps: deque[Callable[[], None]] = deque()  # undo and redo steps that wait for running requests
         self._requests_running = 0
@@ -58,7 +56,7 @@ class SceneEditor:
         self._steps.append(self._redo)
         self._run_next_step()
 
-    def on_changes(self, changes: Mapping[str, HistoryEntry]) -> None:
+    def on_changes(self, changes: Mapping[str, ChangeSet]) -> None:
         """Takes published changes of this window's author, by snapshot id."""
         self.undo_stack.on_changes(changes)
         self._push_external()
@@ -115,4 +113,4 @@ class SceneEditor:
             on_reverted(command, outcome)
             self._on_request_ended()
 
-        self._run(lambda: revert(world, command, self._who), on_outcome, f"{action}: {command.text}")
+        self._run(lambda: world.revert(command.change), on_outcome, f"{action}: {command.text}")

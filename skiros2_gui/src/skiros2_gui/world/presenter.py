@@ -66,7 +66,7 @@ class WorldPresenter:
         self.window = window
         self.hierarchy: SceneHierarchy | None = None
         self.vocabulary: Vocabulary | None = None
-        self._editor = SceneEditor(window, self._who, self._show_undo)
+        self._editor = SceneEditor(window, self._show_undo)
         self.undo_stack = self._editor.undo_stack
         self.selected = ""
         self.highlights: dict[str, Highlight] = {}
@@ -285,15 +285,6 @@ class WorldPresenter:
         if self.hierarchy is not None and eid in self.hierarchy.scene:
             self._element_to_select = ""
             self.select(eid)
-
-    def _who(self, eid: str) -> str:
-        """Returns who changed an element last, and when. Called by jobs; read-only."""
-        hierarchy = self.hierarchy
-        record = hierarchy.scene.record(eid) if hierarchy is not None else None
-        if record is None or not record.provenance.author:
-            return ""
-        last = record.provenance
-        return f"{last.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(last.stamp))}"
 
     def author(self) -> str:
         """Returns the author of this window's changes."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
+from skiros2_common.core.errors import SkirosError
 from skiros2_gui.app.window import Window
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE
 from skiros2_world_model.core.history_entry import HistoryEntry, changed_lines
@@ -19,11 +19,6 @@ CONTEXTS = ("", SCENE, ONTOLOGY)
 MAX_ENTRIES = 200
 #: The most queries kept.
 _MAX_QUERIES = 20
-#: Longer error messages, which list the expected tokens, are replaced.
-_MAX_EXPECTED = 120
-
-_MISTAKE = re.compile(r"error at (\d+):(\d+): (.*?)(?:; the query was: .*)?$", re.DOTALL)
-_LINE = re.compile(r"SPARQL query cannot be answered: (.*?)(?:; the query was: .*)?$", re.DOTALL)
 
 
 class _Store(Protocol):
@@ -131,7 +126,8 @@ class WorldQueries:
         _call(self.hooks.answer)
 
     def _not_answered(self, error: Exception) -> None:
-        self.answer, self.diagnostic = None, diagnostic_of(str(error))
+        line, column = error.position if isinstance(error, SkirosError) else (0, 0)
+        self.answer, self.diagnostic = None, Diagnostic(str(error), line, column)
         _call(self.hooks.answer)
 
     # -- validation --------------------------------------------------------------------------------------------
@@ -190,20 +186,6 @@ class WorldQueries:
         if world is None and what:
             self.window.problems.report(what, "there is no world model")
         return cast("_Store | None", world)
-
-
-def diagnostic_of(text: str) -> Diagnostic:
-    """Shortens the error message of a query."""
-    found = _MISTAKE.search(text)
-    if found is None:
-        whole = _LINE.search(text)
-        return Diagnostic(whole[1] if whole else text)
-    line, column, what = int(found[1]), int(found[2]), " ".join(found[3].split())
-    if "Prefix not found" in what:
-        what = "unknown prefix; declare it with PREFIX name: <...>"
-    elif len(what) > _MAX_EXPECTED or "[_]" in what:
-        what = "unexpected token"
-    return Diagnostic(what, line, column)
 
 
 def history_row(entry: HistoryEntry) -> HistoryRow:

@@ -10,11 +10,10 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges
-from skiros2_gui.world.details import ANGLES
 from skiros2_gui.world.scene import SceneHierarchy
 from skiros2_gui.world.vocabulary import Vocabulary
-from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
-from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, pose_of, set_pose
+from skiros2_std_reasoners.core.geometry import Pose, from_euler
+from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, set_pose
 from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
 from skiros2_world_model.core.queries import cascade_ids
 from skiros2_world_model.core.scene import ROOT, ElementRecord
@@ -59,8 +58,6 @@ class Requests:
 
     def remove_property(self, eid: str, key: str) -> list[Operation]:
         """Removes a property."""
-        if key in ANGLES:
-            raise WrongValue(f"{key} is computed from the orientation, and is removed with it")
         if key not in self._record(eid).properties:
             raise UnknownName(f"{eid} has no property {key}")
         return [Patch(eid, ElementChanges(removed_properties=[key]))]
@@ -96,24 +93,6 @@ class Requests:
         before = record.properties
         changed = {k: p for k, p in moved._props.items() if k not in before or p.values != before[k].values}
         return [Patch(eid, ElementChanges(changed))] if changed else []
-
-    def set_angle(self, eid: str, name: str, text: str) -> list[Operation]:
-        """Sets one angle of the orientation and keeps the other two.
-
-        :param name: one of `ANGLES`.
-        :param text: degrees.
-        """
-        element = self._hierarchy.scene.element(self._record(eid).id)
-        pose = pose_of(element) if element is not None else None
-        if pose is None:
-            raise WrongValue(f"{eid} has no pose; set one first")
-        try:
-            angle = float(text.strip().removesuffix("°"))
-        except ValueError:
-            raise WrongValue(f"{name}: expected a number (in °), got {text!r}") from None
-        angles = [math.degrees(part) for part in to_euler(pose.orientation)]
-        angles[ANGLES.index(name)] = angle
-        return self.set_pose(eid, pose.position, angles)
 
     # -- elements ----------------------------------------------------------------------------------------------
 

@@ -12,10 +12,9 @@ from typing import Protocol
 
 from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.world_element import Element
-from skiros2_gui.world.revert import recorded_change
 from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, SCENE, Change
-from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
 
 #: The parent of elements that nothing contains.
@@ -37,7 +36,7 @@ class SceneUpdate:
     """
 
     elements: dict[str, None] = field(default_factory=dict)
-    by_change: dict[str, HistoryEntry] = field(default_factory=dict)
+    by_change: dict[str, ChangeSet] = field(default_factory=dict)
 
 
 class TreeView(Protocol):
@@ -180,21 +179,17 @@ class SceneHierarchy:
             if change.context not in ("", SCENE) or not (change.elements or change.relations):
                 continue
             affected = self._affected(change)
-            before = {eid: self.scene.record(eid) for eid in affected}
-            relations = self._relations(affected) if change.author == author else set()
-            self._apply(change, affected)
+            change_set = self._apply(change, affected)
             update.elements.update(affected)
             if change.author == author:
-                after = {eid: self.scene.record(eid) for eid in affected}
-                entry = recorded_change(change, before, after, relations, self._relations(affected))
-                update.by_change[change.snapshot_id] = entry
+                update.by_change[change.snapshot_id] = change_set
         if self.view is not None:
             self.view.changes_ended()
         return update
 
-    def _apply(self, change: Change, affected: dict[str, None]) -> None:
+    def _apply(self, change: Change, affected: dict[str, None]) -> ChangeSet:
         parents = {eid: (self.parent(eid), len(self.path(eid))) for eid in affected if eid in self.scene}
-        apply_change(self.scene, change)
+        change_set = apply_change(self.scene, change)
         moves = [e for e in affected if (self._parent(e) if e in self.scene else TOP) != parents.get(e, (TOP, 0))[0]]
         if len(moves) > _MANY_MOVES:
             self._reset_order(moves)
@@ -211,6 +206,7 @@ class SceneHierarchy:
             for eid in affected:
                 if eid in self.scene:
                     self.view.element_changed(eid)
+        return change_set
 
     def _reset_order(self, moves: Iterable[str]) -> None:
         """Clears the sorted children, which are rebuilt on demand."""
@@ -286,9 +282,6 @@ class SceneHierarchy:
         for eid in list(affected):  # the parents of its parts depend on its parent
             affected.update((dst, None) for pred in self.parts for dst in self.scene.targets(eid, pred))
         return affected
-
-    def _relations(self, elements: Iterable[str]) -> set[tuple[str, str, str]]:
-        return {r for eid in elements for r in [*self.scene.relations(eid), *self.scene.relations(dst=eid)]}
 
     # -- the tree's order --------------------------------------------------------------------------------------
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from skiros2_common.core.errors import Refused
 from skiros2_common.core.names import local_name
-from skiros2_gui.world.revert import merge_entries, revert_operations
 from skiros2_world_model.core.changes import Outcome
-from skiros2_world_model.core.history_entry import HistoryEntry
-from skiros2_world_model.core.world_model_abstract_interface import WmConflict
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.changeset import ChangeSet, merge
 
 #: Commands kept on each side of the stack.
 MAX_KEPT = 100
@@ -20,22 +17,22 @@ MAX_KEPT = 100
 _MAX_RECEIVED = 500
 #: External changes of the same elements within this time are merged into one command (s).
 _MERGE_PERIOD = 2.0
-#: Attempts to revert a command while others change the same elements.
-_MAX_TRIES = 5
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)  # equal commands differ by their place in the stack
 class UndoCommand:
     """A change that can be undone.
 
     :param text: what the user did, such as "remove LargeBox-3".
     :param change: what changed, reasoners' additions included.
     :param is_external: made by another view of this window (rviz), not by the tab.
+    :param time: when it was received (s of a monotonic clock), if it is external.
     """
 
     text: str
-    change: HistoryEntry
+    change: ChangeSet
     is_external: bool = False
+    time: float = 0.0
 
 
 @dataclass
@@ -64,7 +61,7 @@ class UndoStack:
     def __init__(self) -> None:
         self.undone: list[UndoCommand] = []
         self.done: list[UndoCommand] = []
-        self._received: dict[str, HistoryEntry] = {}
+        self._received: dict[str, ChangeSet] = {}
         self._known: deque[str] = deque(maxlen=_MAX_RECEIVED)  # a scene that is read again repeats its last changes
         self._pending: list[_PendingCommand] = []
 
@@ -100,7 +97,7 @@ class UndoStack:
             self.undone.remove(command)
             self._add_pending(command.text, outcome, self.done)
 
-    def on_changes(self, changes: Mapping[str, HistoryEntry]) -> None:
+    def on_changes(self, changes: Mapping[str, ChangeSet]) -> None:
         """Takes published changes of this window's author, by snapshot id."""
         self._received.update((snapshot, c) for snapshot, c in changes.items() if snapshot not in self._known)
         self._known.extend(changes)
@@ -114,18 +111,18 @@ class UndoStack:
         Successive changes of the same elements, as from dragging in rviz, are merged into one command.
         """
         awaited = {snapshot for pending in self._pending for snapshot in pending.snapshots}
+        now = time.monotonic()
         for snapshot in [snapshot for snapshot in self._received if snapshot not in awaited]:
-            change = self._received.pop(snapshot)
-            ids = {element.id for element in (*change.before, *change.after)}
+            change = self._received.pop(snapshot).effective()
             if not change:
                 continue
             last = self.done[-1] if self.done else None
-            text = f"change of {', '.join(sorted(map(local_name, ids))[:3])}"
+            text = f"change of {', '.join(sorted(map(local_name, change.records))[:3])}"
             is_same = last is not None and last.is_external and last.text == text
-            if last is not None and is_same and change.stamp - last.change.stamp < _MERGE_PERIOD:
-                self.done[-1] = UndoCommand(text, merge_entries([last.change, change]), True)
+            if last is not None and is_same and now - last.time < _MERGE_PERIOD:
+                self.done[-1] = UndoCommand(text, merge([last.change, change]), True, now)
             else:
-                self.done.append(UndoCommand(text, change, True))
+                self.done.append(UndoCommand(text, change, True, now))
                 del self.done[:-MAX_KEPT]
             self.undone.clear()
 
@@ -144,30 +141,10 @@ class UndoStack:
         while (first := next((i for i, p in enumerate(self._pending) if self._is_received(p)), None)) is not None:
             pending = self._pending[first]
             del self._pending[: first + 1]  # the scene was read after the earlier ones: their changes will not come
-            change = merge_entries([self._received.pop(snapshot) for snapshot in pending.snapshots])
+            change = merge(self._received.pop(snapshot) for snapshot in pending.snapshots).effective()
             if change:
                 pending.target.append(UndoCommand(pending.text, change))
                 del pending.target[:-MAX_KEPT]
 
     def _is_received(self, pending: _PendingCommand) -> bool:
         return all(snapshot in self._received for snapshot in pending.snapshots)
-
-
-def revert(world: WorldModelAbstractInterface, command: UndoCommand, who: Callable[[str], str]) -> Outcome:
-    """Reverts a command in the scene. Blocks for the world model.
-
-    :param who: see `revert_operations`; called in this thread.
-    :raises Refused: what the command changed has been changed again.
-    :raises WmException: the world model refuses, or does not answer.
-    """
-    for attempt in range(_MAX_TRIES):
-        operations = revert_operations(command.change, world.find_element, who)
-        if not operations:
-            raise Refused("there is nothing left to undo of it")
-        try:
-            return world.transact(operations)
-        except WmConflict:
-            if attempt == _MAX_TRIES - 1:
-                raise
-            world.catch_up()
-    raise AssertionError("unreachable")

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.limits import Limits
 from skiros2_common.core.names import local_name
 from skiros2_common.core.property import from_text
 from skiros2_world_model.core.changes import ONTOLOGY, SPATIAL
@@ -17,31 +18,14 @@ from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 
-_COMMENT_QUERY = "SELECT ?s ?c WHERE { ?s rdfs:comment ?c . FILTER(!isBlank(?s)) }"
+_TEXT_QUERY = """SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isBlank(?s))
+    VALUES ?p { rdfs:comment skiros:Unit skiros:LowerBound skiros:UpperBound } }"""
 _META = ("rdf:", "rdfs:", "owl:", "xsd:", "_:")
-#: The units in the comments of the ontologies ("Position along x, in metres."), longer ones first.
-_UNITS = {
-    "metres per second": "m/s",
-    "radians per second": "rad/s",
-    "newton metres": "Nm",
-    "newtons per metre": "N/m",
-    "metres": "m",
-    "newtons": "N",
-    "kilograms": "kg",
-    "radians": "rad",
-    "degrees": "°",
-    "seconds": "s",
-    "kelvin": "K",
-    "volts": "V",
-    "amperes": "A",
-    "watts": "W",
-}
-_IN_UNIT = re.compile(rf"\bin ({'|'.join(_UNITS)})\b", re.IGNORECASE)
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
 _WITH_UNIT = re.compile(rf"({_NUMBER.pattern})\s*([^\d\s.,]\S*)")
 _SKILL_RELATION = "skiros:skillProperty"
 _VALUE_RELATION = "skiros:hasValue"
-_UNIT_QUATERNION = "skiros:Orientation"
+_COMMENT, _UNIT, _MINIMUM, _MAXIMUM = "rdfs:comment", "skiros:Unit", "skiros:LowerBound", "skiros:UpperBound"
 
 
 @dataclass(frozen=True)
@@ -60,13 +44,13 @@ class Predicate:
 
 class Vocabulary:
     """:param triples: of the ontologies, without literals.
-    :param comments: by name.
+    :param texts: comments, units and bounds: subject, predicate, text.
     """
 
-    def __init__(self, triples: Iterable[tuple[str, str, str]], comments: dict[str, str]) -> None:
+    def __init__(self, triples: Iterable[tuple[str, str, str]], texts: Iterable[tuple[str, str, str]]) -> None:
         triples = list(triples)
         self.ontology = Ontology(triples)
-        self._comments = comments
+        self._texts = {(subject, predicate): text for subject, predicate, text in texts}
         self._domains: dict[str, list[str]] = {}
         self._ranges: dict[str, list[str]] = {}
         for subject, predicate, obj in triples:
@@ -107,7 +91,7 @@ class Vocabulary:
 
     def description(self, name: str) -> str:
         """Returns the comment of a name, or ""."""
-        return self._comments.get(name, "")
+        return self._texts.get((name, _COMMENT), "")
 
     def _superclasses(self, name: str) -> list[str]:
         return [c for c in self.ontology.direct_superclasses(name) if not c.startswith(_META) and c != name]
@@ -155,9 +139,21 @@ class Vocabulary:
         return [name for name in self.ontology.data_properties() if not name.startswith(_META)]
 
     def unit(self, key: str) -> str:
-        """Returns the unit named in the comment of a property, or ""."""
-        found = _IN_UNIT.search(self.description(key))
-        return _UNITS[found[1].lower()] if found else ""
+        """Returns the unit of a property, or ""."""
+        return self._inherited_text(key, _UNIT)
+
+    def limits(self, key: str) -> Limits:
+        """Returns the unit and the bounds of a property; superproperties count."""
+        minimum, maximum = self._inherited_text(key, _MINIMUM), self._inherited_text(key, _MAXIMUM)
+        return Limits(self.unit(key), float(minimum) if minimum else None, float(maximum) if maximum else None)
+
+    def _inherited_text(self, key: str, predicate: str) -> str:
+        waiting = [key]
+        for name in waiting:
+            if text := self._texts.get((name, predicate)):
+                return text
+            waiting += [p for p in sorted(self.ontology.superproperties(name)) if p not in waiting]
+        return ""
 
     def value_type(self, etype: str, key: str, current: type | None = None) -> type:
         """Returns the Python type of a property's values.
@@ -195,10 +191,8 @@ class Vocabulary:
             raise WrongValue(f"{local_name(key)}: expected {what}{in_unit}, got {text!r}") from None
         if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
             raise WrongValue(f"{local_name(key)}: expected a finite number, got {text!r}")
-        if isinstance(value, float) and self._is_quaternion(key) and abs(value) > 1.0:
-            raise WrongValue(f"{local_name(key)}: a part of a unit quaternion is from -1 to 1, got {text!r}")
-        if isinstance(value, (int, float)) and value < 0 and self._is_never_negative(key):
-            raise WrongValue(f"{local_name(key)}: cannot be negative, got {text!r}")
+        if problem := self.limits(key).problem([value]):
+            raise WrongValue(f"{local_name(key)}: {problem}")
         return value
 
     def _without_unit(self, key: str, text: str, unit: str) -> str:
@@ -210,12 +204,6 @@ class Vocabulary:
             raise WrongValue(f"{local_name(key)}: got the unit {match[2]!r}, {expected}")
         return match[1]
 
-    def _is_quaternion(self, key: str) -> bool:
-        return self.ontology.is_subproperty(key, _UNIT_QUATERNION)
-
-    def _is_never_negative(self, key: str) -> bool:
-        return key == "skiros:Weight" or self.ontology.is_subproperty(key, "skiros:Size")
-
 
 def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
     """Reads the vocabulary of a world model. Blocks for two calls.
@@ -224,5 +212,5 @@ def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
     """
     rows = (row.split() for row in world.query_ontology(STRUCTURE_QUERY, True, ONTOLOGY))
     triples = [(row[0], row[1], row[2]) for row in rows if len(row) == 3]
-    comments = (row.partition(" ") for row in world.query_ontology(_COMMENT_QUERY, True, ONTOLOGY))
-    return Vocabulary(triples, {name: text.removesuffix(" ") for name, _, text in comments})
+    texts = (row.split(" ", 2) for row in world.query_ontology(_TEXT_QUERY, True, ONTOLOGY))
+    return Vocabulary(triples, [(row[0], row[1], row[2].removesuffix(" ")) for row in texts if len(row) == 3])

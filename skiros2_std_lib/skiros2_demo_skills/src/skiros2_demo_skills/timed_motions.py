@@ -23,7 +23,9 @@ class TimedMotion(PrimitiveBase, ABC):
     def describe(self, description: SkillDescription, duration: float) -> None:
         """Sets the description, and adds the duration of the motion (s)."""
         self.setDescription(description, self.__class__.__name__)
-        self.addParam("Duration", duration, ParamTypes.Optional, description="How long the motion takes (s)")
+        self.addParam(
+            "Duration", duration, ParamTypes.Optional, description="How long the motion takes", unit="s", minimum=0
+        )
 
     def doing(self) -> str:
         """To override: returns what the motion does, for progress messages."""

@@ -73,7 +73,7 @@ def _properties(was: Thing, now: Thing) -> list[str]:
             facts.append(f"has {key.rpartition(':')[2]} {_format_values(new)}; it was {_format_values(old)}")
     if _has_moved(was, now):
         position = ", ".join(f"{_number(now, f'Position{axis}'):z.2f}" for axis in "XYZ")
-        facts.append(f"is at ({position}) m in the frame of what it hangs on")
+        facts.append(f"is at ({position}) m relative to its parent")
     return facts
 
 

@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 from skiros2_common.command_line.layout import Screen
 from skiros2_demo.plan_text import Step, name_of, plan_lines, steps_of
-from skiros2_skill.command_line.tree import has_ended
+from skiros2_runs.core.progress import NodeMessage, has_ended
 from skiros2_skill.command_line.watch import LineView, LiveView, View
 
 _ID = re.compile(r"\b\w+:\w+-\d+\b")
@@ -36,7 +36,7 @@ class ProgressReport:
         self._known = 0  # highest reported step number
         self._planning = ""  # reason of the next plan
 
-    def tree(self, nodes: Sequence[Any]) -> None:
+    def tree(self, nodes: Sequence[NodeMessage]) -> None:
         """Updates the tree of a task, with a `SkillProgress` per node."""
         (self._tasks.discard if has_ended(nodes) else self._tasks.add)(nodes[0].id)
         self._view.show(nodes)

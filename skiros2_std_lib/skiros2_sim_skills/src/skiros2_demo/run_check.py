@@ -13,11 +13,12 @@ from skiros2_bags.core.checking import Finding
 from skiros2_bags.core.checking import check as check_bag
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.task_run import FAILURE, SUCCESS, TaskRun
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_demo.plan_text import Step, name_of, steps_of
 from skiros2_demo.world_state import WorldState
+from skiros2_runs.core.states import TaskState
+from skiros2_runs.core.task_run import TaskRun
 from skiros2_task.core import goal_text
 
 ACHIEVE = "skiros2_msgs/Achieve"
@@ -26,7 +27,7 @@ PROGRESS = "skiros2_msgs/TreeProgress"
 #: States of a goal's result.
 SUCCEEDED, NOTHING_TO_DO = "succeeded", "nothing_to_do"
 #: State of a step by the final state of its task.
-_ENDS = {SUCCESS: "succeeded", FAILURE: "failed"}
+_ENDS = {TaskState.SUCCEEDED: "succeeded", TaskState.FAILED: "failed", TaskState.PREEMPTED: "failed"}
 
 
 @dataclass
@@ -117,7 +118,7 @@ def _check_steps(goal_run: GoalRun) -> list[Finding]:
     findings = []
     for robot in sorted({step["robot"] for step in goal_run.done} | {task.robot for task in goal_run.tasks}):
         reported = [(name_of(step), step["state"]) for step in goal_run.done if step["robot"] == robot]
-        recorded = [(_skills(task), _end(task)) for task in goal_run.tasks if task.robot == robot]
+        recorded = [(task.latest.shape.skills_text(), _end(task)) for task in goal_run.tasks if task.robot == robot]
         difference = "" if recorded == reported else f"; said is: {_step_list(reported)}"
         findings.append(Finding(recorded == reported, f"{robot} did: {_step_list(recorded)}{difference}"))
     return findings
@@ -131,12 +132,8 @@ def _step_list(steps: list[tuple[str, str]]) -> str:
     return ", ".join(name if state == SUCCEEDED else f"{name} ({state})" for name, state in steps) or "nothing"
 
 
-def _skills(task: TaskRun) -> str:
-    return ", ".join(node.name for node in task.nodes.values() if node.depth == 1)
-
-
 def _end(task: TaskRun) -> str:
-    return _ENDS.get(task.root.state, "stopped") if task.has_ended else "did not end"
+    return _ENDS.get(task.state, "did not end")
 
 
 # -- the goal ---------------------------------------------------------------------------------------------------------

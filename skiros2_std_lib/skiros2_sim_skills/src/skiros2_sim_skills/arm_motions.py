@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from trajectory_msgs.msg import JointTrajectoryPoint
@@ -12,9 +10,15 @@ from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryG
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import TuckArm
 from skiros2_sim.core.names import CARTESIAN, TRAJECTORY, part_name, robot_name
-from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
+from skiros2_sim_msgs.msg import (
+    CartesianMotionAction,
+    CartesianMotionFeedback,
+    CartesianMotionGoal,
+    CartesianMotionResult,
+)
 from skiros2_sim_skills.base_motion import stamped
 from skiros2_sim_skills.core.devices import TOOL_FRAME, name_of, opening, posture
 from skiros2_sim_skills.core.places import (
@@ -37,20 +41,20 @@ from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 _GIVE = 0.025
 
 _JOINT_CODES = {
-    FollowJointTrajectoryResult.INVALID_GOAL: "the arm refuses the posture",
+    FollowJointTrajectoryResult.INVALID_GOAL: "the arm rejects the posture",
     FollowJointTrajectoryResult.INVALID_JOINTS: "the joints are not those of the arm",
-    FollowJointTrajectoryResult.OLD_HEADER_TIMESTAMP: "the goal came too late",
-    FollowJointTrajectoryResult.PATH_TOLERANCE_VIOLATED: "the arm was held up on its way",
-    FollowJointTrajectoryResult.GOAL_TOLERANCE_VIOLATED: "the arm did not get to the posture",
+    FollowJointTrajectoryResult.OLD_HEADER_TIMESTAMP: "the goal is too late",
+    FollowJointTrajectoryResult.PATH_TOLERANCE_VIOLATED: "the arm was blocked on its path",
+    FollowJointTrajectoryResult.GOAL_TOLERANCE_VIOLATED: "the arm did not reach the posture",
 }
 _CARTESIAN_CODES = {
-    CartesianMotionGoal.INVALID_GOAL: "the arm refuses the goal",
+    CartesianMotionGoal.INVALID_GOAL: "the arm rejects the goal",
     CartesianMotionGoal.UNREACHABLE: "out of reach of the arm",
     CartesianMotionGoal.FORCE_LIMIT: "the tool has hit something",
-    CartesianMotionGoal.NO_CONTACT: "there is nothing to put it down on",
-    CartesianMotionGoal.TIMED_OUT: "it took too long",
-    CartesianMotionGoal.BLOCKED: "something is in the way of the arm",
-    CartesianMotionGoal.PREEMPTED: "stopped by another motion",
+    CartesianMotionGoal.NO_CONTACT: "there is no surface to put it down on",
+    CartesianMotionGoal.TIMED_OUT: "the motion timed out",
+    CartesianMotionGoal.BLOCKED: "the arm is blocked",
+    CartesianMotionGoal.PREEMPTED: "preempted by another motion",
 }
 
 
@@ -60,7 +64,7 @@ class move_arm_joints(DriverAction):
     def createDescription(self) -> None:
         self.setDescription(MoveArmJoints(), self.__class__.__name__)
 
-    def address(self) -> tuple[str, Any]:
+    def address(self) -> tuple[str, type]:
         return name_of(TRAJECTORY, self.element("Robot"), self.element("Arm")), FollowJointTrajectoryAction
 
     def doing(self) -> str:
@@ -69,7 +73,7 @@ class move_arm_joints(DriverAction):
     def buildGoal(self) -> FollowJointTrajectoryGoal:
         duration = self.value("Duration")
         if not 0.0 < duration < 1e6:
-            raise WrongValue(f"the motion is to take {duration} s")
+            raise WrongValue(f"duration {duration} s: expected more than 0")
         joints = posture(self.element("Arm"), self.value("Posture"))
         goal = FollowJointTrajectoryGoal()
         goal.trajectory.joint_names = list(joints)
@@ -78,7 +82,7 @@ class move_arm_joints(DriverAction):
         ]
         return goal
 
-    def onDone(self, status: int, msg: Any) -> State:
+    def onDone(self, status: int, msg: FollowJointTrajectoryResult) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: there")
         return self.failed(_reason(_JOINT_CODES, msg, self.status_text()), status)
@@ -89,24 +93,26 @@ class tuck_arm(move_arm_joints):
 
     def createDescription(self) -> None:
         self.setDescription(TuckArm(), self.__class__.__name__)
-        self.addParam("Posture", "home", ParamTypes.Optional, description="A name in demo:Postures of the arm")
-        self.addParam("Duration", 2.5, ParamTypes.Optional, description="How long the motion takes (s)")
+        self.addParam("Posture", "home", ParamTypes.Optional, description="Name in skiros:Postures of the arm")
+        self.addParam(
+            "Duration", 2.5, ParamTypes.Optional, description="Duration of the motion", unit="s", minimum=0.1
+        )
 
 
 class _ToolMotion(DriverAction):
     """Base of the straight motions of the tool."""
 
-    def address(self) -> tuple[str, Any]:
+    def address(self) -> tuple[str, type]:
         return name_of(CARTESIAN, self.element("Robot"), self.element("Arm")), CartesianMotionAction
 
     def ahead(self, target: Pose) -> Vector:
         """Returns the direction from the arm to a pose."""
         return direction_between(pose_in_scene(self.wmi, self.element("Arm"))[1], target)
 
-    def onFeedback(self, msg: Any) -> State:
+    def onFeedback(self, msg: CartesianMotionFeedback) -> State:
         return self.step(f"{self.doing()}: {msg.distance:.2f} m to go")
 
-    def onDone(self, status: int, msg: Any) -> State:
+    def onDone(self, status: int, msg: CartesianMotionResult) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: done")
         return self.failed(_reason(_CARTESIAN_CODES, msg, self.status_text()), status)
@@ -154,7 +160,7 @@ class move_tool_to_container(_ToolMotion):
             contact_force=self.value("ContactForce"),
         )
 
-    def _held(self, thing: Any) -> Box:
+    def _held(self, thing: Element) -> Box:
         """Returns pose in the tool frame, and size.
 
         :raises WrongValue: the gripper does not hold the object.
@@ -182,7 +188,9 @@ class lift_tool(_ToolMotion):
         )
 
 
-def _reason(codes: dict[int, str], result: Any, text: str) -> str:
+def _reason(
+    codes: dict[int, str], result: FollowJointTrajectoryResult | CartesianMotionResult | None, text: str
+) -> str:
     """Describes a result: its code, and the text of the driver."""
     words = codes.get(getattr(result, "error_code", 0), "")
     own = str(getattr(result, "error_string", "") or text)

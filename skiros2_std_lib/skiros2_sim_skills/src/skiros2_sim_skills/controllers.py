@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import rospy
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_sim.core.names import COMPLIANT_CONTROLLER, POSITION_CONTROLLER, SWITCH_CONTROLLER, robot_name
 from skiros2_sim_msgs.srv import SwitchController as Switch
-from skiros2_sim_msgs.srv import SwitchControllerRequest
+from skiros2_sim_msgs.srv import SwitchControllerRequest, SwitchControllerResponse
 from skiros2_sim_skills.core.devices import name_of
 from skiros2_sim_skills.drivers import DriverService
 from skiros2_sim_skills.motions import SwitchController
@@ -30,11 +28,11 @@ class switch_controller(DriverService):
             start_controllers=[on], stop_controllers=[off], strictness=SwitchControllerRequest.BEST_EFFORT
         )
 
-    def onDone(self, response: Any) -> State:
+    def onDone(self, response: SwitchControllerResponse) -> State:
         on, _ = self._controllers()
         if not response.ok:
-            return self.fail(f"{self.label_of('Arm')} did not switch to the controller {on!r}", -1)
-        return self.success(f"Controller {on!r} is on")
+            return self.fail(f"{self.label_of('Arm')} did not switch to controller {on!r}", -1)
+        return self.success(f"Controller {on!r} is active")
 
     def _controllers(self) -> tuple[str, str]:
         """Returns the controllers to start and to stop."""

@@ -8,6 +8,7 @@ import actionlib
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient
@@ -19,7 +20,7 @@ NOT_KNOWN = -110
 class _Parameters:
     """Access to parameter values."""
 
-    params: Any
+    params: ParamHandler
 
     def element(self, key: str) -> Element:
         """Returns the element in a parameter."""
@@ -40,7 +41,7 @@ class DriverAction(_Parameters, PrimitiveActionClient):
     """Base of the primitives that send one goal to an action. Missing data in the world model is a failure with a
     reason, without traceback."""
 
-    def address(self) -> tuple[str, Any]:
+    def address(self) -> tuple[str, type]:
         """To override: returns name and type of the action."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define address")
 
@@ -48,7 +49,7 @@ class DriverAction(_Parameters, PrimitiveActionClient):
         """To override: returns what the motion does, for progress messages."""
         return str(self.label)
 
-    def buildClient(self) -> Any:
+    def buildClient(self) -> actionlib.SimpleActionClient:
         return actionlib.SimpleActionClient(*self.address())
 
     def onStart(self) -> bool:

@@ -3,16 +3,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from actionlib_msgs.msg import GoalStatus
 
-from control_msgs.msg import GripperCommandAction, GripperCommandGoal
+from control_msgs.msg import GripperCommandAction, GripperCommandGoal, GripperCommandResult
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_demo_skills.motions import CloseGripper, OpenGripper
 from skiros2_sim.core.names import GRIPPER
 from skiros2_sim_skills.core.devices import name_of, opening
@@ -44,7 +43,7 @@ NOT_HELD = -111
 class _GripperMotion(DriverAction):
     """Base of the motions of the gripper."""
 
-    def address(self) -> tuple[str, Any]:
+    def address(self) -> tuple[str, type]:
         return name_of(GRIPPER, self.element("Robot"), self.element("Gripper")), GripperCommandAction
 
     def command(self, width: float, effort: float) -> GripperCommandGoal:
@@ -59,9 +58,9 @@ class _GripperMotion(DriverAction):
 
     def add_effort(self) -> None:
         """Declares the gripping force."""
-        self.addParam("Effort", 40.0, ParamTypes.Optional, description="How strongly it closes (N)")
+        self.addParam("Effort", 40.0, ParamTypes.Optional, description="Gripping force", unit="N", minimum=0)
 
-    def ended_well(self, status: int, msg: Any) -> bool:
+    def ended_well(self, status: int, msg: GripperCommandResult) -> bool:
         """Whether the driver succeeded; stalled fingers count as success."""
         return status == GoalStatus.SUCCEEDED or bool(getattr(msg, "stalled", False))
 
@@ -78,7 +77,7 @@ class open_gripper(_GripperMotion):
     def buildGoal(self) -> GripperCommandGoal:
         return self.command(opening(self.element("Gripper")), 0.0)
 
-    def onDone(self, status: int, msg: Any) -> State:
+    def onDone(self, status: int, msg: GripperCommandResult) -> State:
         if status == GoalStatus.SUCCEEDED and not msg.stalled:
             return self.success(f"{self.doing()}: {msg.position * 1000:.0f} mm")
         stuck = "the fingers are stuck" if getattr(msg, "stalled", False) else self.status_text()
@@ -98,7 +97,7 @@ class close_gripper(_GripperMotion):
     def buildGoal(self) -> GripperCommandGoal:
         return self.grip()
 
-    def onDone(self, status: int, msg: Any) -> State:
+    def onDone(self, status: int, msg: GripperCommandResult) -> State:
         if not self.ended_well(status, msg):
             return self.failed(self.status_text(), status)
         wrong = misfit(self.element("Object"), msg.position)
@@ -120,7 +119,7 @@ class check_grasp(_GripperMotion):
     def buildGoal(self) -> GripperCommandGoal:
         return self.grip()
 
-    def onDone(self, status: int, msg: Any) -> State:
+    def onDone(self, status: int, msg: GripperCommandResult) -> State:
         if not self.ended_well(status, msg):
             return self.failed(self.status_text(), status)
         thing = self.element("Object")
@@ -136,7 +135,7 @@ class watch_grasp(_GripperMotion):
     def createDescription(self) -> None:
         self.setDescription(WatchGrasp(), self.__class__.__name__)
         self.add_effort()
-        self.addParam("Period", 1.0, ParamTypes.Optional, description="From one look to the next (s)")
+        self.addParam("Period", 1.0, ParamTypes.Optional, description="Period of the checks", unit="s", minimum=0)
 
     def onStart(self) -> bool:
         held = contents(self.wmi, self.element("Gripper"))
@@ -166,7 +165,7 @@ class watch_grasp(_GripperMotion):
         self._rest = None
         return self.restart(self.grip(), f"Checking the grip on {self._held.label}")
 
-    def onDone(self, status: int, msg: Any) -> State:
+    def onDone(self, status: int, msg: GripperCommandResult) -> State:
         assert self._held is not None
         if not self.ended_well(status, msg):
             return self.failed(self.status_text(), status)
@@ -206,10 +205,10 @@ def misfit(thing: Element, width: float) -> str:
     if any(abs(width - edge) <= _FIT for edge in size):
         return ""
     edges = " x ".join(f"{edge * 1000:.0f}" for edge in size)
-    return f"what is between the fingers is {width * 1000:.0f} mm wide, and {thing.label} is {edges} mm"
+    return f"the object between the fingers is {width * 1000:.0f} mm wide, but {thing.label} is {edges} mm"
 
 
-def lost(wmi: Any, gripper: Element, thing: Element, why: str) -> str:
+def lost(wmi: WorldModelPort, gripper: Element, thing: Element, why: str) -> str:
     """Moves a lost object from the gripper to the scene in the world model. Returns a description."""
     holder = parent_of(wmi, wmi.get_element(thing.id))
     if holder is None or holder.id != gripper.id:

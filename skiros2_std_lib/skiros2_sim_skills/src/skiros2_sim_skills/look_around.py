@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import rospy
+from geometry_msgs.msg import Pose as PoseMessage
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
-from skiros2_sim_msgs.srv import Detect, DetectRequest
+from skiros2_sim_msgs.srv import Detect, DetectRequest, DetectResponse
 from skiros2_sim_skills.core.devices import DETECT, name_of
 from skiros2_sim_skills.core.places import move_in_world_model, pose_in_scene
 from skiros2_sim_skills.core.sight import expected_at, findings
@@ -35,9 +35,9 @@ class detect_objects(DriverService):
         frame, _ = pose_in_scene(self.wmi, self.element("Workstation"))
         return DetectRequest(camera=self.element("Camera").id, frame=frame)
 
-    def onDone(self, response: Any) -> State:
+    def onDone(self, response: DetectResponse) -> State:
         if not response.ok:
-            return self.fail(f"{self.label_of('Camera')} sees nothing: {response.message}", -1)
+            return self.fail(f"{self.label_of('Camera')} detected nothing: {response.message}", -1)
         seen = {d.id: _pose(d.pose.pose) for d in response.detections if _is_pose(d.pose.pose)}
         try:
             missing = [e.label for e in expected_at(self.wmi, self.element("Workstation")) if e.id not in seen]
@@ -61,14 +61,14 @@ class detect_objects(DriverService):
         return "; ".join(news) if news else f"As expected: {len(found)} objects in view"
 
 
-def _pose(message: Any) -> Pose:
+def _pose(message: PoseMessage) -> Pose:
     position, orientation = message.position, message.orientation
     return Pose(
         (position.x, position.y, position.z), normalized((orientation.x, orientation.y, orientation.z, orientation.w))
     )
 
 
-def _is_pose(message: Any) -> bool:
+def _is_pose(message: PoseMessage) -> bool:
     """Whether all numbers are finite."""
     p, q = message.position, message.orientation
     return all(map(math.isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w)))

@@ -23,8 +23,10 @@ class MoveArmJoints(SkillDescription):
 
     def createDescription(self) -> None:
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
-        self.addParam("Posture", "home", ParamTypes.Required, description="A name in demo:Postures of the arm")
-        self.addParam("Duration", 2.5, ParamTypes.Optional, description="How long the motion takes (s)")
+        self.addParam("Posture", "home", ParamTypes.Required, description="Name in skiros:Postures of the arm")
+        self.addParam(
+            "Duration", 2.5, ParamTypes.Optional, description="Duration of the motion", unit="s", minimum=0.1
+        )
 
 
 class MoveTool(ArmAndGripper):
@@ -34,25 +36,36 @@ class MoveTool(ArmAndGripper):
         """Declares target, height above it, speed and force limit."""
         self.add_arm_and_gripper()
         self.addParam(target, Element(element_type), ParamTypes.Required, description=description)
-        self.addParam("Height", 0.0, ParamTypes.Optional, description="How far above (m)")
-        self.addParam("Speed", 0.25, ParamTypes.Optional, description="m/s")
-        self.addParam("MaxForce", 40.0, ParamTypes.Optional, description="Ends the motion with a failure (N)")
+        self.addParam("Height", 0.0, ParamTypes.Optional, description="Height above the target", unit="m")
+        self.addParam(
+            "Speed", 0.25, ParamTypes.Optional, description="Speed of the tool", unit="m/s", minimum=0.01, maximum=2.0
+        )
+        self.addParam(
+            "MaxForce", 40.0, ParamTypes.Optional, description="Force at which the motion fails", unit="N", minimum=0
+        )
 
 
 class MoveToolToObject(MoveTool):
     """Moves the tool to the grasp pose of an object, from above."""
 
     def createDescription(self) -> None:
-        self.add_motion("Object", "skiros:Manipulatable", "What to reach for")
+        self.add_motion("Object", "skiros:Manipulatable", "The target of the tool")
 
 
 class MoveToolToContainer(MoveTool):
     """Moves the tool to the release pose of an object above a container, or down until contact."""
 
     def createDescription(self) -> None:
-        self.add_motion("Container", "skiros:Container", "What to reach for")
-        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What it holds")
-        self.addParam("ContactForce", 0.0, ParamTypes.Optional, description="Above 0: down until this much is felt (N)")
+        self.add_motion("Container", "skiros:Container", "The target of the tool")
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="The held object")
+        self.addParam(
+            "ContactForce",
+            0.0,
+            ParamTypes.Optional,
+            description="Contact force that ends the motion; 0 for none",
+            unit="N",
+            minimum=0,
+        )
 
 
 class LiftTool(ArmAndGripper):
@@ -60,8 +73,10 @@ class LiftTool(ArmAndGripper):
 
     def createDescription(self) -> None:
         self.add_arm_and_gripper()
-        self.addParam("Height", 0.12, ParamTypes.Optional, description="How far (m)")
-        self.addParam("Speed", 0.25, ParamTypes.Optional, description="m/s")
+        self.addParam("Height", 0.12, ParamTypes.Optional, description="Distance", unit="m", minimum=0)
+        self.addParam(
+            "Speed", 0.25, ParamTypes.Optional, description="Speed of the tool", unit="m/s", minimum=0.01, maximum=2.0
+        )
 
 
 class SwitchController(SkillDescription):
@@ -69,7 +84,7 @@ class SwitchController(SkillDescription):
 
     def createDescription(self) -> None:
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
-        self.addParam("Compliant", False, ParamTypes.Required, description="True: it gives way")
+        self.addParam("Compliant", False, ParamTypes.Required, description="Whether the arm yields to forces")
 
 
 class CheckGrasp(ArmAndGripper):
@@ -77,7 +92,7 @@ class CheckGrasp(ArmAndGripper):
 
     def createDescription(self) -> None:
         self.add_arm_and_gripper()
-        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What to hold")
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="The object to check")
 
 
 class WatchGrasp(ArmAndGripper):
@@ -92,7 +107,7 @@ class WmGrasped(ArmAndGripper):
 
     def createDescription(self) -> None:
         self.add_arm_and_gripper()
-        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What it holds")
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="The held object")
 
 
 class DetectObjects(SkillDescription):
@@ -100,4 +115,4 @@ class DetectObjects(SkillDescription):
 
     def createDescription(self) -> None:
         self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Required, description="The camera")
-        self.addParam("Workstation", Element("skiros:Location"), ParamTypes.Required, description="What it looks at")
+        self.addParam("Workstation", Element("skiros:Location"), ParamTypes.Required, description="The workstation")

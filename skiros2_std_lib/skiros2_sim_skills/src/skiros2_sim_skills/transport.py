@@ -25,7 +25,11 @@ class Drive(timed.Drive):
         super().createDescription()
         self.set_duration(8.0)
         self.addParam(
-            "TargetLocation", Element("skiros:Location"), ParamTypes.Required, ParamOptions.Lock, description="Where to"
+            "TargetLocation",
+            Element("skiros:Location"),
+            ParamTypes.Required,
+            ParamOptions.Lock,
+            description="The destination",
         )
         self.addPreCondition(self.getPropCond("TargetFree", FREE, "TargetLocation", "=", True, True))
         self.addPostCondition(self.getPropCond("TargetTaken", FREE, "TargetLocation", "=", True, False))
@@ -38,9 +42,9 @@ class Look(ArmAndGripper):
 
     def createDescription(self) -> None:
         self.set_duration(4.0)
-        self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Required, description="What to look at")
+        self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Required, description="The workstation")
         self.add_arm_and_gripper()
-        self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Inferred, description="The arm's camera")
+        self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Inferred, description="The camera of the arm")
         self.addPreCondition(self.getRelationCond("ArmHasCamera", "skiros:hasA", "Arm", "Camera", True))
         at_workstation = self.getRelationCond("RobotAtWorkstation", "skiros:at", "Robot", "Workstation", True)
         self.addPreCondition(at_workstation)
@@ -65,8 +69,8 @@ class Place(timed.Place):
     def createDescription(self) -> None:
         super().createDescription()
         self.set_duration(14.0)
-        self.addParam("Container", Element("demo:Tray"), ParamTypes.Required, description="Where to put it")
-        self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Inferred, description="The arm's camera")
+        self.addParam("Container", Element("demo:Tray"), ParamTypes.Required, description="The destination")
+        self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Inferred, description="The camera of the arm")
         self.addPreCondition(self.getRelationCond("ArmHasCamera", "skiros:hasA", "Arm", "Camera", True))
         self.addPreCondition(self.getPropCond("WorkstationObserved", OBSERVED, "Workstation", "=", True, True))
         self.addPreCondition(self.getPropCond("ContainerNotFull", CONTAINER_STATE, "Container", "=", "Full", False))

@@ -9,6 +9,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_std_skills.clock import Stopwatch
 
 SPATIAL_RELATION = "skiros:spatiallyRelated"
@@ -21,7 +22,7 @@ class Wait(SkillDescription):
     """Lets time pass."""
 
     def createDescription(self) -> None:
-        self.addParam("Duration", 0.0, ParamTypes.Required, description="How long to wait (s)")
+        self.addParam("Duration", 0.0, ParamTypes.Required, description="How long to wait", unit="s", minimum=0)
 
 
 class wait(PrimitiveBase):
@@ -210,7 +211,7 @@ class Counter(SkillDescription):
     """Counts ticks."""
 
     def createDescription(self) -> None:
-        self.addParam("CountTarget", int, ParamTypes.Required, description="How many ticks to run")
+        self.addParam("CountTarget", int, ParamTypes.Required, description="How many ticks to run", minimum=0)
 
 
 class counter(PrimitiveBase):
@@ -257,7 +258,7 @@ def _target(params: Any) -> Element:
     return target if _in_scene(target) else start
 
 
-def _move(wmi: Any, params: Any) -> str:
+def _move(wmi: WorldModelPort, params: Any) -> str:
     """Moves `Object` from `StartLocation` to `TargetLocation` in the world model and says so.
 
     :raises SkirosError: the world model refuses.

@@ -33,7 +33,7 @@ class SkillCore(SkillDescription):
     _declares_itself = False
 
     #: Called by `wake`; set by the executor while the skill runs in a task.
-    _waker: Callable[[], None] = staticmethod(lambda: None)
+    request_tick: Callable[[], None] = staticmethod(lambda: None)
 
     #: Shared by all skills, because few are waited for.
     _state_change = threading.Condition()
@@ -50,7 +50,12 @@ class SkillCore(SkillDescription):
         self._progress_msg = ""
         self._progress_period = 0.0
         self._started_at = 0.0
-        self._progressed_at = 0.0
+        self.progressed_at = 0.0
+
+    @property
+    def skill_description(self) -> SkillDescription:
+        """The description given to `setDescription`, without the additions of this implementation."""
+        return self._description
 
     # -- state -------------------------------------------------------------------------------------------------
 
@@ -93,7 +98,7 @@ class SkillCore(SkillDescription):
         return self._expand_on_start
 
     @property
-    def _is_working(self) -> bool:
+    def works_in_background(self) -> bool:
         """Whether the skill runs code outside of its hooks. If so after its end, the instance is not reused."""
         return False
 
@@ -116,18 +121,18 @@ class SkillCore(SkillDescription):
     @property
     def progress_time(self) -> float:
         """Time from the start to the last progress report (s)."""
-        return max(0.0, self._progressed_at - self._started_at)
+        return max(0.0, self.progressed_at - self._started_at)
 
     def _setProgress(self, msg: Any, code: int | None = None) -> None:
         """Reports progress. Without a code, increments the last one."""
         now = time.monotonic()
         self._progress_code = self._progress_code + 1 if code is None else code
         self._progress_msg = msg if isinstance(msg, str) else str(msg)
-        self._progress_period = now - self._progressed_at
-        self._progressed_at = now
+        self._progress_period = now - self.progressed_at
+        self.progressed_at = now
 
-    def _start_progress(self) -> None:
-        self._started_at = self._progressed_at = time.monotonic()
+    def begin_progress(self) -> None:
+        self._started_at = self.progressed_at = time.monotonic()
         self._progress_code, self._progress_msg, self._progress_period = 0, "", 0.0
 
     def startError(self, msg: str, code: int) -> bool:
@@ -140,8 +145,8 @@ class SkillCore(SkillDescription):
         now = time.monotonic()  # `_setProgress` inlined for speed: most ticks call this
         self._progress_code += 1
         self._progress_msg = msg if msg.__class__ is str else str(msg)
-        self._progress_period = now - self._progressed_at
-        self._progressed_at = now
+        self._progress_period = now - self.progressed_at
+        self.progressed_at = now
         return _RUNNING
 
     def fail(self, msg: str, code: int) -> State:
@@ -171,7 +176,7 @@ class SkillCore(SkillDescription):
     def modifyDescription(self, skill: Any) -> None:
         """To override: adds parameters or conditions to the description, or narrows a parameter's type."""
 
-    def _create(self) -> None:
+    def declare(self) -> None:
         """Declares the description; called once when the skill is loaded."""
         self.createDescription()
         if not self._label:
@@ -180,7 +185,7 @@ class SkillCore(SkillDescription):
         self.generateDefParams()
         self.generateDefConditions()
 
-    def _save_declared(self) -> None:
+    def save_declared(self) -> None:
         """Saves the declared conditions and options for `_restore_declared`; called when the skill is loaded."""
         self._declared = (
             list(self._pre_conditions),
@@ -189,7 +194,7 @@ class SkillCore(SkillDescription):
             dict(self._options),
         )
 
-    def _restore_declared(self, params: ParamHandler) -> None:
+    def restore_declared(self, params: ParamHandler) -> None:
         """Sets the parameters of a new skill run and discards conditions that an earlier run added."""
         pre, hold, post, options = self._declared
         self._params = params
@@ -259,7 +264,7 @@ class SkillCore(SkillDescription):
             raise Refused(f"{self._type}-{self._label} is already running")
         if params is not None:
             self.specifyParams(params, False)
-        self._start_progress()
+        self.begin_progress()
         self._setState(State.Failure if self.onStart() is False else State.Running)
         return self._state
 
@@ -272,7 +277,7 @@ class SkillCore(SkillDescription):
     def reset(self) -> State:
         """Resets the skill to Idle. Returns the state."""
         self.onReset()
-        self._start_progress()
+        self.begin_progress()
         self._setState(State.Idle)
         return self._state
 
@@ -299,7 +304,7 @@ class SkillCore(SkillDescription):
 
     def wake(self) -> None:
         """Requests an immediate tick, when an awaited event occurred. Thread-safe; no effect after the task ended."""
-        self._waker()
+        self.request_tick()
 
     # -- printing ----------------------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ and `wmi` the world model. Each evaluation reads the facts from the world model.
 missing property or a missing element is false.
 """
 
-from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.condition import ConditionBase, condition_from
 from skiros2_common.core.or_condition import ConditionOr
 from skiros2_common.core.property_conditions import ConditionHasProperty, ConditionProperty
 from skiros2_common.core.relation_conditions import AbstractConditionRelation, ConditionRelation
@@ -27,4 +27,5 @@ __all__ = [
     "ConditionOr",
     "ConditionProperty",
     "ConditionRelation",
+    "condition_from",
 ]

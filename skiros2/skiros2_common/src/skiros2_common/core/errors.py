@@ -4,6 +4,7 @@
     ├── UnknownName         also KeyError      an unknown name, id, key or code
     ├── WrongType           also TypeError     a value of another type than declared
     ├── WrongValue          also ValueError    an unusable value of the right type
+    │   └── OutOfLimits                        a parameter value that its declaration does not allow
     ├── Refused             also RuntimeError  a request that the current state does not allow
     │   └── Conflict                           a request based on an outdated revision
     ├── TimedOut            also TimeoutError  no response before the timeout
@@ -20,6 +21,11 @@ Each error text names the request, the object concerned and the expectation.
 class SkirosError(Exception):
     """Base of all errors that the platform raises on purpose. `str(error)` is plain text for a user."""
 
+    #: The kind of error, also where only texts are transmitted.
+    code = "error"
+    #: Line and column (from 1) of a syntax error in the text that the error is about; (0, 0): unknown.
+    position = (0, 0)
+
     def __str__(self) -> str:
         # `KeyError.__str__` would return the repr of its argument.
         return " ".join(str(a) for a in self.args)
@@ -28,35 +34,50 @@ class SkirosError(Exception):
 class UnknownName(SkirosError, KeyError):
     """An unknown name, id, key or code."""
 
+    code = "unknown_name"
+
 
 class WrongType(SkirosError, TypeError):
     """A value of another type than declared."""
+
+    code = "wrong_type"
 
 
 class WrongValue(SkirosError, ValueError):
     """An unusable value of the right type."""
 
+    code = "wrong_value"
+
+
+class OutOfLimits(WrongValue):
+    """A parameter value outside the declared limits or choices."""
+
+    #: The progress code of a skill that does not start for this reason.
+    CODE = -4
+
 
 class Refused(SkirosError, RuntimeError):
     """A request that the current state does not allow."""
 
+    code = "refused"
+
 
 class Conflict(Refused):
-    """A request based on data that has changed since it was read. The text begins with `MARK`."""
+    """A request based on data that has changed since it was read."""
 
-    #: Identifies the error where only its text is transmitted.
-    MARK = "conflict: "
-
-    def __str__(self) -> str:
-        return self.MARK + super().__str__()
+    code = "conflict"
 
 
 class TimedOut(SkirosError, TimeoutError):
     """No response before the timeout."""
 
+    code = "timed_out"
+
 
 class ConfigurationError(SkirosError, ValueError):
     """A mistake in launch parameters, files or names that a restart cannot fix."""
+
+    code = "configuration"
 
 
 class MissingPackage(ConfigurationError, ImportError):

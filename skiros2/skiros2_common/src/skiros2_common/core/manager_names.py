@@ -41,6 +41,4 @@ def matching_name(name: str, nodes: Iterable[str]) -> str:
     """The node that a name refers to: by its full name, with or without slash, or by its last part; "" for none."""
     nodes = list(nodes)
     wanted = f"/{name.lstrip('/')}"
-    if wanted in nodes:
-        return wanted
-    return next((node for node in nodes if name and bare_name(node) == name.strip("/")), "")
+    return wanted if wanted in nodes else next((node for node in nodes if same_node(name.strip("/"), node)), "")

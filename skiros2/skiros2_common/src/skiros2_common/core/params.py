@@ -11,6 +11,7 @@ from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.names import nearest
 from skiros2_common.core.property import Property
 from skiros2_common.core.revision import local_revision
@@ -31,19 +32,24 @@ class Param(Property):
 
     :param value: a default, a Python type (no default), a list of one type, or an abstract `Element`.
     :param param_type: one of `ParamTypes`, or its code.
+    :param limits: the unit and the allowed values. The setters accept other values; a start with them is refused.
     """
 
     __slots__ = (
-        "_default", "_description", "_last_update", "_param_type", "assigned", "is_inferred", "set_by",
+        "_description", "_last_update", "assigned", "defaults", "is_inferred", "limits", "paramType", "set_by",
         "shared_snapshot",
     )  # fmt: skip
 
-    def __init__(self, key: str, description: str, value: Any, param_type: Any) -> None:
+    def __init__(
+        self, key: str, description: str, value: Any, param_type: Any, limits: Limits = NO_LIMITS
+    ) -> None:
         super().__init__(key, value)
         self._description = description
-        self._param_type: Any = _KINDS.get(param_type, param_type) if isinstance(param_type, int) else param_type
-        self._default: list[Any] = list(self._values)
+        self.paramType: Any = _KINDS.get(param_type, param_type) if isinstance(param_type, int) else param_type
+        #: All default values.
+        self.defaults: list[Any] = list(self.current)
         self._last_update = time_module.time()
+        self.limits = limits
         #: Set to True by each setter; the caller resets it.
         self.assigned = False
         #: On a blackboard: the label of the node that set the values, and whether it inferred them.
@@ -56,9 +62,9 @@ class Param(Property):
     def values(self) -> list[Any]:
         """All values: the list itself, no copy."""
         if self.shared_snapshot is None:
-            self.shared_snapshot = list(self._values)
+            self.shared_snapshot = list(self.current)
             local_revision.advance()
-        return self._values
+        return self.current
 
     @values.setter
     def values(self, value: Any) -> None:
@@ -67,12 +73,7 @@ class Param(Property):
     @property
     def default(self) -> Any:
         """The first default value, or None."""
-        return self._default[0] if self._default else None
-
-    @property
-    def defaults(self) -> list[Any]:
-        """All default values."""
-        return self._default
+        return self.defaults[0] if self.defaults else None
 
     @property
     def last_update(self) -> datetime:
@@ -95,7 +96,7 @@ class Param(Property):
         self._last_update = time_module.time()
 
     def _set(self, values: list[Any]) -> None:
-        self._values = values
+        self.current = values
         self._record_set()
         local_revision.advance()
 
@@ -106,7 +107,7 @@ class Param(Property):
     def setValues(self, value: Any) -> None:
         super().setValues(value)
         self._record_set()
-        if self._values is value:
+        if self.current is value:
             self.shared_snapshot = list(value)  # the caller holds the list
 
     def removeValue(self, value: Any) -> None:
@@ -115,43 +116,43 @@ class Param(Property):
 
     def is_bound(self) -> bool:
         """Whether it has a value that is not an abstract element."""
-        return bool(self._values) and not _is_abstract(self._values[0])
+        return bool(self.current) and not _is_abstract(self.current[0])
 
     def hasSpecifiedDefault(self) -> bool:
         """Whether it has a default; an abstract element counts."""
-        return bool(self._default)
+        return bool(self.defaults)
 
     def has_bound_default(self) -> bool:
         """Whether it has a default that is not an abstract element."""
-        return bool(self._default) and not _is_abstract(self._default[0])
+        return bool(self.defaults) and not _is_abstract(self.defaults[0])
 
     def getDefaultValue(self, index: int = 0) -> Any:
         """The default at `index`, or None if there is no default.
 
         :raises IndexError: there are defaults, but none at this index.
         """
-        return self._default[index] if self._default else None
+        return self.defaults[index] if self.defaults else None
 
     def getDefaultValues(self) -> list[Any]:
-        return self._default
+        return self.defaults
 
     def keeps_default(self, values: list[Any]) -> bool:
         """Whether the default takes precedence over new values: it exists, is not an abstract element, and its elements
         differ in id from the new ones."""
-        default = self._default
+        default = self.defaults
         if not default or _is_abstract(default[0]):
             return False
         return not (isinstance(default[0], Element) and [e.id for e in default] == [_id_of(v) for v in values])
 
     def hasDefaultValues(self) -> bool:
         """Whether the values equal the defaults; elements are compared by id, class and label."""
-        return len(self._values) <= len(self._default) and all(map(_is_same, self._values, self._default))
+        return len(self.current) <= len(self.defaults) and all(map(_is_same, self.current, self.defaults))
 
     def makeDefault(self, values: Any) -> None:
         """Sets the values and copies the list to the default. Values of another type are rejected with a logged error;
         then the current values become the default."""
         self.setValues(values)
-        self._default = list(self._values)
+        self.defaults = list(self.current)
 
     def setDefault(self) -> None:
         """Sets the values to a copy of the default."""
@@ -159,25 +160,27 @@ class Param(Property):
 
     def _new_default(self) -> list[Any]:
         # A copy, because the skill may change an abstract element or a dict in place.
-        return [_copied(v) for v in self._default]
+        return [_copied(v) for v in self.defaults]
 
     def clone(self) -> Param:
         """A copy with its own value list (the values themselves are shared)."""
-        return self._copy(list(self._values))
+        return self.with_values(list(self.current))
 
     def at_default(self) -> Param:
         """A copy with the default values."""
-        return self._copy(self._new_default())
+        return self.with_values(self._new_default())
 
-    def _copy(self, values: list[Any]) -> Param:
+    def with_values(self, values: list[Any]) -> Param:
+        """A copy with these values: the list itself, unchecked."""
         copy = Param.__new__(Param)  # faster than __init__: each skill run copies its parameters
-        copy._key = self._key
+        copy.key = self.key
         copy._data_type = self._data_type
-        copy._values = values
+        copy.current = values
         copy._description = self._description
-        copy._param_type = self._param_type
-        copy._default = self._default
+        copy.paramType = self.paramType
+        copy.defaults = self.defaults
         copy._last_update = self._last_update
+        copy.limits = self.limits
         copy.assigned = False
         copy.set_by = ""
         copy.is_inferred = False
@@ -189,11 +192,12 @@ class Param(Property):
         return self._description
 
     @property
-    def paramType(self) -> Any:
-        return self._param_type
+    def _param_type(self) -> Any:
+        # Libraries read it.
+        return self.paramType
 
     def paramTypeIs(self, ptype: Any) -> bool:
-        return bool(self._param_type == ptype)
+        return bool(self.paramType == ptype)
 
     @property
     def is_element(self) -> bool:
@@ -203,7 +207,7 @@ class Param(Property):
     @property
     def element_type(self) -> str:
         """The required class of element values; "" if the parameter does not state it."""
-        for value in (*self._default, *self._values):
+        for value in (*self.defaults, *self.current):
             if isinstance(value, Element):
                 return value.type
         return ""
@@ -215,19 +219,30 @@ class Param(Property):
         """
         element = Element("skiros:Parameter", self.key)
         element.setProperty("rdfs:comment", self._description)
-        element.setProperty("skiros:ParameterType", PARAM_TYPE_CODES[self._param_type])
+        element.setProperty("skiros:ParameterType", PARAM_TYPE_CODES[self.paramType])
         if self.is_element:
             element.setProperty("skiros:DataType", self.element_type)
-            for value in self._values:
+            for value in self.current:
                 if not value.isAbstract():
                     element.addRelation("-1", "skiros:hasValue", value.id)
             return element
         element.setProperty("skiros:DataType", self._data_type)
-        if self._default:
-            element.setProperty("skiros:Default", list(self._default))
-        if self._values:
-            element.setProperty("skiros:Value", list(self._values))
+        if self.defaults:
+            element.setProperty("skiros:Default", list(self.defaults))
+        if self.current:
+            element.setProperty("skiros:Value", list(self.current))
+        self._add_limits(element)
         return element
+
+    def _add_limits(self, element: Element) -> None:
+        limits = self.limits
+        if limits.unit:
+            element.setProperty("skiros:Unit", limits.unit)
+        for key, bound in (("skiros:LowerBound", limits.minimum), ("skiros:UpperBound", limits.maximum)):
+            if bound is not None:
+                element.setProperty(key, float(bound))
+        if limits.choices:
+            element.setProperty("skiros:hasValues", limits.choices_of(self._data_type))
 
 
 class ParamHandler:
@@ -287,7 +302,7 @@ class ParamHandler:
         """
         merged = self.getCopy()
         for key, param in other._params.items():
-            if not param._values:
+            if not param.current:
                 merged.pop(key, None)
             elif key in merged:
                 merged[key].setValues(param.values)
@@ -301,8 +316,8 @@ class ParamHandler:
         if moved is None or initial_key == target_key:
             return
         self._params.pop(target_key, None)
-        moved._key = target_key
-        self._params = {param._key: param for param in self._params.values()}
+        moved.key = target_key
+        self._params = {param.key: param for param in self._params.values()}
 
     def specifyParams(self, other: ParamHandler, keep_default: bool = False) -> None:
         """Copies the values of `other` for the common keys; a parameter that is unset there becomes unset.
@@ -313,7 +328,7 @@ class ParamHandler:
         """
         for key, param in self._params.items():
             given = other._params.get(key)
-            if given is not None and not (keep_default and param.keeps_default(given._values)):
+            if given is not None and not (keep_default and param.keeps_default(given.current)):
                 param.setValues(given.values)
 
     def specifyParamsDefault(self, other: ParamHandler) -> None:
@@ -334,9 +349,11 @@ class ParamHandler:
         for param in [self._get(k) for k in keys]:
             param.setDefault()
 
-    def addParam(self, key: str, value: Any, param_type: Any, description: str = "") -> None:
+    def addParam(
+        self, key: str, value: Any, param_type: Any, description: str = "", limits: Limits = NO_LIMITS
+    ) -> None:
         """Declares a parameter, or redefines it."""
-        self._params[key] = Param(key, description, value, param_type)
+        self._params[key] = Param(key, description, value, param_type, limits)
         local_revision.advance()
 
     def getParam(self, key: str) -> Param | None:

@@ -21,7 +21,7 @@ class PrimitiveBase(SkillCore):
     def init(self, wmi: Any, _: Any = None) -> bool:
         """Loads the primitive: declares its description and calls `onInit`. Returns False if it cannot be used."""
         self._wmi = wmi
-        self._create()
+        self.declare()
         if self.onInit() is False:
             return False
         self._setState(State.Idle)

@@ -24,7 +24,7 @@ class PrimitiveThreadBase(PrimitiveBase):
         self._local = threading.local()
 
     @property
-    def _is_working(self) -> bool:
+    def works_in_background(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
 
     def preStart(self) -> bool:
@@ -36,7 +36,7 @@ class PrimitiveThreadBase(PrimitiveBase):
         raise NotImplementedError(f"{self.__class__.__name__} has to define run")
 
     def onStart(self) -> bool:
-        if self._is_working:
+        if self.works_in_background:
             return self.startError("the thread of an earlier start is still running", -1)
         if self.preStart() is False:
             return False

@@ -108,11 +108,13 @@ class Property:
     :raises WrongValue: the list has values of several types.
     """
 
-    __slots__ = ("_data_type", "_key", "_values")
+    __slots__ = ("_data_type", "current", "key")
 
     def __init__(self, key: str, value: Any) -> None:
-        self._key = intern(key)  # a scene repeats the same keys
-        self._values: list[Any] = []
+        #: The name.
+        self.key = intern(key)  # a scene repeats the same keys
+        #: The list of values itself. Those who may change it in place use `values`, which a parameter keeps track of.
+        self.current: list[Any] = []
         if isinstance(value, type):
             self._data_type: type = value
         elif isinstance(value, list):
@@ -123,39 +125,35 @@ class Property:
             else:
                 self._data_type = type(value[0])
                 try:
-                    self._values = list(self._checked(value))
+                    self.current = list(self.checked(value))
                 except WrongType as error:
                     raise WrongValue(f"{error}: the values of a list must have one type") from None
         elif value is None:
             self._data_type = str
         else:
             self._data_type = type(value)
-            self._values = [value]
+            self.current = [value]
 
     def clone(self) -> Property:
         """A copy with its own value list (the values themselves are shared)."""
         clone = self.__class__.__new__(self.__class__)
-        clone._key = self._key
+        clone.key = self.key
         clone._data_type = self._data_type
-        clone._values = list(self._values)
+        clone.current = list(self.current)
         return clone
 
     def isSpecified(self) -> bool:
         """Whether there is a value."""
-        return bool(self._values)
+        return bool(self.current)
 
     def isList(self) -> bool:
         """Whether there are several values."""
-        return len(self._values) > 1
-
-    @property
-    def key(self) -> str:
-        return self._key
+        return len(self.current) > 1
 
     @property
     def value(self) -> Any:
         """The first value, or None."""
-        return self._values[0] if self._values else None
+        return self.current[0] if self.current else None
 
     @value.setter
     def value(self, value: Any) -> None:
@@ -164,7 +162,7 @@ class Property:
     @property
     def values(self) -> list[Any]:
         """All values: the list itself, no copy."""
-        return self._values
+        return self.current
 
     @values.setter
     def values(self, value: Any) -> None:
@@ -191,18 +189,18 @@ class Property:
 
         :raises WrongType: a value has another type; the property is unchanged.
         """
-        self._set([] if value is None else list(self._checked(self._as_list(value))))
+        self._set([] if value is None else list(self.checked(self._as_list(value))))
 
     def setValue(self, value: Any, index: int = 0) -> None:
         """Sets the value at `index`, in the same list. A negative index counts from the end; an index past the end
         appends the value. None is rejected with a logged error."""
-        values = self._values
+        values = self.current
         if value is None:
-            log.error("%s: None is no value; unset() removes the values", self._key)
+            log.error("%s: None is no value; unset() removes the values", self.key)
         elif index < -len(values):
-            log.error("%s: no value at index %s, there are %s", self._key, index, len(values))
+            log.error("%s: no value at index %s, there are %s", self.key, index, len(values))
         else:
-            checked = self._checked_or_log([value])
+            checked = self.checked_or_log([value])
             if checked and index < len(values):
                 values[index] = checked[0]
             elif checked:
@@ -235,7 +233,7 @@ class Property:
             self._set([])
             return
         is_one_list = self._data_type is list and isinstance(value, list) and not all(type(v) is list for v in value)
-        checked = self._checked_or_log(value if isinstance(value, list) and not is_one_list else [value])
+        checked = self.checked_or_log(value if isinstance(value, list) and not is_one_list else [value])
         if checked is not None:
             self._set(checked)
 
@@ -243,28 +241,28 @@ class Property:
         """Removes the first equal value, if any."""
         index = self.find(value)
         if index >= 0:
-            del self._values[index]
+            del self.current[index]
         local_revision.advance()
 
     def find(self, value: Any) -> int:
         """The index of the first equal value, or -1."""
-        return self._values.index(value) if value in self._values else -1
+        return self.current.index(value) if value in self.current else -1
 
     def addValue(self, value: Any) -> None:
         """Appends a value."""
-        self.setValue(value, len(self._values))
+        self.setValue(value, len(self.current))
 
     def getValue(self, index: int = 0) -> Any:
         """The value at `index` (negative: from the end), or None if there is no value.
 
         :raises IndexError: there are values, but none at this index.
         """
-        if not self._values:
+        if not self.current:
             return None
         try:
-            return self._values[index]
+            return self.current[index]
         except IndexError:
-            raise IndexError(f"{self._key}: no value at index {index}, there are {len(self._values)}") from None
+            raise IndexError(f"{self.key}: no value at index {index}, there are {len(self.current)}") from None
 
     def getValues(self) -> list[Any]:
         """All values: the list itself, no copy."""
@@ -272,19 +270,19 @@ class Property:
 
     def getValuesStr(self) -> str:
         """All values as one text, in the form of `setValuesFromStr`."""
-        return ";".join(str(v) for v in self._values)
+        return ";".join(str(v) for v in self.current)
 
     def printState(self) -> str:
         """`key:[values]`; the values are cut at 500 characters."""
-        text = str(self._values)
-        return f"{self._key}:{text}" if len(text) <= MAX_PRINTED else f"{self._key}:{text[:MAX_PRINTED]} ...]"
+        text = str(self.current)
+        return f"{self.key}:{text}" if len(text) <= MAX_PRINTED else f"{self.key}:{text[:MAX_PRINTED]} ...]"
 
     def __repr__(self) -> str:
         return self.printState()
 
     def _set(self, values: list[Any]) -> None:
         """Replaces the value list."""
-        self._values = values
+        self.current = values
         local_revision.advance()
 
     def _as_list(self, value: Any) -> list[Any]:
@@ -294,24 +292,28 @@ class Property:
             return [value]
         return list(value)
 
-    def _checked(self, values: list[Any]) -> list[Any]:
-        """The values converted to the data type; the list itself if no value needs a conversion."""
+    def checked(self, values: list[Any]) -> list[Any]:
+        """The values converted to the data type; the list itself if no value needs a conversion.
+
+        :raises WrongType: a value has another type.
+        """
         datatype = self._data_type
         if len(values) == 1 and type(values[0]) is datatype:
             return values
         try:
             converted_property = [as_type(v, datatype) for v in values]
         except WrongType as error:
-            raise WrongType(f"{self._key}: {error}") from None
+            raise WrongType(f"{self.key}: {error}") from None
         return values if all(map(is_, converted_property, values)) else converted_property
 
-    def _checked_or_log(self, values: list[Any]) -> list[Any] | None:
+    def checked_or_log(self, values: list[Any]) -> list[Any] | None:
+        """Same as `checked`; values of another type are logged and give None."""
         try:
             if self._data_type is int and bool in map(type, values):  # Python's bool is a subclass of int
                 values = [int(v) if type(v) is bool else v for v in values]
-            return self._checked(values)
+            return self.checked(values)
         except WrongType as error:
-            log.error("%s. The values stay %s.", error, self._values)
+            log.error("%s. The values stay %s.", error, self.current)
             return None
 
 

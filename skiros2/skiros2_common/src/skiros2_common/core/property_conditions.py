@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
-from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.condition import ConditionBase, ConditionRecord
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.property import same_value
 from skiros2_common.core.world_element import Element
+
+if TYPE_CHECKING:
+    from skiros2_common.core.world_model_port import WorldModelPort
 
 #: The operators of `ConditionProperty`.
 OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
@@ -26,6 +29,8 @@ OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
 class _OfProperty(ConditionBase):
     """Base of the conditions on a property."""
 
+    wants_elements = True
+
     def __init__(self, clabel: str, olabel: str, subj: str, desired_state: bool) -> None:
         super().__init__(clabel, subj, desired_state)
         self._owl_label = olabel
@@ -35,15 +40,14 @@ class _OfProperty(ConditionBase):
         """The full name of the property."""
         return full_name(self._owl_label)
 
-    def satisfied_by(self, element: Element) -> bool:
-        """Whether an element, as passed, satisfies the condition."""
-        return self.holds_for(element) == self._desired_state
+    def ontology_names(self) -> list[tuple[str, str]]:
+        return [("property", self.property)]
 
     def holds_for(self, element: Element) -> bool:
         """Whether the fact holds for an element, as passed."""
-        raise NotImplementedError(f"{self.__class__.__name__} has to define is_of")
+        raise NotImplementedError(f"{self.__class__.__name__} has to define holds_for")
 
-    def found(self, ph: ParamHandler, wmi: Any) -> str:
+    def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
         missing = self._missing_reason(self._subject_key, ph, wmi)
         element = self._element(self._subject_key, ph, wmi)
         if missing or element is None:
@@ -55,19 +59,20 @@ class _OfProperty(ConditionBase):
         values = element.getProperty(self.property).values if element.hasProperty(self.property) else []
         return ", ".join(map(repr, values)) or "missing"
 
-    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
-        others = self._alternatives(self._subject_key, ph, wmi, self._indexed_value())
+    def _near_matches(self, ph: ParamHandler, wmi: WorldModelPort) -> list[NearMatch]:
+        others = self._alternatives(self._subject_key, ph, wmi, self.indexed_value())
         matching = islice((e for e in others if self.holds_for(e) == self._desired_state), MAX_EXAMPLES)
         return [NearMatch(repr(e), f"{self.property} is {self._values_text(e)}") for e in matching]
 
-    def _indexed_value(self) -> tuple[str, Any] | None:
-        """The property and value that the index can look up; None if there is none."""
-        return None
+    def found_for(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        element = self._element(key, ph, wmi)
+        missing = self._missing_reason(key, ph, wmi)
+        return missing if missing or element is None else f"{self.property} is {self._values_text(element)}"
 
-    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+    def _changes(self, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
         return self._last_change(self._subject_key, self.property, ph, wmi)
 
-    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         if self.evaluate(ph, wmi):
             return True
         element = self._element(self._subject_key, ph, wmi)
@@ -115,16 +120,21 @@ class ConditionProperty(_OfProperty):
         self._operator = operator
         self._value = value
 
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self:
+        return cls(record.label, record.name, record.subject, record.operator, record.value, record.state)
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
     @property
     def value(self) -> Any:
         """The value to compare the property with."""
         return self._value
 
-    @property
-    def is_value(self) -> bool:
-        """Whether the property must equal a string, number or bool, which the index can look up."""
+    def indexed_value(self) -> tuple[str, Any] | None:
         is_plain = isinstance(self._value, (str, int, float)) and self._value != ""
-        return is_plain and self._operator == "=" and self._desired_state
+        return (self.property, self._value) if is_plain and self._operator == "=" and self._desired_state else None
 
     def filter_text(self, key: str, ph: ParamHandler) -> str:
         has = "with" if self._desired_state else "without"
@@ -133,7 +143,7 @@ class ConditionProperty(_OfProperty):
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self.property, self._operator, self._value)
 
-    def evaluate(self, ph: ParamHandler, wmi: Any) -> bool:
+    def evaluate(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         self._remember(self._subject_key, ph)
         if self.holds(ph, wmi) != self._desired_state:
             return False
@@ -145,9 +155,9 @@ class ConditionProperty(_OfProperty):
     def satisfied_by(self, element: Element) -> bool:
         if self._operator != "=" and element.value_of(self.property) is None:
             return False
-        return super().satisfied_by(element)
+        return self.holds_for(element) == self._desired_state
 
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         element = self._element(self._subject_key, ph, wmi)
         return element is not None and self.holds_for(element)
 
@@ -168,9 +178,6 @@ class ConditionProperty(_OfProperty):
     def expected(self) -> str:
         compared = "" if self._operator == "=" else f"{self._operator} "
         return f"{'' if self._desired_state else 'not '}{compared}{self._value!r}"
-
-    def _indexed_value(self) -> tuple[str, Any] | None:
-        return (self.property, self._value) if self.is_value else None
 
     def _apply(self, element: Element) -> bool:
         if self._operator in (">", "<"):
@@ -203,10 +210,20 @@ class ConditionProperty(_OfProperty):
 class ConditionHasProperty(_OfProperty):
     """True if a property has a value; for a parameter without an element, True if it is optional."""
 
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self:
+        return cls(record.label, record.name, record.subject, record.state)
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
+    def satisfied_by(self, element: Element) -> bool:
+        return self.holds_for(element) == self._desired_state
+
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self.property)
 
-    def evaluate(self, ph: ParamHandler, wmi: Any) -> bool:
+    def evaluate(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         self._remember(self._subject_key, ph)
         element = self._element(self._subject_key, ph, wmi)
         if element is None or element.isAbstract():
@@ -214,7 +231,7 @@ class ConditionHasProperty(_OfProperty):
             return param is not None and param.paramTypeIs(ParamTypes.Optional)
         return self.holds(ph, wmi) == self._desired_state
 
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         element = self._element(self._subject_key, ph, wmi)
         return element is not None and self.holds_for(element)
 
@@ -242,7 +259,7 @@ class ConditionHasProperty(_OfProperty):
         return self._desired_state
 
 
-def _restore_property(before: Element, key: str, wmi: Any) -> None:
+def _restore_property(before: Element, key: str, wmi: WorldModelPort) -> None:
     """Sets a property of the element in the world model to its values in `before`."""
     element = wmi.get_element(before.id)
     if before.hasProperty(key):

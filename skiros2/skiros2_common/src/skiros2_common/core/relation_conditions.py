@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
-from skiros2_common.core.condition import ConditionBase, can_find_elements, is_in_scene, near_matches
+from skiros2_common.core.condition import (
+    ConditionBase,
+    ConditionRecord,
+    Cost,
+    can_find_elements,
+    is_in_scene,
+    near_matches,
+)
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name, id_order
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
+
+if TYPE_CHECKING:
+    from skiros2_common.core.world_model_port import WorldModelPort
 
 
 class ConditionRelation(ConditionBase):
@@ -23,11 +33,16 @@ class ConditionRelation(ConditionBase):
     """
 
     abstract = False
+    wants_elements = True
 
     def __init__(self, clabel: str, olabel: str, subj: str, obj: str, desired_state: bool) -> None:
         super().__init__(clabel, subj, desired_state)
         self._owl_label = olabel
         self._object_key = obj
+
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self:
+        return cls(record.label, record.name, record.subject, record.object, record.state)
 
     @property
     def relation(self) -> str:
@@ -42,6 +57,32 @@ class ConditionRelation(ConditionBase):
     def object_key(self) -> str:
         return self._object_key
 
+    @property
+    def volatile(self) -> bool:  # type: ignore[override]
+        return not self.abstract and not self.is_stored()
+
+    @property
+    def cost(self) -> Cost:  # type: ignore[override]
+        if not self.abstract and not self.is_stored():
+            return Cost.REASONER
+        return Cost.LOOKUP if self._desired_state else Cost.ABSENCE
+
+    def ontology_names(self) -> list[tuple[str, str]]:
+        return [("relation", self.relation)]
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
+    def candidate_ids(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> set[str] | None:
+        is_subject = key == self._subject_key
+        other = self._object_key if is_subject else self._subject_key
+        if other == key or not ph.is_bound(other) or not self._desired_state or not self.is_stored():
+            return None
+        eid = ph.getParamMap()[other].value.id
+        if is_subject:
+            return {r["src"] for r in wmi.get_relations("", self.relation, eid)}
+        return {r["dst"] for r in wmi.get_relations(eid, self.relation, "")}
+
     def remap(self, initial_key: str, target_key: str) -> None:
         super().remap(initial_key, target_key)
         if self._object_key == initial_key:
@@ -53,7 +94,7 @@ class ConditionRelation(ConditionBase):
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self.relation, self._object_key)
 
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         # For a stored relation, only the ids matter: a removed element has no relations.
         read = self._raw_element if self.is_stored() else lambda key, ph: self._element(key, ph, wmi)
         subj, obj = read(self._subject_key, ph), read(self._object_key, ph)
@@ -62,7 +103,7 @@ class ConditionRelation(ConditionBase):
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} {self.relation} {self._name(self._object_key)}"
 
-    def found(self, ph: ParamHandler, wmi: Any) -> str:
+    def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
         if not self._desired_state:
             return self.fact()
         reasons = [text for key in dict.fromkeys(self.getKeys()) if (text := self._missing_reason(key, ph, wmi))]
@@ -79,7 +120,7 @@ class ConditionRelation(ConditionBase):
             return f"{relation} {self._name(self._object_key)}"
         return f"with {self._name(self._subject_key)} {relation} it"
 
-    def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
+    def _related(self, subj: Element, obj: Element, wmi: WorldModelPort) -> list[str]:
         """The actual relations of the two elements, as text."""
         reasoner = reasoners.find_or_load(self.relation)
         if reasoner is not None and subj.id and obj.id:
@@ -92,7 +133,7 @@ class ConditionRelation(ConditionBase):
             texts.append(f"{self._subjects(obj, wmi)} {self.relation} {obj!r}")
         return texts
 
-    def found_for(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+    def found_for(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
         element = self._element(key, ph, wmi)
         if element is None or not element.id or not self._desired_state or not self.is_stored():
             return super().found_for(key, ph, wmi)
@@ -100,17 +141,17 @@ class ConditionRelation(ConditionBase):
             return f"{self.relation} {self._objects(element, wmi)}"
         return f"{self._subjects(element, wmi)} {self.relation} it"
 
-    def _objects(self, subj: Element, wmi: Any) -> str:
+    def _objects(self, subj: Element, wmi: WorldModelPort) -> str:
         return _named((r["dst"] for r in wmi.get_relations(subj.id, self.relation, "")), wmi)
 
-    def _subjects(self, obj: Element, wmi: Any) -> str:
+    def _subjects(self, obj: Element, wmi: WorldModelPort) -> str:
         return _named((r["src"] for r in wmi.get_relations("", self.relation, obj.id)), wmi)
 
     def is_stored(self) -> bool:
         """Whether the scene stores and indexes the relation, so that no reasoner computes it."""
         return not self.abstract and reasoners.find_or_load(self.relation) is None
 
-    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+    def _near_matches(self, ph: ParamHandler, wmi: WorldModelPort) -> list[NearMatch]:
         subj, obj = self._element(self._subject_key, ph, wmi), self._element(self._object_key, ph, wmi)
         if subj is None or obj is None or not (self.abstract or self.is_stored()):
             return []  # a reasoner may be slow
@@ -127,7 +168,7 @@ class ConditionRelation(ConditionBase):
             near += near_matches(objects, f"{self._name(self._subject_key)} {relation} it")
         return near[:MAX_EXAMPLES]
 
-    def _links(self, subj: Element, obj: Element, wmi: Any) -> bool:
+    def _links(self, subj: Element, obj: Element, wmi: WorldModelPort) -> bool:
         is_pair = bool(subj.id and obj.id)
         if hasattr(type(wmi), "check_relation") and (
             is_pair or not self.is_stored() or not hasattr(wmi, "get_relations")
@@ -138,12 +179,12 @@ class ConditionRelation(ConditionBase):
             for r in wmi.get_relations(subj.id, self.relation, obj.id)
         )
 
-    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+    def _changes(self, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
         if not self.is_stored():
             return []
         return [change for key in self.getKeys() for change in self._last_change(key, self.relation, ph, wmi)]
 
-    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         if self.evaluate(ph, wmi):
             return True
         subj = self._element(self._subject_key, ph, wmi)
@@ -192,23 +233,30 @@ class AbstractConditionRelation(ConditionRelation):
 
     abstract = True
 
-    def satisfied_for_inference(self, ph: ParamHandler, wmi: Any) -> bool:
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self:
+        return cls(record.label, record.name, record.subject, record.object, record.state)
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
+    def satisfied_for_inference(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         for key in self.getKeys():
             self._remember(key, ph)
         subj, obj = (self._element(key, ph, wmi) for key in self.getKeys())
         found = subj is not None and obj is not None and wmi.check_relation(subj, self.relation, obj, True, True)
         return bool(found) == self._desired_state
 
-    def _links(self, subj: Element, obj: Element, wmi: Any) -> bool:
+    def _links(self, subj: Element, obj: Element, wmi: WorldModelPort) -> bool:
         if hasattr(type(wmi), "allows_relation"):
             return bool(wmi.allows_relation(subj.type, self.relation, obj.type))
         names = full_name(subj.type), self.relation, full_name(obj.type)
         return bool(wmi.query_ontology(_ALLOWED.format(*names)))
 
-    def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
+    def _related(self, subj: Element, obj: Element, wmi: WorldModelPort) -> list[str]:
         return [f"the ontology does not allow {subj.type} {self.relation} {obj.type}"]
 
-    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         return self.evaluate(ph, wmi)  # an effect cannot change the ontology
 
     def _relate(self, subj: Element, obj: Element) -> bool:
@@ -226,7 +274,7 @@ _ALLOWED = """SELECT ?filler WHERE {{
 }}"""
 
 
-def _is_exactly(eid: str, etype: str, wmi: Any) -> bool:
+def _is_exactly(eid: str, etype: str, wmi: WorldModelPort) -> bool:
     """Whether an element of the scene has exactly that class."""
     if can_find_elements(wmi):
         found = wmi.find_element(eid)
@@ -234,12 +282,12 @@ def _is_exactly(eid: str, etype: str, wmi: Any) -> bool:
     return eid.rpartition("-")[0] == full_name(etype)
 
 
-def _set_relations(relations: Sequence[Any], state: bool, wmi: Any) -> None:
+def _set_relations(relations: Sequence[Any], state: bool, wmi: WorldModelPort) -> None:
     for relation in relations:
         wmi.set_relation(relation["src"], relation["type"], relation["dst"], state)
 
 
-def _named(ids: Iterable[str], wmi: Any) -> str:
+def _named(ids: Iterable[str], wmi: WorldModelPort) -> str:
     """The elements with these ids, ordered, as text; of many, the first ones and the number of the rest."""
     ordered = sorted(set(ids), key=id_order)
     found = ((eid, wmi.find_element(eid)) for eid in ordered[:MAX_EXAMPLES])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
 from skiros2_common.core import conditions as cond
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.source_location import SourceLocation, caller_location
@@ -142,16 +144,25 @@ class SkillDescription:
         param_type: Any,
         options: Any = [],  # noqa: B006 - the contract's default, never changed
         description: str = "",
+        *,
+        unit: str = "",
+        minimum: float | None = None,
+        maximum: float | None = None,
+        choices: Iterable[Any] = (),
     ) -> None:
-        """Declares a parameter, or redefines it.
+        """Declares a parameter, or redefines it. The skill does not start with values outside the limits.
 
         :param value: a default, a Python type (no default), a list of one type, or an abstract `Element`.
         :param param_type: one of `ParamTypes`.
         :param options: one of `ParamOptions` or a list of them; a string is taken as the description.
+        :param unit: of the values, such as `m/s`, for people.
+        :param minimum, maximum: the least and the greatest allowed number; None: no limit.
+        :param choices: the allowed values; (): any.
         """
         if isinstance(options, str):
             options, description = [], options
-        self._params.addParam(key, value, param_type, description)
+        limits = Limits(unit, minimum, maximum, (choices,) if isinstance(choices, str) else tuple(choices))
+        self._params.addParam(key, value, param_type, description, NO_LIMITS if limits == NO_LIMITS else limits)
         self._source_locations[key] = caller_location()
         selected = list(options) if isinstance(options, (list, tuple, set)) else [options]
         self._options.pop(key, None)
@@ -267,16 +278,17 @@ class SkillDescription:
         return "\n".join(f"{kind}: {c.getDescription()}" for kind, group in kinds for c in group)
 
     def toElement(self) -> Element:
-        """The skill as an element of the world model, with its conditions and element parameters as children.
+        """The skill as an element of the world model, with its conditions and parameters as children.
 
-        Of the other parameters, only the keys of those that require a value are exported.
+        Of the parameters that hold no elements, only those with limits or a unit are exported, and the keys of those
+        that require a value.
         """
         element = Element(self._type, self._label)
         element.setProperty("skiros:AvailableForPlanning", self._available_for_planning)
         if self._duration is not None:
             element.setProperty("skiros:Duration", self._duration)
         for param in self._params.values():
-            if param.is_element:
+            if param.is_element or param.limits is not NO_LIMITS:
                 element.addRelation("-1", "skiros:hasParam", param.toElement())
             elif not param.values and param.paramTypeIs(ParamTypes.Required) and param.dataType() in _PLAIN_TYPES:
                 element.appendProperty("skiros:MissingParameter", param.key)

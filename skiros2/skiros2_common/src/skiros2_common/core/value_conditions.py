@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
-from skiros2_common.core.condition import ConditionBase, is_in_scene, near_matches
+from skiros2_common.core.condition import ConditionBase, ConditionRecord, Cost, is_in_scene, near_matches
 from skiros2_common.core.explanation import Change, NearMatch
 from skiros2_common.core.names import full_name, is_of_class
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 
+if TYPE_CHECKING:
+    from skiros2_common.core.world_model_port import WorldModelPort
+
 
 class ConditionIsSpecified(ConditionBase):
     """True if a parameter holds an element of the scene."""
 
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self:
+        return cls(record.label, record.subject, record.state)
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         element = self._param_value(self._subject_key, ph)
         return bool(element.id) if isinstance(element, Element) else element is not None
 
@@ -25,17 +35,17 @@ class ConditionIsSpecified(ConditionBase):
     def expected(self) -> str:
         return "an element of the scene" if self._desired_state else "no element"
 
-    def found(self, ph: ParamHandler, wmi: Any) -> str:
+    def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
         missing = self._missing_reason(self._subject_key, ph, wmi)
         return missing or f"parameter {self._subject_key!r} is {self._name(self._subject_key)}"
 
-    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+    def _near_matches(self, ph: ParamHandler, wmi: WorldModelPort) -> list[NearMatch]:
         return near_matches(self._alternatives(self._subject_key, ph, wmi)) if self._desired_state else []
 
-    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+    def _changes(self, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
         return self._last_change(self._subject_key, "", ph, wmi)
 
-    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         if self.evaluate(ph, wmi):
             return True
         if self._desired_state:
@@ -63,11 +73,18 @@ class ConditionGenerate(ConditionIsSpecified):
     An element missing from the world model counts as removed.
     """
 
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self:
+        return cls(record.label, record.subject, record.state)
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         element = self._param_value(self._subject_key, ph)
         return is_in_scene(element, wmi) if isinstance(element, Element) else element is not None
 
-    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         if self.evaluate(ph, wmi):
             return True
         param = ph.getParam(self._subject_key)
@@ -99,22 +116,32 @@ class ConditionOnType(ConditionBase):
         super().__init__(clabel, subj, True)
         self._value = value
 
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self:
+        return cls(record.label, record.subject, record.name)
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
     @property
     def wanted_type(self) -> str:
         """The full name of the class."""
         return full_name(self._value)
 
+    def ontology_names(self) -> list[tuple[str, str]]:
+        return [("class", self.wanted_type)]
+
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self.wanted_type)
 
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         element = self._element(self._subject_key, ph, wmi)
         return element is not None and self._covers(element, wmi)
 
-    def _covers(self, element: Element, wmi: Any) -> bool:
+    def _covers(self, element: Element, wmi: WorldModelPort) -> bool:
         return is_of_class(element.type, self._value, wmi)
 
-    def hasConflict(self, other: Any) -> bool:
+    def hasConflict(self, other: object) -> bool:
         return False  # a value may have both classes
 
     def fact(self) -> str:
@@ -126,13 +153,17 @@ class ConditionOnType(ConditionBase):
     def filter_text(self, key: str, ph: ParamHandler) -> str:
         return f"of class {self.wanted_type}"
 
-    def found(self, ph: ParamHandler, wmi: Any) -> str:
+    def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
         element = self._element(self._subject_key, ph, wmi)
         if element is None:
             return self._missing_reason(self._subject_key, ph, wmi)
         return f"{self._name(self._subject_key)} is a {element.type}"
 
-    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+    def found_for(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        element = self._element(key, ph, wmi)
+        return f"is a {element.type}" if element is not None else self._missing_reason(key, ph, wmi)
+
+    def _near_matches(self, ph: ParamHandler, wmi: WorldModelPort) -> list[NearMatch]:
         others = self._alternatives(self._subject_key, ph, wmi)
         return near_matches((e for e in others if self._covers(e, wmi)), self.expected())
 
@@ -157,7 +188,8 @@ class ConditionFunction(ConditionBase):
     :param function: called in the tick; it must be fast.
     """
 
-    volatile = True
+    volatile = True  # a value may be changed in place
+    cost = Cost.CODE
 
     def __init__(
         self, clabel: str, keys: Sequence[str], function: Callable[..., Any], desired_state: bool = True
@@ -169,6 +201,9 @@ class ConditionFunction(ConditionBase):
     def _signature(self) -> tuple[Any, ...]:
         return (tuple(self._keys), self._function)
 
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        return self._ids_in_parameters(ph)
+
     def getKeys(self) -> list[str]:
         return list(self._keys)
 
@@ -176,7 +211,7 @@ class ConditionFunction(ConditionBase):
         super().remap(initial_key, target_key)
         self._keys = [target_key if key == initial_key else key for key in self._keys]
 
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         return bool(self._function(*(self._param_value(key, ph) for key in self._keys)))
 
     def fact(self) -> str:
@@ -186,7 +221,7 @@ class ConditionFunction(ConditionBase):
     def expected(self) -> str:
         return str(self._desired_state)
 
-    def found(self, ph: ParamHandler, wmi: Any) -> str:
+    def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
         return f"{self.fact()} is {not self._desired_state}"
 
 

@@ -14,6 +14,7 @@ from typing import Any
 from skiros2_common.core.element_relations import is_fact
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_text import read_json
+from skiros2_common.core.limits import Limits
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
 from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_common.core.world_element import Element, RelationDict
@@ -121,13 +122,14 @@ def type_named(name: str) -> type:
 
 
 def encodeParam(encoder: Any, obj: Param) -> dict[str, Any]:
-    """The JSON form of a parameter."""
+    """The JSON form of a parameter: with `unit`, `minimum`, `maximum` and `choices` where it declares them."""
     return {
         "key": obj.key,
         "description": obj.description,
         "specType": PARAM_TYPE_CODES[obj.paramType],
         "type": getStrFromType(obj.dataType()),
         "values": obj.values,
+        **obj.limits.to_json(),
     }
 
 
@@ -143,7 +145,7 @@ def decodeParam(p: Any) -> Param:
     if code not in _PARAM_TYPES:
         raise WrongValue(f"parameter {key!r}: specType {code}, expected 0 (required), 1 (optional) or 2 (inferred)")
     name = _field(p, "type", str, f"parameter {key!r}")
-    param = Param(key, str(p.get("description", "")), type_named(name), _PARAM_TYPES[code])
+    param = Param(key, str(p.get("description", "")), type_named(name), _PARAM_TYPES[code], Limits.from_json(p))
     param.assign(_decoded_values(name, _field(p, "values", list, f"parameter {key!r}")))
     param.makeDefault(param.values)
     return param

@@ -10,6 +10,7 @@ import pkgutil
 import sys
 import traceback
 from collections.abc import Iterator
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -17,6 +18,22 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, MissingPackage, UnknownNa
 from skiros2_common.core.names import nearest
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ImportFailure:
+    """Why a module cannot be imported.
+
+    :param text: the error, for people.
+    :param file, line: its source location; "" and 0 when it is not known.
+    """
+
+    text: str
+    file: str = ""
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}, line {self.line}: {self.text}" if self.file else self.text
 
 
 class PluginLoader:
@@ -27,7 +44,7 @@ class PluginLoader:
 
     def __init__(self) -> None:
         self._plugins: dict[str, type] = {}
-        self.failures: dict[str, str] = {}
+        self.failures: dict[str, ImportFailure] = {}
 
     def signature(self, plugin: type) -> str:
         """`module.Class`."""
@@ -125,10 +142,10 @@ class PluginLoader:
         log.error("module %s cannot be imported and is skipped: %s", name, self.failures[name])
 
 
-def _cause(error: Exception | SystemExit) -> str:
+def _cause(error: Exception | SystemExit) -> ImportFailure:
     """The error with its source location."""
     if isinstance(error, SyntaxError):
-        return f"{error.filename}, line {error.lineno}: {error.msg}"
+        return ImportFailure(error.msg, error.filename or "", error.lineno or 0)
+    text = f"{type(error).__name__}: {error}"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "importlib" not in f.filename]
-    location = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
-    return f"{location}{type(error).__name__}: {error}"
+    return ImportFailure(text, frames[-1].filename, frames[-1].lineno or 0) if frames else ImportFailure(text)

@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.command_line.command import UsageError
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.property import as_type, from_text
-from skiros2_skill.command_line.description import NamedSkill, Parameter, Skill, did_you_mean, find_skill
+from skiros2_skill.client.description import NamedSkill, Parameter, Skill, Step, did_you_mean, find_skill
 
 #: Finds the element with an id or label for a parameter. Returns its JSON form.
 FindElement = Callable[[Parameter, str], Any]
 
 _SCALARS = {"str": str, "int": int, "float": float, "bool": bool}
 _COLLECTIONS = {"list": list, "dict": dict}
-
-
-@dataclass
-class Step:
-    """A skill to run.
-
-    :param given: the value texts by key, in order.
-    :param params: the parameters with their values, as in messages.
-    """
-
-    type: str
-    label: str
-    given: dict[str, list[str]] = field(default_factory=dict)
-    params: list[str] = field(default_factory=list)
 
 
 def read_steps(words: Sequence[str], skills: Sequence[Skill], find_element: FindElement) -> list[Step]:

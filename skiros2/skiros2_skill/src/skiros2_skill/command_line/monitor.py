@@ -11,7 +11,8 @@ import rospy
 
 from skiros2_common.command_line.command import Unavailable
 from skiros2_msgs.msg import TreeProgress
-from skiros2_skill.command_line.connection import Manager
+from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.command_line.connection import is_alive
 
 #: Time without messages after which the manager is checked (s).
 _ALIVE_CHECK_PERIOD = 2.0
@@ -25,7 +26,7 @@ def become_node(name: str) -> None:
 class TaskMonitor:
     """Receives the progress of a manager's tasks from its creation on."""
 
-    def __init__(self, manager: Manager) -> None:
+    def __init__(self, manager: ManagerClient) -> None:
         self._manager = manager
         self._received = threading.Condition()
         self._messages: list[Any] = []
@@ -47,7 +48,7 @@ class TaskMonitor:
                 self._received.wait(timeout)
             messages, self._messages = self._messages, []
         if not messages and time.monotonic() - self._received_at > _ALIVE_CHECK_PERIOD:
-            if not self._manager.is_alive():
+            if not is_alive(self._manager.name):
                 raise Unavailable(f"the skill manager {self._manager.name} is gone")
             self._received_at = time.monotonic()
         return messages

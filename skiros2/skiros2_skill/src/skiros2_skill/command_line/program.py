@@ -8,10 +8,11 @@ from typing import Any
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
 from skiros2_common.command_line.layout import Screen
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.command_line import control, queries, run_skills, watch
-from skiros2_skill.command_line.connection import Manager, connect
+from skiros2_skill.command_line.connection import connect
 
-Command = Callable[[Manager, argparse.Namespace, Screen], CommandResult]
+Command = Callable[[ManagerClient, argparse.Namespace, Screen], CommandResult]
 
 _VALUES = (
     "A VALUE is of the type that the skill declares: an element by its id or label, a list or dict in JSON, several "
@@ -25,8 +26,8 @@ _BREAKPOINTS = (
 
 def _run(name: str, given: Sequence[str]) -> int:
     command, parser = _parser(name)
-    parse = parser.parse_intermixed_args if name == "run" else parser.parse_args  # options may stand anywhere
-    arguments = parse(given)
+    # With words, options may stand anywhere.
+    arguments = (parser.parse_intermixed_args if name in ("run", "preview") else parser.parse_args)(given)
 
     def work() -> CommandResult:
         return command(connect(arguments.robot, arguments.author), arguments, screen())
@@ -69,6 +70,10 @@ def _libraries(parser: argparse.ArgumentParser) -> None:
 def _words(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s [OPTION ...] SKILL [KEY=VALUE ...] [SKILL [KEY=VALUE ...] ...]"
     parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help="the skills to run, with parameters")
+
+
+def _run_words(parser: argparse.ArgumentParser) -> None:
+    _words(parser)
     parser.add_argument("--detach", action="store_true", help="do not wait for the end")
 
 
@@ -104,6 +109,7 @@ def _number_or_all(text: str) -> str:
 _RESULT = "0 done, 1 refused or not found"
 _RESULTS = {
     "run": "0 succeeded, 1 failed or refused",
+    "preview": "0 the skills would start, 1 they would be refused",
     "watch": "0 success, 1 the task has failed or does not exist",
 }
 
@@ -112,7 +118,8 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "list": (queries.list_skills, _nothing),
     "describe": (queries.describe, _skill),
     "why": (queries.why, _task),
-    "run": (run_skills.run, _words, _VALUES),
+    "run": (run_skills.run, _run_words, _VALUES),
+    "preview": (run_skills.preview, _words, _VALUES),
     "stop": (control.stop, _task),
     "pause": (control.pause, _task),
     "resume": (control.resume, _task),

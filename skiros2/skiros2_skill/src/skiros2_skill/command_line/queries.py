@@ -8,24 +8,24 @@ from typing import Any
 
 from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Screen, table
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import local_name
-from skiros2_skill.command_line.connection import Manager
-from skiros2_skill.command_line.description import REQUIRED, Parameter, Skill, find_skill
+from skiros2_skill.client.description import REQUIRED, Parameter, Skill, find_skill
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.command_line.world import CONDITIONS, Registered, World
 
 
-def list_skills(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def list_skills(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Lists the skills of a robot with their parameters; optional ones are in brackets."""
-    skills = sorted(manager.skills(), key=lambda skill: (skill.type, skill.label))
+    skills = sorted(manager.read_skills(), key=lambda skill: (skill.type, skill.label))
     rows = [(s.label, s.type, " ".join(_short(p) for p in _in_order(s) if p.key != "Robot")) for s in skills]
     lines = table(screen, rows, ("skill", "type", "parameters")) if rows else [f"{manager.name} has no skills"]
     return CommandResult(lines, [_skill_json(skill) for skill in skills])
 
 
-def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def describe(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows the parameters, conditions and implementations of a skill."""
-    skills = manager.skills()
+    skills = manager.read_skills()
     named = find_skill(arguments.skill, skills)
     world = World(manager.name, manager.author)
     lines: list[str] = []
@@ -40,12 +40,10 @@ def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) ->
     return CommandResult(lines[1:], data)
 
 
-def why(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def why(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows why a task or its nodes failed, by default the last task that failed or was refused."""
-    answer = manager.why(-1 if arguments.task is None else arguments.task)
-    if not answer.ok:
-        raise UnknownName(answer.text)
-    return CommandResult(answer.text.splitlines(), json.loads(answer.json or "[]"))
+    found = manager.why(-1 if arguments.task is None else arguments.task)
+    return CommandResult(found.text.splitlines(), [explanation.to_dict() for explanation in found.explanations])
 
 
 def _registered(world: World, skill: Skill) -> tuple[Registered, str]:
@@ -65,7 +63,7 @@ def _described(skill: Skill, others: list[str], registered: Registered, error: s
     ]
     head = f"{skill.label}: {registered.purpose}" if registered.purpose else skill.label
     lines = [screen.fitted(head), *_indented([fact for fact in facts if fact[1]], screen)]
-    rows = [(p.key, p.kind, p.type, _default(p), p.description) for p in _in_order(skill)]
+    rows = [(p.key, p.kind, p.type, _default(p), _explained(p)) for p in _in_order(skill)]
     lines += ["", "parameters", *_indented(rows, screen)]
     for kind in CONDITIONS:
         conditions = registered.conditions.get(kind, [])
@@ -95,6 +93,11 @@ def _short(parameter: Parameter) -> str:
 
 def _default(parameter: Parameter) -> str:
     return f"= {_values(parameter)}" if parameter.default else ""
+
+
+def _explained(parameter: Parameter) -> str:
+    """The description, and the unit and limits."""
+    return ", ".join(text for text in (parameter.description, parameter.limits.text) if text)
 
 
 def _values(parameter: Parameter) -> str:

@@ -1,4 +1,4 @@
-"""The command that runs skills."""
+"""The commands run and preview."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, Comman
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import PREEMPT, Explanation
-from skiros2_skill.command_line.assignments import Step, read_steps
-from skiros2_skill.command_line.connection import Manager
-from skiros2_skill.command_line.description import Skill
-from skiros2_skill.command_line.tree import SUCCESS, Changes, has_ended, word_of
+from skiros2_runs.core.progress import has_ended
+from skiros2_runs.core.states import SUCCESS, state_name
+from skiros2_skill.client.description import Skill, Step
+from skiros2_skill.client.manager import NEW, ManagerClient
+from skiros2_skill.client.skill_run import SkillRun
+from skiros2_skill.command_line.assignments import read_steps
+from skiros2_skill.command_line.monitor import become_node
+from skiros2_skill.command_line.tree import Changes
 from skiros2_skill.command_line.world import World
 
 log = logging.getLogger(__name__)
@@ -32,24 +36,18 @@ _PROGRESS_TIMEOUT = 3.0
 _ELEMENT = {"id", "label", "type"}
 
 
-def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def run(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Runs skills in sequence, as one task, until it has ended. Ctrl-C preempts it."""
-    known = manager.skills()
+    known = manager.read_skills()
     steps = read_steps(arguments.words, known, World(manager.name, manager.author).find_element)
-    from skiros2_msgs import msg as msgs
-
-    skills = [msgs.ResourceDescription(s.type, s.label, [msgs.Param(p) for p in s.params]) for s in steps]
     if arguments.detach:
-        task_id = manager.command("start", -1, skills)
+        task_id = manager.command("start", NEW, steps)
         return CommandResult([f"task {task_id} runs on {manager.name}"], {"robot": manager.name, "task": task_id})
-    from skiros2_skill.command_line.monitor import become_node
-    from skiros2_skill.ros.skill_run import SkillRunner
-
     become_node("skill_run")
     out = None if arguments.json else sys.stdout
     display = _ProgressDisplay(manager.name, screen, out)
     try:
-        skill_run = SkillRunner(manager.name).run(manager.author, skills, display.on_feedback)
+        skill_run = manager.run(steps, display.on_feedback)
         interrupted = _wait(skill_run, display)
         result = skill_run.result()
     except TimedOut as error:
@@ -57,12 +55,27 @@ def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Comm
     if result.task_id < 0:
         raise Refused(result.message or "cancelled before it was started")
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
-    explanations = _explanations(manager, result)
+    explanations = _explanations(manager, skill_run)
     lines, data = _summary(result, explanations, manager.name, display.seconds, _not_given(steps, known))
     return CommandResult([screen.fitted(line) if screen.width else line for line in lines], data, status)
 
 
-def _wait(skill_run: Any, display: _ProgressDisplay) -> bool:
+def preview(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Shows whether skills would start now, and with which elements; nothing is started."""
+    steps = read_steps(arguments.words, manager.read_skills(), World(manager.name, manager.author).find_element)
+    found = manager.preview(steps)
+    data = {
+        "label": found.label,
+        "elements": {key: {"id": e.id, "label": e.label, "type": e.type} for key, e in found.elements.items()},
+        "refusal": found.refusal.to_dict() if found.refusal is not None else None,
+    }
+    if found.refusal is not None:
+        return CommandResult(["it would be refused", *(f"  {line}" for line in found.refusal.lines())], data, REFUSED)
+    elements = {key: [element] for key, element in data["elements"].items()}
+    return CommandResult([f"{found.label} would start", *_values(elements, set(elements) - {"Robot"})], data)
+
+
+def _wait(skill_run: SkillRun, display: _ProgressDisplay) -> bool:
     """Displays the progress until the task has ended. Returns whether Ctrl-C has preempted it."""
     interrupted = False
     while True:
@@ -128,32 +141,30 @@ class _ProgressDisplay:
         self.update()
 
 
-def _explanations(manager: Manager, result: Any) -> list[dict[str, Any]]:
+def _explanations(manager: ManagerClient, run: SkillRun) -> list[Explanation]:
     """Why a task failed. The service `why` adds the authors of changes to the explanations of the result."""
-    text = result.explanation
-    if result.state != SUCCESS:
+    if not run.succeeded():
         try:
-            text = manager.why(result.task_id).json
+            return manager.why(run.task).explanations
         except SkirosError as error:
             log.debug("%s", error)
-    explanations: list[dict[str, Any]] = json.loads(text or "[]")
-    return explanations
+    return run.explanations()
 
 
 def _summary(
-    result: Any, explanations: list[dict[str, Any]], robot: str, seconds: float, keys: set[str]
+    result: Any, explanations: list[Explanation], robot: str, seconds: float, keys: set[str]
 ) -> tuple[list[str], dict[str, Any]]:
     """The summary of a result, for people and as JSON."""
     params = {p["key"]: [_brief(v) for v in p["values"]] for p in (json.loads(m.param) for m in result.params)}
-    preempted = result.state != SUCCESS and bool(explanations) and explanations[-1]["stage"] == PREEMPT
+    preempted = result.state != SUCCESS and bool(explanations) and explanations[-1].stage == PREEMPT
     data = {
         "robot": robot,
         "task": result.task_id,
-        "state": "preempted" if preempted else word_of(result.state),
+        "state": "preempted" if preempted else state_name(result.state),
         "code": result.code,
         "message": result.message,
         "params": params,
-        "explanations": explanations,
+        "explanations": [explanation.to_dict() for explanation in explanations],
     }
     if result.state == SUCCESS:
         return [f"task {result.task_id} has succeeded after {seconds:.1f} s", *_values(params, keys)], data
@@ -162,7 +173,7 @@ def _summary(
         return [failed], data
     if not explanations:
         return [f"{failed}: {result.message}"], data
-    lines = [f"  {line}" for line in Explanation.from_dict(explanations[-1]).lines()]
+    lines = [f"  {line}" for line in explanations[-1].lines()]
     more = [f"  {len(explanations) - 1} more failed before: why {result.task_id}"] if len(explanations) > 1 else []
     return [failed, *lines, *more], data
 

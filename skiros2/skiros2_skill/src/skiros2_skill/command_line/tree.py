@@ -1,31 +1,23 @@
-"""A running task as text: a tree, or one line per change."""
+"""A task as text: a tree, or one line per change."""
 
 from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from skiros2_common.command_line.layout import Branch, Screen, drawn, table
+from skiros2_runs.core.frame import Frame, NodeProgress
+from skiros2_runs.core.progress import NodeMessage
+from skiros2_runs.core.states import ENDS, FAILURE, IDLE, RUNNING, StateStyle, style_of
+from skiros2_runs.core.task_run import TaskRun
 
-SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
-
-#: State in messages -> symbol, ASCII symbol, word, ANSI colour.
-_STYLES = {
-    SUCCESS: ("✓", "+", "success", "32"),
-    FAILURE: ("✗", "x", "failure", "31"),
-    RUNNING: ("▶", ">", "running", "36"),
-    IDLE: ("·", ".", "idle", "90"),
-}
-_UNKNOWN = ("?", "?", "unknown", "35")
+#: The ANSI colour of each colour role.
+_COLOURS = {"success": "32", "failure": "31", "running": "36", "paused": "33", "idle": "90", "changed": "35"}
 
 #: The colour of a hold-condition.
 _CONDITION = "33"
-
-#: Minimum time between lines for a node of which only the message changes (s).
-_MESSAGE_PERIOD = 1.0
 
 #: Returns the texts of the hold-conditions of a skill, by type and label.
 HoldConditions = Callable[[str, str], Sequence[str]]
@@ -42,27 +34,37 @@ class Line:
         return f"\033[{self.colour}m{self.text}\033[0m" if coloured else self.text
 
 
-def has_ended(nodes: Sequence[Any]) -> bool:
-    """Whether a task, given as the `SkillProgress` of each node, has ended."""
-    return bool(abs(nodes[0].progress_code) == 1)
+def frame_of(nodes: Sequence[NodeMessage]) -> Frame:
+    """Returns the tree in one message.
+
+    :param nodes: parents before children.
+    """
+    run = TaskRun(nodes[0].robot, nodes[0].task_id)
+    run.record(nodes, 0.0)
+    return run.latest
 
 
-def summary(nodes: Sequence[Any]) -> str:
+def summary(frame: Frame, robot: str) -> str:
     """A task in one line."""
-    root = nodes[0]
-    message = first_line(root.progress_message) if root.state != SUCCESS else ""
-    word = word_of(root.state)
-    return f"task {root.id} on {root.robot}: {word}{f': {message}' if message else ''}"
+    word, message = style_of(frame.task_state).word, first_line(frame.message(0))
+    if not message or frame.state(0) not in (FAILURE, RUNNING):
+        text = word
+    elif message.lower().startswith(word):  # "paused at breakpoint 1", "Preempted"
+        text = word + message[len(word):]
+    else:
+        text = f"{word}: {message}"
+    return f"task {frame.shape.id(0)} on {robot}: {text}"
 
 
-def picture(screen: Screen, nodes: Sequence[Any], holds: HoldConditions, max_lines: int | None = None) -> list[Line]:
+def picture(
+    screen: Screen, frame: Frame, robot: str, holds: HoldConditions, max_lines: int | None = None
+) -> list[Line]:
     """The tree of a task.
 
-    :param nodes: the `SkillProgress` of each node, parents before children.
     :param holds: shown for running nodes.
     :param max_lines: maximum number of lines; nodes that neither run nor have failed are omitted first.
     """
-    forest = _Forest(screen, nodes, holds)
+    forest = _Forest(screen, frame, holds)
     room = forest.size() if max_lines is None else max_lines - 1
     if forest.size() > room:
         forest.fold()
@@ -70,8 +72,8 @@ def picture(screen: Screen, nodes: Sequence[Any], holds: HoldConditions, max_lin
     rows = forest.rows(room if excess <= 0 else max(0, room - 1))
     texts = table(screen, [cells for _, cells in rows])
     lines = [Line(text, colour) for (colour, _), text in zip(rows, texts, strict=True)]
-    more = [Line(f"{excess + 1} more lines", _style(IDLE)[3])] if excess > 0 else []
-    return [Line(screen.fitted(summary(nodes)), _style(nodes[0].state)[3]), *lines, *more]
+    more = [Line(f"{excess + 1} more lines", _colour(style_of(IDLE)))] if excess > 0 else []
+    return [Line(screen.fitted(summary(frame, robot)), _colour(style_of(frame.task_state))), *lines, *more]
 
 
 @dataclass
@@ -88,17 +90,16 @@ class _Node(Branch):
 class _Forest:
     """The nodes of a task without its root, as branches."""
 
-    def __init__(self, screen: Screen, nodes: Sequence[Any], holds: HoldConditions) -> None:
+    def __init__(self, screen: Screen, frame: Frame, holds: HoldConditions) -> None:
         self._screen = screen
         self._roots: list[Branch] = []
-        known: dict[int, _Node] = {}
-        self._all: list[_Node] = []
-        for progress in nodes[1:]:
-            node = self._node(progress, holds)
-            parent = known.get(progress.parent_id)
-            (parent.branches if parent is not None else self._roots).append(node)
-            known[progress.id] = node
-            self._all.append(node)
+        known: dict[tuple[int, ...], _Node] = {}
+        for path, progress in frame.nodes.items():
+            if path:
+                known[path] = node = self._node(progress, holds)
+                parent = known.get(path[:-1])
+                (parent.branches if parent is not None else self._roots).append(node)
+        self._all = list(known.values())
         for node in reversed(self._all):
             if node.branches:  # its time is only that of its own last progress
                 node.cells = [node.cells[0], node.cells[1], "", node.cells[3]]
@@ -136,87 +137,75 @@ class _Forest:
                 folded.append(branch)
         return folded
 
-    def _node(self, progress: Any, holds: HoldConditions) -> _Node:
-        state = progress.state
-        symbol, ascii_symbol, word, colour = _style(state)
-        name = f"{symbol if self._screen.fancy else ascii_symbol} {name_of(progress)} {progress.processor}".rstrip()
-        timed = "" if state == IDLE else f"{progress.progress_time:.1f} s"
-        cells = [name, word, timed, message_of(progress)]
-        conditions = holds(progress.type, progress.label) if state == RUNNING else ()
+    def _node(self, node: NodeProgress, holds: HoldConditions) -> _Node:
+        style = style_of(node.state)
+        timed = "" if node.state == IDLE else f"{node.run_time:.1f} s"
+        cells = [_title(self._screen, style, node.name, node.processor), style.word, timed, _message(node)]
+        conditions = holds(node.type, node.label) if node.state == RUNNING else ()
         return _Node(
-            cells, [Branch([f"holds: {text}"]) for text in conditions], colour, state, state in (RUNNING, FAILURE)
+            cells,
+            [Branch([f"holds: {text}"]) for text in conditions],
+            _colour(style),
+            node.state,
+            node.state in (RUNNING, FAILURE),
         )
 
 
 def _count(nodes: Sequence[_Node]) -> Branch:
-    counts = [(state, sum(node.state == state for node in nodes)) for state in (SUCCESS, IDLE)]
-    text = ", ".join(f"{count} {word_of(state)}" for state, count in counts if count)
-    return _Node([f"{len(nodes)} more: {text}"], colour=_style(IDLE)[3])
+    words = [style_of(node.state).word for node in nodes]
+    text = ", ".join(f"{words.count(word)} {word}" for word in sorted(set(words), reverse=True))
+    return _Node([f"{len(nodes)} more: {text}"], colour=_colour(style_of(IDLE)))
 
 
-def name_of(progress: Any) -> str:
-    """The label of a node; "group" for a group, whose label is its processor's symbol."""
-    return "group" if progress.type == ":Skill" else str(progress.label or progress.type)
+def _title(screen: Screen, style: StateStyle, name: str, processor: str) -> str:
+    """The symbol, name and processor of a node; the names of groups contain the processor."""
+    more = "" if name.endswith(processor) else f" {processor}"
+    return f"{style.symbol if screen.fancy else style.ascii} {name}{more}"
 
 
-def message_of(progress: Any) -> str:
+def _message(node: NodeProgress) -> str:
     """The first line of the message, with the code of a failure."""
-    message = first_line(progress.progress_message)
-    return f"{message} ({progress.progress_code})".strip() if progress.progress_code < 0 else message
+    message = first_line(node.message)
+    return f"{message} ({node.code})".strip() if node.code < 0 else message
 
 
-def word_of(state: int) -> str:
-    """The word for a state."""
-    return _style(state)[2]
+def _colour(style: StateStyle) -> str:
+    return _COLOURS[style.colour_role]
 
 
 def first_line(text: str) -> str:
     return text.strip().splitlines()[0] if text.strip() else ""
 
 
-def _style(state: int) -> tuple[str, str, str, str]:
-    return _STYLES.get(state, _UNKNOWN)
-
-
 class Changes:
     """Formats the changes of a task as lines, with the time since the first one.
 
-    The start of a node precedes the changes of its children; its end follows them.
+    The start of a node precedes the changes of its children; its end follows them. Messages of a running node are at
+    least a second apart.
 
     :param clock: returns the time (s).
     """
 
-    def __init__(self, screen: Screen, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, screen: Screen, clock: Callable[[], float] = time.time) -> None:
         self._screen = screen
         self._clock = clock
-        self._began_at = clock()
-        self._last: dict[int, tuple[int, str, float]] = {}  # state, message and time by node id
+        self._run: TaskRun | None = None
+        self._count = 0  # of the lines seen
 
-    def lines(self, nodes: Sequence[Any]) -> Iterator[Line]:
+    def lines(self, nodes: Sequence[NodeMessage]) -> Iterator[Line]:
         """The changes since the last call; `nodes` has parents before children."""
-        depth: dict[int, int] = {}
-        ancestors: list[Any] = []
-        for node in nodes[1:]:
-            depth[node.id] = depth.get(node.parent_id, -1) + 1
-            while ancestors and ancestors[-1].id != node.parent_id:
-                yield from self._change(ancestors.pop(), depth)
-            if node.state == RUNNING:
-                yield from self._change(node, depth)
-            ancestors.append(node)
-        for node in reversed(ancestors):
-            yield from self._change(node, depth)
-
-    def _change(self, node: Any, depth: dict[int, int]) -> Iterable[Line]:
-        now = self._clock()
-        message = message_of(node)
-        state, last_message, since = self._last.get(node.id, (IDLE, "", now))
-        if node.state == state and (message == last_message or state != RUNNING or now - since < _MESSAGE_PERIOD):
-            return
-        self._last[node.id] = (node.state, message, now)
-        if node.state == IDLE:
-            return
-        symbol, ascii_symbol, _, colour = _style(node.state)
-        sign = symbol if self._screen.fancy else ascii_symbol
-        name = f"{'  ' * depth[node.id]}{sign} {name_of(node)} {node.processor}".rstrip()
-        text = f"{now - self._began_at:6.1f} s  {f'{name}  {message}' if message else name}"
-        yield Line(self._screen.fitted(text), colour)
+        if self._run is None:
+            self._run = TaskRun(nodes[0].robot, nodes[0].task_id)
+        run = self._run
+        run.record(nodes, self._clock())
+        run.drop_oldest()
+        new = run.log.count - self._count
+        self._count = run.log.count
+        tree = run.latest.nodes
+        for line in itertools.islice(run.log.lines, max(0, len(run.log) - new), None):
+            if line.path and line.state in (*ENDS, RUNNING):
+                style, node = style_of(line.state), tree[line.path]
+                name = "  " * (len(line.path) - 1) + _title(self._screen, style, line.name, node.processor)
+                message = _message(node)
+                text = f"{line.time - run.start:6.1f} s  {f'{name}  {message}' if message else name}"
+                yield Line(self._screen.fitted(text), _colour(style))

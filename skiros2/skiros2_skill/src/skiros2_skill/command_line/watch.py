@@ -12,18 +12,20 @@ from typing import Any, Protocol, TextIO
 from skiros2_common.command_line.command import OK, REFUSED, CommandResult, Unavailable, json_safe, screen
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import SkirosError, UnknownName
-from skiros2_skill.command_line.connection import Manager
-from skiros2_skill.command_line.tree import SUCCESS, Changes, HoldConditions, has_ended, picture, summary, word_of
+from skiros2_runs.core.progress import NodeMessage, has_ended, task_state
+from skiros2_runs.core.states import SUCCESS, state_name
+from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.command_line.tree import Changes, HoldConditions, frame_of, picture, summary
 from skiros2_skill.command_line.world import World
 
 #: A task: the `SkillProgress` of each node, parents before children.
-Nodes = Sequence[Any]
+Nodes = Sequence[NodeMessage]
 
 #: Minimum time between redraws of a terminal (s).
 _PERIOD = 0.1
 
 
-def watch(manager: Manager, arguments: argparse.Namespace, page: Screen) -> CommandResult:
+def watch(manager: ManagerClient, arguments: argparse.Namespace, page: Screen) -> CommandResult:
     """Shows tasks: a live tree on a terminal, otherwise one line per change; by default all tasks, until Ctrl-C."""
     holds = Conditions(World(manager.name, manager.author))
     if arguments.once:
@@ -39,11 +41,11 @@ def watch(manager: Manager, arguments: argparse.Namespace, page: Screen) -> Comm
         monitor.close()
 
 
-def _tasks(manager: Manager, task_id: int | None) -> list[Nodes]:
+def _tasks(manager: ManagerClient, task_id: int | None) -> list[Nodes]:
     """The tasks that have not ended: one, or all."""
     if task_id is None:
-        return manager.tasks()
-    tasks = manager.tasks(task_id)
+        return manager.read_tasks()
+    tasks = manager.read_tasks(task_id)
     if not tasks:
         raise UnknownName(f"no task {task_id} runs on {manager.name}; it may have ended, see why {task_id}")
     return tasks
@@ -53,7 +55,7 @@ def _picture(tasks: list[Nodes], page: Screen, holds: HoldConditions) -> Command
     coloured = sys.stdout.isatty()
     lines: list[str] = []
     for nodes in tasks:
-        lines += ["", *(line.shown(coloured) for line in picture(page, nodes, holds))]
+        lines += ["", *(line.shown(coloured) for line in picture(page, frame_of(nodes), nodes[0].robot, holds))]
     return CommandResult(lines[1:] or ["no task runs"], [task_json(nodes) for nodes in tasks])
 
 
@@ -132,7 +134,7 @@ class LineView:
         for line in self._changes[root.id].lines(nodes):
             self._out.write(f"{which}{line.text}\n")
         if has_ended(nodes):
-            self._out.write(f"{summary(nodes)}\n")
+            self._out.write(f"{summary(frame_of(nodes), root.robot)}\n")
             del self._changes[root.id]
 
     def draw(self) -> None:
@@ -184,7 +186,7 @@ class LiveView:
         self._out.flush()
 
     def _picture(self, nodes: Nodes, most: int) -> list[str]:
-        return [line.shown(True) for line in picture(screen(), nodes, self._holds, most)]
+        return [line.shown(True) for line in picture(screen(), frame_of(nodes), nodes[0].robot, self._holds, most)]
 
 
 def task_json(nodes: Nodes) -> dict[str, Any]:
@@ -197,7 +199,7 @@ def task_json(nodes: Nodes) -> dict[str, Any]:
             "type": node.type,
             "label": node.label,
             "processor": node.processor,
-            "state": word_of(node.state),
+            "state": state_name(node.state),
             "code": node.progress_code,
             "time": node.progress_time,
             "message": node.progress_message,
@@ -207,7 +209,8 @@ def task_json(nodes: Nodes) -> dict[str, Any]:
     return {
         "task": root.id,
         "robot": root.robot,
-        "state": word_of(root.state),
+        "state": state_name(root.state),
+        "status": task_state(root),
         "ended": has_ended(nodes),
         "message": root.progress_message,
         "nodes": children,

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence as Children
-from typing import Any
+from typing import Self
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
+from skiros2_skill.core.protocols import TreeNode, Visitor
 
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
@@ -30,18 +31,18 @@ class Processor:
     def reset(self) -> None:
         """Called when the node starts: restarts at the first child."""
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
         """Ticks the children once. Returns the resulting state of the node."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define processChildren")
 
-    def fresh(self) -> Any:
+    def fresh(self) -> Self:
         """A copy in its initial state, for another node."""
         new = copy.copy(self)
         new.reset()
         return new
 
 
-def _preempt_running(children: Children[Any], visitor: Any) -> None:
+def _preempt_running(children: Children[TreeNode], visitor: Visitor) -> None:
     for child in children:
         if child.state is _RUNNING:
             child.visitPreempt(visitor)
@@ -50,7 +51,7 @@ def _preempt_running(children: Children[Any], visitor: Any) -> None:
 class NoProcessor(Processor):
     """Ticks no children."""
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
         return _SUCCESS
 
 
@@ -59,15 +60,15 @@ class _InOrder(Processor):
 
     _continue_on: State
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
         for index, child in enumerate(children):
-            state: State = child.visit(visitor)
+            state = child.visit(visitor)
             if state is not self._continue_on:
                 self.stopAll(children, visitor, index)
                 return state
         return self._continue_on
 
-    def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
+    def stopAll(self, children: Children[TreeNode], visitor: Visitor, index: int) -> None:
         """Preempts the running children after `index`."""
         _preempt_running(children[index + 1 :], visitor)
 
@@ -97,10 +98,10 @@ class _InOrderStar(Processor):
     def reset(self) -> None:
         self._index = 0
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
         # The list may grow meanwhile: a skill may add children to its node.
         while self._index < len(children):
-            state: State = children[self._index].visit(visitor)
+            state = children[self._index].visit(visitor)
             if state is not self._continue_on:
                 return state
             self._index += 1
@@ -124,7 +125,7 @@ class SelectorStar(_InOrderStar):
     symbol = "?*"
     _continue_on = _FAILURE
 
-    def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
+    def stopAll(self, children: Children[TreeNode], visitor: Visitor, index: int) -> None:
         """Preempts the running children after `index`."""
         _preempt_running(children[index + 1 :], visitor)
 
@@ -136,7 +137,7 @@ class _Parallel(Processor):
     def reset(self) -> None:
         self._succeeded = set()
 
-    def stopAll(self, children: Children[Any], visitor: Any) -> None:
+    def stopAll(self, children: Children[TreeNode], visitor: Visitor) -> None:
         """Preempts all running children."""
         _preempt_running(children, visitor)
 
@@ -146,13 +147,13 @@ class ParallelFf(_Parallel):
 
     symbol = "|ff|"
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
         succeeded = self._succeeded
         is_running = False
         for index, child in enumerate(children):
             if succeeded and index in succeeded:
                 continue
-            state: State = child.visit(visitor)
+            state = child.visit(visitor)
             if state is _RUNNING:
                 is_running = True
             elif state is _FAILURE:
@@ -168,9 +169,9 @@ class ParallelFs(_Parallel):
 
     symbol = "|fs|"
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
         for child in children:
-            state: State = child.visit(visitor)
+            state = child.visit(visitor)
             if state is not _RUNNING:
                 self.stopAll(children, visitor)
                 return state
@@ -180,13 +181,13 @@ class ParallelFs(_Parallel):
 class _Decorator(Processor):
     """Changes the result of another processor."""
 
-    def __init__(self, processor: Any) -> None:
+    def __init__(self, processor: Processor) -> None:
         self._processor = processor
 
     def reset(self) -> None:
         self._processor.reset()
 
-    def fresh(self) -> Any:
+    def fresh(self) -> Self:
         new = copy.copy(self)
         new._processor = self._processor.fresh()
         new.reset()
@@ -202,8 +203,8 @@ class NoFail(_Decorator):
     def printType(self) -> str:
         return f"nofail({self._processor.printType()})"
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
-        state: State = self._processor.processChildren(children, visitor)
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+        state = self._processor.processChildren(children, visitor)
         return State.Success if state is State.Failure else state
 
 
@@ -212,7 +213,7 @@ class _Repeat(_Decorator):
 
     _repeat_on: State
 
-    def __init__(self, times: int, processor: Any = None) -> None:
+    def __init__(self, times: int, processor: Processor | None = None) -> None:
         super().__init__(processor.fresh() if processor is not None else Sequential())
         self._times = times
         self._done = 0
@@ -221,8 +222,8 @@ class _Repeat(_Decorator):
         super().reset()
         self._done = 0
 
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
-        state: State = self._processor.processChildren(children, visitor)
+    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+        state = self._processor.processChildren(children, visitor)
         if state is not self._repeat_on or (0 <= self._times <= self._done):
             return state
         self._done += 1
@@ -240,7 +241,7 @@ class RetryOnFail(_Repeat):
 
     _repeat_on = _FAILURE
 
-    def __init__(self, max_retries: int = -1, processor: Any = None) -> None:
+    def __init__(self, max_retries: int = -1, processor: Processor | None = None) -> None:
         super().__init__(max_retries, processor)
 
     def printType(self) -> str:
@@ -260,7 +261,7 @@ class Loop(_Repeat):
 
     _repeat_on = _SUCCESS
 
-    def __init__(self, times: int = -1, processor: Any = None) -> None:
+    def __init__(self, times: int = -1, processor: Processor | None = None) -> None:
         if times < 1 and times != -1:
             raise WrongValue(f"Loop({times}): expected how often the children run, at least 1, or -1 for no limit")
         super().__init__(times if times == -1 else times - 1, processor)

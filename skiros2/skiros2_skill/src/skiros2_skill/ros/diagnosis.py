@@ -1,4 +1,4 @@
-"""The diagnosis services of a manager: `~tasks`, `~why`, `~inspect` and `~breakpoint`."""
+"""The diagnosis services of a manager: `~tasks`, `~why`, `~inspect`, `~preview` and `~breakpoint`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any
 import rospy
 
 from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.diagnosis.authors import add_authors
@@ -18,8 +20,8 @@ from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.ros.progress import wire_text
-from skiros2_skill.ros.task_starter import explanations_json
+from skiros2_skill.core.runtime.task_starter import TaskStarter
+from skiros2_skill.ros.messages import explanations_json, param_messages, skill_request, wire_text
 
 log = logging.getLogger(__name__)
 
@@ -33,9 +35,17 @@ class Diagnosis:
     :param wmi: evaluates conditions, and has the authors of changes.
     """
 
-    def __init__(self, history: History, scheduler: Scheduler, progress: Callable[[Task], list[Any]], wmi: Any) -> None:
+    def __init__(
+        self,
+        history: History,
+        scheduler: Scheduler,
+        starter: TaskStarter,
+        progress: Callable[[Task], list[Any]],
+        wmi: WorldModelPort,
+    ) -> None:
         self._history = history
         self._scheduler = scheduler
+        self._starter = starter
         self._progress = progress
         self._wmi = wmi
         self._breakpoints = scheduler.breakpoints
@@ -43,6 +53,7 @@ class Diagnosis:
             rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
             rospy.Service("~inspect", srvs.SkillInspection, self._on_inspect),
+            rospy.Service("~preview", srvs.SkillPreview, self._on_preview),
             rospy.Service("~breakpoint", srvs.SkillBreakpoint, self._on_breakpoint),
         ]
 
@@ -64,10 +75,20 @@ class Diagnosis:
 
     def _on_inspect(self, request: Any) -> Any:
         try:
-            status = inspect(self._scheduler.get(request.task_id), request.node_id, self._wmi)
+            status = inspect(self._history.task(request.task_id), request.node_id, self._wmi)
         except UnknownName as error:
             return srvs.SkillInspectionResponse(False, str(error), "")
         return srvs.SkillInspectionResponse(True, "", json.dumps(status.to_dict()))
+
+    def _on_preview(self, request: Any) -> Any:
+        try:
+            preview = self._starter.preview([skill_request(skill) for skill in request.skills], request.partial)
+        except SkirosError as error:
+            raise rospy.ServiceException(str(error)) from error
+        if preview.refusal is not None:
+            return srvs.SkillPreviewResponse(False, "", [], json.dumps(preview.refusal.to_dict()))
+        params = {key: Param(key, "", element, ParamTypes.Inferred) for key, element in preview.elements.items()}
+        return srvs.SkillPreviewResponse(True, preview.label, param_messages(params), "")
 
     def _on_breakpoint(self, request: Any) -> Any:
         commands = {request.ADD: self._add, request.REMOVE: self._remove, request.LIST: lambda _: 0}

@@ -13,12 +13,19 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import Param
 from skiros2_common.ros.goal_server import GoalServer
 from skiros2_msgs import msg as msgs
+from skiros2_skill.client.skill_run import QUEUE_SIZE
 from skiros2_skill.core.runtime.history import Record, record_of
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.ros.progress import WIRE_STATES, param_messages, wire_code, wire_text
-from skiros2_skill.ros.skill_run import QUEUE_SIZE
-from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter, explanations_json
+from skiros2_skill.core.runtime.task_starter import TaskRefused, TaskStarter
+from skiros2_skill.ros.messages import (
+    WIRE_STATES,
+    explanations_json,
+    param_messages,
+    skill_request,
+    wire_code,
+    wire_text,
+)
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +99,7 @@ class ExecuteAction(GoalServer):
     def _begin(self, handle: Any) -> None:
         goal = handle.get_goal()
         try:
-            task = self._starter.make(goal.author, goal.skills)
+            task = self._starter.make(goal.author, [skill_request(skill) for skill in goal.skills])
         except TaskRefused as refused:
             log.warning("execute by %s refused: %s", goal.author or "unknown", refused)
             result = _result(refused.record, {})

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import logging
-from collections.abc import Mapping
 from typing import Any
 
 import rospy
 
-from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.params import Param
-from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
+from skiros2_runs.core.progress import status_text
+from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.task import NodeProgress, Task
+from skiros2_skill.ros.messages import WIRE_STATES, param_messages, wire_code, wire_text
 
-log = logging.getLogger(__name__)
-
-WIRE_STATES = {
-    State.Success: msgs.SkillProgress.SUCCESS,
-    State.Failure: msgs.SkillProgress.FAILURE,
-    State.Running: msgs.SkillProgress.RUNNING,
-    State.Idle: msgs.SkillProgress.IDLE,
-    State.Uninitialized: msgs.SkillProgress.IDLE,
-}
+#: Reported as a parameter of the root; the others follow from its state and code.
+_REPORTED_STATUS = (TaskState.PAUSED, TaskState.PREEMPTED)
 
 
 class _SerializedOnce(msgs.TreeProgress):  # type: ignore[misc]
@@ -85,43 +74,35 @@ class ProgressPublisher:
 
     def nodes(self, task: Task) -> list[Any]:
         """The present `SkillProgress` of each node, parents before children. Any thread."""
-        return [self._node(task.id, node) for node in task.progress()]
-
-    def _node(self, task_id: int, node: NodeProgress) -> Any:
-        return msgs.SkillProgress(
-            self._robot,
-            task_id,
-            node.id,
-            wire_text(node.parent_label),
-            node.parent_id,
-            wire_text(node.type),
-            wire_text(node.label),
-            param_messages(node.params) if self.with_params else [],
-            node.processor,
-            WIRE_STATES[node.state],
-            wire_code(node.progress_code),
-            node.progress_period,
-            node.progress_time,
-            wire_text(node.progress_message),
-        )
+        return progress_messages(task, self._robot, self.with_params)
 
 
-def wire_text(text: str) -> str:
-    """Replaces characters that messages cannot hold."""
-    return text if text.isascii() else text.encode("utf-8", "replace").decode("utf-8")
+def progress_messages(task: Task, robot: str, with_params: bool = False) -> list[Any]:
+    """Returns the present `SkillProgress` of each node of a task, parents before children. Any thread.
+
+    :param robot: the manager's name.
+    :param with_params: whether they include the parameters of the nodes.
+    """
+    nodes = [_node_message(task.id, robot, node, with_params) for node in task.progress()]
+    if nodes and task.status in _REPORTED_STATUS:
+        nodes[0].params.append(msgs.Param(status_text(task.status)))
+    return nodes
 
 
-def wire_code(code: int) -> int:
-    """Clips a progress code to int16."""
-    return max(-32768, min(code, 32767))
-
-
-def param_messages(params: Mapping[str, Param]) -> list[Any]:
-    """Converts parameters to messages; those with values that have no JSON form are left out."""
-    messages = []
-    for param in params.values():
-        try:
-            messages.append(msgs.Param(json.dumps(param, cls=utils.ParamsEncoder)))
-        except (SkirosError, TypeError, ValueError, RecursionError) as error:
-            log.debug("parameter %r has no JSON form: %s", param.key, error)
-    return messages
+def _node_message(task_id: int, robot: str, node: NodeProgress, with_params: bool) -> Any:
+    return msgs.SkillProgress(
+        robot,
+        task_id,
+        node.id,
+        wire_text(node.parent_label),
+        node.parent_id,
+        wire_text(node.type),
+        wire_text(node.label),
+        param_messages(node.params) if with_params else [],
+        node.processor,
+        WIRE_STATES[node.state],
+        wire_code(node.progress_code),
+        node.progress_period,
+        node.progress_time,
+        wire_text(node.progress_message),
+    )

@@ -6,7 +6,6 @@ import inspect
 import logging
 import re
 from collections.abc import Iterable
-from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.manager_names import SKILL_MGR, bare_name, runs_on
@@ -14,6 +13,7 @@ from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, SkillDescription
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.devices import DEVICE_HOLDER, release_stale_devices
 from skiros2_skill.core.library.library import Implementation
 from skiros2_world_model.core.last_will import CleanupAction
@@ -31,7 +31,7 @@ class Registration:
     :param manager: the manager's node name, with its slash.
     """
 
-    def __init__(self, wmi: Any, prefix: str, robot_name: str, manager: str) -> None:
+    def __init__(self, wmi: WorldModelPort, prefix: str, robot_name: str, manager: str) -> None:
         self._wmi = wmi
         self._label = f"{prefix or DEFAULT_PREFIX}:{robot_name}"
         self._manager = manager
@@ -92,7 +92,7 @@ class Registration:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
             element.setProperty("skiros:PythonModule", implementation.module)
-            element.setProperty("rdfs:comment", _purpose(type(implementation.declared._description)))
+            element.setProperty("rdfs:comment", _purpose(type(implementation.declared.skill_description)))
             element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
             self._wmi.add_element(element)
             added[element.id] = (element.type, element.label)
@@ -166,7 +166,7 @@ class Registration:
 
     def _declare_classes(self, implementation: Implementation) -> None:
         """Adds the classes `skiros:Skill` > package > modules > type to the ontology."""
-        description = implementation.declared._description
+        description = implementation.declared.skill_description
         parent = "skiros:Skill"
         for part in type(description).__module__.split("."):
             name = full_name(_camel_case(part))

@@ -11,20 +11,23 @@ import rospy
 from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.library.reload import reloading
+from skiros2_skill.core.lint.linter import log_faults
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
+from skiros2_skill.core.runtime.task_starter import TaskStarter
 from skiros2_skill.ros.diagnosis import Diagnosis
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
-from skiros2_skill.ros.progress import ProgressPublisher, param_messages
+from skiros2_skill.ros.messages import param_messages, skill_request
+from skiros2_skill.ros.progress import ProgressPublisher
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
-from skiros2_skill.ros.task_starter import TaskStarter
 from skiros2_world_model.core.last_will import last_will_author
 
 log = logging.getLogger(__name__)
@@ -53,7 +56,7 @@ class SkillManager(DiscoverableNode):
         self,
         robot_name: str,
         prefix: str = "skiros",
-        wmi: Any = None,
+        wmi: WorldModelPort | None = None,
         tick_rate: float = TICK_RATE,
         preempt_timeout: float = PREEMPT_TIMEOUT,
     ) -> None:
@@ -62,7 +65,7 @@ class SkillManager(DiscoverableNode):
 
             wmi = WorldModelInterface(rospy.get_name(), make_cache=True)
         self._wmi = wmi
-        self._library = SkillLibrary(wmi)
+        self._library = SkillLibrary(wmi, log_faults)
         self._registration = Registration(wmi, prefix, robot_name, rospy.get_name())
         self._tick_rate = tick_rate
         self._preempt_timeout = preempt_timeout
@@ -106,7 +109,7 @@ class SkillManager(DiscoverableNode):
         self._starter = TaskStarter(
             self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot
         )
-        self._diagnosis = Diagnosis(self._history, scheduler, self._progress.nodes, self._wmi)
+        self._diagnosis = Diagnosis(self._history, scheduler, self._starter, self._progress.nodes, self._wmi)
         self._execute = ExecuteAction(self._starter, scheduler)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
@@ -214,7 +217,7 @@ class SkillManager(DiscoverableNode):
             self._catch_up()
             task_id = int(request.execution_id)
         else:
-            task_id = self._starter.make(request.author, request.skills).id
+            task_id = self._starter.make(request.author, [skill_request(skill) for skill in request.skills]).id
         scheduler.start(task_id, ticks)
         if ticks and not scheduler.wait_until_idle([task_id], TICK_TIMEOUT):
             log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_TIMEOUT)

@@ -1,8 +1,7 @@
-"""The client of one skill manager."""
+"""The client of one skill manager with the names that authors of clients use."""
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
@@ -13,30 +12,27 @@ import rospy
 from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.errors import SkirosError, UnknownName
-from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.names import nearest
 from skiros2_common.ros import utils
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
-from skiros2_skill.core.diagnosis.inspection import NodeStatus
-from skiros2_skill.core.engine.breakpoints import Breakpoint
-from skiros2_skill.ros.skill_run import SkillRun, SkillRunner
+from skiros2_msgs.msg import TreeProgress
+from skiros2_msgs.srv import SkillCommandRequest
+from skiros2_skill.client.manager import ALL, NEW, ManagerClient
 from skiros2_skill.ros.utils import SkillHolder
-from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
 
 
-class SkillManagerInterface:
-    """Starts, stops and monitors tasks of a manager. Any thread.
+class SkillManagerInterface(ManagerClient):
+    """Starts, stops and monitors tasks of a manager. Any thread. Needs a node.
+
+    Commands return -1 or False instead of raising errors; `last_error` has the reason.
 
     :param manager_name: the manager's node name.
     :param author_name: named in the manager's log.
     """
 
     def __init__(self, manager_name: str, author_name: str) -> None:
-        self._name = manager_name
-        self._author = author_name
+        super().__init__(manager_name, author_name)
         self._lock = threading.RLock()
         self._skills: dict[str, SkillHolder] = {}
         self._tasks: dict[int, Any] = {}
@@ -45,22 +41,11 @@ class SkillManagerInterface:
         self._monitor_cb: Callable[[Any], None] | None = None
         self._tick_times: list[float] = []
         self.last_error = ""
-        self._get_skills = ServicePool(f"{manager_name}/get_skills", srvs.ResourceGetDescriptions, 0.0)
-        self._command = ServicePool(f"{manager_name}/command", srvs.SkillCommand, 0.0)
-        self._why = ServicePool(f"{manager_name}/why", srvs.SkillWhy, 0.0)
-        self._inspect = ServicePool(f"{manager_name}/inspect", srvs.SkillInspection, 0.0)
-        self._breakpoint = ServicePool(f"{manager_name}/breakpoint", srvs.SkillBreakpoint, 0.0)
-        self._runner: SkillRunner | None = None
         self._debug_pub = rospy.Publisher(f"{manager_name}/set_debug", Bool, queue_size=1, latch=True)
         self._monitor_sub = rospy.Subscriber(
-            f"{manager_name}/monitor", msgs.TreeProgress, self._on_progress, queue_size=1000
+            f"{manager_name}/monitor", TreeProgress, self._on_progress, queue_size=1000
         )
         self._tick_sub = rospy.Subscriber(f"{manager_name}/tick_rate", Empty, self._on_tick)
-
-    @property
-    def name(self) -> str:
-        """The manager's node name."""
-        return self._name
 
     @property
     def task(self) -> int:
@@ -93,16 +78,11 @@ class SkillManagerInterface:
         """Closes all connections."""
         for connection in (self._monitor_sub, self._tick_sub, self._debug_pub):
             connection.unregister()
-        for service in (self._get_skills, self._command, self._why, self._inspect, self._breakpoint):
-            service.close()
-        with self._lock:
-            runner, self._runner = self._runner, None
-        if runner is not None:
-            runner.close()
+        self.close()
 
     def print_state(self) -> str:
         """The manager and its skills, one per line."""
-        return "\n".join([f"{self._name}:", *(f"  {s.type}-{s.name}" for s in self.skills.values())])
+        return "\n".join([f"{self.name}:", *(f"  {s.type}-{s.name}" for s in self.skills.values())])
 
     def set_debug(self, state: bool) -> None:
         """Sets whether progress messages include the parameters."""
@@ -116,12 +96,12 @@ class SkillManagerInterface:
         :param update: ask the manager even if the list is known.
         """
         if update or not self._skills:
-            answer = self.call(self._get_skills.call, srvs.ResourceGetDescriptionsRequest())
-            if answer is not None:
+            descriptions = self.call(lambda _: self.descriptions(), None)
+            if descriptions is not None:
                 with self._lock:
                     self._skills = {
-                        s.name: SkillHolder(self._name, s.type, s.name, utils.deserializeParamMap(s.params))
-                        for s in answer.list
+                        s.name: SkillHolder(self.name, s.type, s.name, utils.deserializeParamMap(s.params))
+                        for s in descriptions
                     }
         return self._skills
 
@@ -133,7 +113,7 @@ class SkillManagerInterface:
         found = self.get_skill_list().get(name) or self.get_skill_list(update=True).get(name)
         if found is None:
             near = nearest(name, self._skills) or list(self._skills)
-            raise UnknownName(f"{self._name} has no skill {name!r}; near: {', '.join(near) or 'none'}")
+            raise UnknownName(f"{self.name} has no skill {name!r}; near: {', '.join(near) or 'none'}")
         params = {key: param.clone() for key, param in found.ph.items()}
         return SkillHolder(found.manager, found.type, found.name, params)
 
@@ -141,148 +121,71 @@ class SkillManagerInterface:
 
     def execute(
         self,
-        execution_id: int = -1,
+        execution_id: int = NEW,
         skill_list: Sequence[SkillHolder] | None = None,
-        action: str = srvs.SkillCommandRequest().START,
+        action: str = SkillCommandRequest().START,
     ) -> int:
         """Sends a command. Returns the task id; -1 when the manager refuses, with the reason in `last_error`.
 
-        :param execution_id: the task; -1 with `start` creates a task that runs the skills in sequence.
+        :param execution_id: the task; `NEW` with `start` creates a task that runs the skills in sequence.
         :param skill_list: the skills of a new task.
         """
-        request = srvs.SkillCommandRequest(
-            author=self._author,
-            action=action,
-            execution_id=execution_id,
-            skills=[skill.toMsg() for skill in skill_list or ()],
-        )
         with self._lock:
             self._ended.clear()
-        answer = self.call(lambda r: self._command.call(r, repeatable=False), request)
-        if answer is None or not answer.ok:
+        answer: int | None = self.call(lambda skills: self.command(action, execution_id, skills), skill_list or ())
+        if answer is None:
             return -1
-        task_id = int(answer.execution_id)
-        if action in (request.START, request.TICK_ONCE):
+        if action in (SkillCommandRequest.START, SkillCommandRequest.TICK_ONCE):
             with self._lock:
-                self._started = task_id
-                if task_id not in self._ended:
-                    self._tasks.setdefault(task_id, None)
-        return task_id
+                self._started = answer
+                if answer not in self._ended:
+                    self._tasks.setdefault(answer, None)
+        return answer
 
-    def tick_once(self, execution_id: int = -1, skill_list: Sequence[SkillHolder] | None = None) -> int:
+    def tick_once(self, execution_id: int = NEW, skill_list: Sequence[SkillHolder] | None = None) -> int:
         """Ticks a task once and pauses it; with skills, a new task."""
-        return self.execute(execution_id, skill_list, srvs.SkillCommandRequest.TICK_ONCE)
+        return self.execute(execution_id, skill_list, SkillCommandRequest.TICK_ONCE)
 
     def preempt_one(self, execution_id: int | None = None) -> bool:
         """Preempts a task, by default the last one started by this client, else the first running one.
 
         :returns: False when there is no task or the manager refuses; `last_error` has the reason.
         """
-        return self._to_one(execution_id, srvs.SkillCommandRequest.PREEMPT)
+        return self._to_one(execution_id, SkillCommandRequest.PREEMPT)
 
     def preempt_all(self) -> bool:
         """Preempts all tasks. Returns False when the manager refuses."""
-        return self._send(-1, srvs.SkillCommandRequest.PREEMPT)
+        return self._send(ALL, SkillCommandRequest.PREEMPT)
 
     def pause_one(self, execution_id: int | None = None) -> bool:
         """Pauses a task; arguments and result as in `preempt_one`."""
-        return self._to_one(execution_id, srvs.SkillCommandRequest.PAUSE)
+        return self._to_one(execution_id, SkillCommandRequest.PAUSE)
 
     def pause_all(self) -> bool:
         """Pauses all tasks. Returns False when the manager refuses."""
-        return self._send(-1, srvs.SkillCommandRequest.PAUSE)
+        return self._send(ALL, SkillCommandRequest.PAUSE)
 
     def _to_one(self, execution_id: int | None, action: str) -> bool:
         if execution_id is None:
             tasks = self.tasks
             execution_id = self._started if self._started in tasks else next(iter(tasks), -1)
         if execution_id < 0:
-            self.last_error = f"{action}: no task of {self._name} is known"
+            self.last_error = f"{action}: no task of {self.name} is known"
             log.error("%s", self.last_error)
             return False
         return self._send(execution_id, action)
 
     def _send(self, execution_id: int, action: str) -> bool:
-        request = srvs.SkillCommandRequest(author=self._author, action=action, execution_id=execution_id)
-        answer = self.call(lambda r: self._command.call(r, repeatable=False), request)
-        return answer is not None and bool(answer.ok)
+        return self.call(lambda task_id: self.command(action, task_id), execution_id) is not None
 
-    def call(self, service: Any, msg: Any) -> Any:
+    def call(self, service: Callable[[Any], Any], msg: Any) -> Any:
         """Calls a service of the manager. Returns None when it does not answer or refuses; the reason is logged."""
         try:
             return service(msg)
         except (rospy.ServiceException, SkirosError) as error:
             self.last_error = str(error)
-            log.error("%s: %s", self._name, error)
+            log.error("%s: %s", self.name, error)
             return None
-
-    # -- running, and why it failed ----------------------------------------------------------------------------
-
-    def run(self, skill_list: Sequence[SkillHolder], monitor_cb: Callable[[Any], None] | None = None) -> SkillRun:
-        """Runs skills in sequence as a new task. Returns a handle to wait for or cancel it.
-
-        :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
-        :raises TimedOut: the manager does not answer within 5 s.
-        """
-        with self._lock:
-            if self._runner is None:
-                self._runner = SkillRunner(self._name)
-            runner = self._runner
-        return runner.run(self._author, [skill.toMsg() for skill in skill_list], monitor_cb)
-
-    def why(self, task_id: int = -1) -> str:
-        """Why a task or its nodes failed, for people, on several lines.
-
-        :param task_id: -1: the last task that failed or was refused.
-        :raises SkirosError: the manager knows no such task, or does not answer.
-        """
-        return str(self._call_why(task_id).text)
-
-    def explanations(self, task_id: int = -1) -> list[Explanation]:
-        """Same as `why`, as data: one explanation per failure, the last one at the end."""
-        return [Explanation.from_dict(data) for data in json.loads(self._call_why(task_id).json)]
-
-    def _call_why(self, task_id: int) -> Any:
-        answer = self._why.call(srvs.SkillWhyRequest(task_id))
-        if not answer.ok:
-            raise UnknownName(f"{self._name}: {answer.text}")
-        return answer
-
-    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
-        """Inspects a node of a task that has not ended: its parameters, and whether its conditions hold.
-
-        :param node_id: from `SkillProgress`.
-        :raises SkirosError: the manager knows no such task or node, or does not answer.
-        """
-        answer = self._inspect.call(srvs.SkillInspectionRequest(task_id, node_id))
-        if not answer.ok:
-            raise UnknownName(f"{self._name}: {answer.text}")
-        return NodeStatus.from_json(answer.json)
-
-    def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
-        """Adds a breakpoint; see `skiros2_skill.core.engine.breakpoints.Breakpoint`. Returns its number.
-
-        :raises SkirosError: the manager refuses, or does not answer.
-        """
-        request = srvs.SkillBreakpointRequest(srvs.SkillBreakpointRequest.ADD, kind, pattern, when, 0)
-        return int(self._breakpoint.call(request, repeatable=False).number)
-
-    def remove_breakpoint(self, number: int = -1) -> None:
-        """Removes a breakpoint.
-
-        :param number: -1: all.
-        :raises SkirosError: the manager refuses, or does not answer.
-        """
-        request = srvs.SkillBreakpointRequest(srvs.SkillBreakpointRequest.REMOVE, "", "", "", number)
-        self._breakpoint.call(request, repeatable=False)
-
-    def breakpoints(self) -> dict[int, Breakpoint]:
-        """The breakpoints by number.
-
-        :raises SkirosError: the manager does not answer.
-        """
-        answer = self._breakpoint.call(srvs.SkillBreakpointRequest(action=srvs.SkillBreakpointRequest.LIST))
-        return {b["number"]: Breakpoint(b["kind"], b["pattern"], b["when"]) for b in json.loads(answer.json)}
 
     # -- monitoring --------------------------------------------------------------------------------------------
 

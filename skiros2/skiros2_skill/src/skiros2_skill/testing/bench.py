@@ -12,7 +12,9 @@ from typing import Any
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.lint.linter import log_faults
 from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing.bench_task import BenchTask
@@ -37,7 +39,7 @@ class SkillBench:
         self,
         scene: str | Path = "",
         *,
-        wmi: Any = None,
+        wmi: WorldModelPort | None = None,
         robot: Element | None = None,
         clock: FakeClock | None = None,
         period: float = 0.04,
@@ -46,7 +48,7 @@ class SkillBench:
         self.clock = clock
         self.period = period
         self.wmi = wmi if wmi is not None else self._world_model(scene)
-        self.library = SkillLibrary(self.wmi)
+        self.library = SkillLibrary(self.wmi, log_faults)
         robots = sorted(self.wmi.resolve_elements(Element("cora:Robot")), key=lambda e: e.getIdNumber())
         self.robot: Element = robot or (robots[0] if robots else self.add("cora:Robot", "skiros:robot"))
 
@@ -95,7 +97,7 @@ class SkillBench:
             raise UnknownName(f"no element is labelled {label!r}; there are: {existing}")
         if len(found) > 1:
             raise WrongValue(f"several elements are labelled {label!r}: {found!r}")
-        return found[0]  # type: ignore[no-any-return]
+        return found[0]
 
     def related(self, label: str, relation: str) -> list[str]:
         """The sorted labels of the objects of a relation or its subproperties."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing.fake_clock import FakeClock
@@ -24,7 +25,7 @@ class BenchTask(Task):
     :param period: of the ticks (s).
     """
 
-    def __init__(self, wmi: Any, clock: FakeClock | None = None, period: float = 0.04) -> None:
+    def __init__(self, wmi: WorldModelPort, clock: FakeClock | None = None, period: float = 0.04) -> None:
         super().__init__(0, wmi, "test")
         self._clock = clock
         self._period = period

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.world_model_abstract_interface import refusal
 
@@ -55,7 +56,7 @@ def inject(
 
 
 @contextmanager
-def refusing(wmi: Any, reason: str, *, changes: bool = True, reads: bool = False) -> Iterator[None]:
+def refusing(wmi: WorldModelPort, reason: str, *, changes: bool = True, reads: bool = False) -> Iterator[None]:
     """Makes a world model refuse requests with a `WmException` inside the `with` block.
 
     :param wmi: of a task or a bench.

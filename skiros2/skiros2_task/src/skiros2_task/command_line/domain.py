@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen
@@ -15,7 +14,7 @@ from skiros2_task.command_line.world import manager_of, planning_world
 from skiros2_task.core.actions import Action, Effect, condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task
 from skiros2_task.core.explain_no_plan import format_formula
-from skiros2_task.core.formula import Atom, Kind, Not, conjuncts
+from skiros2_task.core.formula import Atom, Formula, Kind, Not, conjuncts
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.goal_text import GoalError
 from skiros2_task.core.task import PlanningTask
@@ -48,8 +47,8 @@ def _skills(world: WorldView) -> CommandResult:
     data = []
     for action in actions:
         described = _describe(action)
-        data.append(described)
-        lines += [f"{described['skill']} of {', '.join(described['managers'])}"]
+        data.append({"skill": action.skill.name, **described})
+        lines += [f"{action.skill.name} of {', '.join(described['managers'])}"]
         for verb, key in (("takes", "parameters"), ("needs", "needs"), ("makes", "makes")):
             lines += [f"  {verb} {value}" for value in described[key]]
         lines.append("")
@@ -58,10 +57,9 @@ def _skills(world: WorldView) -> CommandResult:
     return CommandResult([*lines, *notes] or ["nothing"], {"skills": data, "notes": notes})
 
 
-def _describe(action: Action) -> dict[str, Any]:
+def _describe(action: Action) -> dict[str, list[str]]:
     needs = [part for part in conjuncts(action.precondition) if not _is_can(part)]
     return {
-        "skill": action.skill.name,
         "managers": [manager for _, manager in action.managers],
         "parameters": [f"{v.name[1:]} ({' and '.join(v.classes)})" for v in action.variables],
         "needs": [format_formula(part) for part in needs],
@@ -69,7 +67,7 @@ def _describe(action: Action) -> dict[str, Any]:
     }
 
 
-def _is_can(part: Any) -> bool:
+def _is_can(part: Formula) -> bool:
     return isinstance(part, Atom) and part.predicate.kind is Kind.CAN
 
 

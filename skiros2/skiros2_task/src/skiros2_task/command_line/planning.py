@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 from skiros2_common.command_line.command import OK, REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen, table
@@ -15,22 +14,17 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.world_element import Element
 from skiros2_task.command_line.world import manager_of, planning_world
-from skiros2_task.core.archive import Archive
-from skiros2_task.core.durations import Durations
-from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.actions import ROBOT_KEY
+from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.explain_plan import explain_plan
-from skiros2_task.core.plan import SkillCall, plan_head, plan_rows
-from skiros2_task.core.planner import Limits
+from skiros2_task.core.plan import Plan, Step
 from skiros2_task.core.planners import Quality, planner_named
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.preview import preview as simulate
-from skiros2_task.core.schedule import Schedule
 from skiros2_task.core.skills import MANAGER_PROPERTY
+from skiros2_task.core.store import DURATIONS_FILE, FOLDER, Archive, Durations
 from skiros2_world_model.core.preview_copy import PreviewCopy
-
-#: The folder for the files of requests, and the file in it with the measured durations of skills.
-_FOLDER = Path("~/.skiros/planner")
-_DURATIONS = "durations.json"
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: The default time limits of planning (s), and of planning for quality `best`.
 _SECONDS, _SECONDS_FOR_BEST = 60.0, 10.0
@@ -49,26 +43,26 @@ _NOTES = {"fast-downward": "the default: first plan"}
 def plan(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Show the plan for a goal: the robot, start and end of each step. No robot moves."""
     with _planned(arguments) as (_, result):
-        if result.schedule is None:
+        if result.plan is None:
             return _without_plan(result)
-        return CommandResult(_format_plan(result.schedule, result.calls, screen), _as_json(result))
+        return CommandResult(_format_plan(result.plan, screen), _as_json(result))
 
 
 def preview(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Simulate the plan for a goal on a copy of the scene: show the changes of each step. No robot moves."""
     with _planned(arguments) as (wm, result):
-        if result.verdict is not Verdict.PLANNED or result.task is None:
+        if result.plan is None:
             return _without_plan(result)
-        simulated = simulate(PreviewCopy(wm), result.task, result.steps, result.calls, arguments.states)
+        simulated = simulate(PreviewCopy(wm), result.plan, arguments.states)
         return CommandResult(list(simulated.lines()), simulated.to_dict(), OK if simulated.works else REFUSED)
 
 
 def explain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Explain the purpose of each step of the plan for a goal; or why there is no plan, and which facts are missing."""
     with _planned(arguments) as (_, result):
-        if result.schedule is None or result.task is None:
+        if result.plan is None:
             return _without_plan(result, notes=True)
-        why = explain_plan(result.task, result.schedule.order, result.calls)
+        why = explain_plan(result.plan)
         return CommandResult(list(why.lines()), why.to_dict())
 
 
@@ -103,22 +97,22 @@ def goal_text(words: Sequence[str]) -> str:
 
 
 @contextmanager
-def _planned(arguments: argparse.Namespace) -> Iterator[tuple[Any, PlanningResult]]:
+def _planned(arguments: argparse.Namespace) -> Iterator[tuple[WorldModelPort, PlanningResult]]:
     """Yields the world model, and the result of planning for a command's goal."""
     goal = goal_text(arguments.goal)
-    folder = _FOLDER.expanduser()
-    durations = Durations(folder / _DURATIONS)
+    folder = FOLDER.expanduser()
+    durations = Durations(folder / DURATIONS_FILE)
     seconds = arguments.seconds or (_SECONDS_FOR_BEST if arguments.planner == Quality.BEST.value else _SECONDS)
     with planning_world(arguments) as wm, closing(EngineProcesses()) as processes:
         manager = manager_of(arguments.robot)
         if manager:
             _check_manager(wm, manager)
-        planner = planner_named(processes, arguments.planner, durations)
+        planner = planner_named(processes, arguments.planner)
         tasks = TaskPlanner(wm, planner, Limits(seconds), Archive(folder), durations)
         yield wm, tasks.plan(goal, asked_by=manager)
 
 
-def _check_manager(wm: Any, manager: str) -> None:
+def _check_manager(wm: WorldModelPort, manager: str) -> None:
     """
     :raises UnknownName: no robot has this manager.
     """
@@ -138,46 +132,46 @@ def _without_plan(result: PlanningResult, notes: bool = False) -> CommandResult:
     return CommandResult(lines, _as_json(result), OK if result.verdict is Verdict.NOTHING_TO_DO else REFUSED)
 
 
-def _format_plan(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> list[str]:
+def _format_plan(plan: Plan, screen: Screen) -> list[str]:
     """Returns a table of the steps in the order of their starts."""
     rows = [
         (
-            str(row.number),
-            f"{row.start:.1f}",
-            f"{row.end:.1f}",
-            row.robot,
-            row.skill,
-            ", ".join(map(str, row.after)),
-            row.parameters,
+            str(step.number),
+            f"{step.start:.1f}",
+            f"{step.end:.1f}",
+            step.call.manager,
+            step.call.label or step.call.type,
+            ", ".join(map(str, sorted(step.after))),
+            _arguments(step),
         )
-        for row in plan_rows(schedule, calls)
+        for step in sorted(plan.steps, key=lambda step: (step.start, step.number))
     ]
-    return [plan_head(schedule, calls), "", *table(screen, rows, _HEADS)]
+    return [plan.summary, "", *table(screen, rows, _HEADS)]
 
 
-def _as_json(result: PlanningResult) -> dict[str, Any]:
-    data: dict[str, Any] = {
+def _arguments(step: Step) -> str:
+    names = ((key, f'"{e.label}"' if e.label else e.id) for key, e in step.call.arguments if key != ROBOT_KEY)
+    return ", ".join(f"{key}={name}" for key, name in names)
+
+
+def _as_json(result: PlanningResult) -> dict[str, object]:
+    return {
         "verdict": result.verdict.value,
         "message": result.message,
         "notes": list(result.notes),
         "why": result.why.to_dict() if result.why is not None else None,
-        "makespan": None,
-        "steps": [],
-    }
-    if result.schedule is not None:
-        before = result.schedule.order.predecessors()
-        data["makespan"] = result.schedule.makespan
-        data["steps"] = [
+        "makespan": result.plan.makespan if result.plan is not None else None,
+        "steps": [
             {
-                "number": step.step + 1,
+                "number": step.number,
                 "start": step.start,
                 "end": step.end,
-                "robot": call.manager,
-                "type": call.type,
-                "label": call.label,
-                "parameters": {key: {"id": e.id, "label": e.label, "type": e.type} for key, e in call.arguments},
-                "after": [i + 1 for i in before[step.step]],
+                "robot": step.call.manager,
+                "type": step.call.type,
+                "label": step.call.label,
+                "parameters": {key: {"id": e.id, "label": e.label, "type": e.type} for key, e in step.call.arguments},
+                "after": sorted(step.after),
             }
-            for step, call in zip(result.schedule.steps, result.calls, strict=True)
-        ]
-    return data
+            for step in (result.plan.steps if result.plan is not None else ())
+        ],
+    }

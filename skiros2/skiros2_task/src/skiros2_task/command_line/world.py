@@ -6,23 +6,24 @@ import argparse
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from skiros2_common.command_line.command import UsageError
+from skiros2_common.core.abstract_skill import SkillCore
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.names import local_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.command_line.local_world_model import world_model_of
-from skiros2_skill.core.lint.faults import Described
+from skiros2_skill.core.library.description import Described
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.command_line.connection import connect
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 
 @contextmanager
-def planning_world(arguments: argparse.Namespace) -> Iterator[Any]:
+def planning_world(arguments: argparse.Namespace) -> Iterator[WorldModelPort]:
     """Yields the world model that a command plans with.
 
     :raises Unavailable: there is no world model.
@@ -61,7 +62,7 @@ def manager_of(robot: str) -> str:
     return f"/{local_name(robot).lstrip('/')}" if robot else ""
 
 
-def _give_skills(wm: Any, arguments: argparse.Namespace) -> None:
+def _give_skills(wm: WorldModelPort, arguments: argparse.Namespace) -> None:
     """Adds the skills of libraries to the robots of a scene, as their managers would."""
     skills = _skills_of(wm, arguments.libraries, arguments.skills)
     for robot in _robots(wm, arguments.robot):
@@ -71,7 +72,7 @@ def _give_skills(wm: Any, arguments: argparse.Namespace) -> None:
             wm.add_element(element)
 
 
-def _robots(wm: Any, wanted: str) -> list[str]:
+def _robots(wm: WorldModelPort, wanted: str) -> list[str]:
     """Registers robots as their managers would, and returns their ids.
 
     :param wanted: the label, or template, of one robot; "": all robots of the scene with a label.
@@ -89,7 +90,7 @@ def _robots(wm: Any, wanted: str) -> list[str]:
     return found
 
 
-def _skills_of(wm: Any, packages: Sequence[str], names: Sequence[str]) -> list[Any]:
+def _skills_of(wm: WorldModelPort, packages: Sequence[str], names: Sequence[str]) -> list[SkillCore]:
     """Returns the skills of libraries.
 
     :param names: of the skill classes; empty: all.

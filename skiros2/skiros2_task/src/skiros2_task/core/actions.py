@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_common.core.names import local_name
-from skiros2_task.core.effects import PROPERTY_KINDS, are_contradictory
+from skiros2_task.core.conditions import IN_SCENE, Unusable, contradict, predicate_of
 from skiros2_task.core.formula import (
     FALSE,
     TRUE,
@@ -24,17 +23,7 @@ from skiros2_task.core.formula import (
 from skiros2_task.core.pddl_names import Naming
 from skiros2_task.core.skills import ParameterKind, Robot, Skill, SkillCondition, SkillParameter
 
-IN_SCENE = Predicate(Kind.IN_SCENE)
 ROBOT_KEY = "Robot"
-
-_NAMED_KINDS = (
-    "ConditionRelation",
-    "AbstractConditionRelation",
-    "ConditionHasProperty",
-    "ConditionOnType",
-    "ConditionProperty",
-)
-_OPERATORS = ("=", ">", "<", ">=", "<=")
 
 
 @dataclass(frozen=True)
@@ -79,6 +68,10 @@ class Action:
     effects: tuple[Effect, ...]
     during: tuple[Effect, ...] = ()
 
+    def manager_of(self, robot: str) -> str:
+        """Returns the manager of a robot; "" if the robot does not have the skill."""
+        return dict(self.managers).get(robot, "")
+
     @property
     def created(self) -> frozenset[str]:
         """The variables whose elements the skill creates."""
@@ -88,10 +81,6 @@ class Action:
     def removed(self) -> frozenset[str]:
         """The variables whose elements the skill removes."""
         return frozenset(e.atom.terms[0] for e in self.effects if e.atom.predicate == IN_SCENE and not e.state)
-
-
-class _Unusable(Exception):
-    """Why a skill has no planning action."""
 
 
 def make_actions(robots: Sequence[Robot]) -> tuple[list[Action], list[str]]:
@@ -110,7 +99,7 @@ def make_actions(robots: Sequence[Robot]) -> tuple[list[Action], list[str]]:
         name = naming.name(skill, (skill.label or local_name(skill.type), f"{local_name(skill.type)}_{skill.label}"))
         try:
             action, opaque = _action(name, skill, tuple(managers))
-        except _Unusable as reason:
+        except Unusable as reason:
             names = ", ".join(manager for _, manager in managers)
             notes.append(f"skill {skill.name} of {names} is left out: {reason}")
             continue
@@ -130,8 +119,8 @@ def condition_predicates(robots: Iterable[Robot]) -> set[Predicate]:
                 condition = waiting.pop()
                 waiting += condition.parts
                 try:
-                    found |= {p for p in [_predicate(condition)] if p is not None}
-                except _Unusable:
+                    found |= {p for p in [predicate_of(condition)] if p is not None}
+                except Unusable:
                     continue  # reported by `make_actions`
     return found
 
@@ -140,7 +129,7 @@ def why_unusable(skill: Skill) -> str:
     """Returns why a skill has no planning action; "" if it has one."""
     try:
         _action("", skill, ())
-    except _Unusable as reason:
+    except Unusable as reason:
         return str(reason)
     return ""
 
@@ -150,8 +139,8 @@ def declared_effects(skill: Skill) -> list[tuple[Predicate, bool]]:
     found = []
     for condition in skill.post:
         try:
-            predicate = _predicate(condition)
-        except _Unusable:
+            predicate = predicate_of(condition)
+        except Unusable:
             continue  # reported by `why_unusable`
         if predicate is not None:
             found.append((predicate, condition.state))
@@ -160,26 +149,26 @@ def declared_effects(skill: Skill) -> list[tuple[Predicate, bool]]:
 
 def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> tuple[Action, list[str]]:
     if skill.flaw:
-        raise _Unusable(skill.flaw)
+        raise Unusable(skill.flaw)
     if not skill.available:
-        raise _Unusable("it is not available for planning")
+        raise Unusable("it is not available for planning")
     if not skill.pre or not skill.post:
-        raise _Unusable(f"it has no {'pre' if not skill.pre else 'post'}-conditions")
+        raise Unusable(f"it has no {'pre' if not skill.pre else 'post'}-conditions")
     for parameter in skill.parameters:
         if parameter.missing:
-            raise _Unusable(f"its parameter {parameter.key} has no default, and planning cannot give it a value")
+            raise Unusable(f"its parameter {parameter.key} has no default, and planning cannot give it a value")
     for conditions, kind in ((skill.pre, "pre"), (skill.hold, "hold"), (skill.post, "post")):
         _check_contradictions(conditions, kind)
     reader = _ConditionReader(skill)
     # A hold-condition that contradicts a pre-condition, such as a lock, is established by the skill itself.
-    own = [c for c in skill.hold if any(_contradict(c, pre) for pre in skill.pre)]
+    own = [c for c in skill.hold if any(contradict(c, pre) for pre in skill.pre)]
     holds = [c for c in skill.hold if c not in own]
     precondition = conjunction([reader.formula(c) for c in (*skill.pre, *holds)])
     if precondition == FALSE:
-        raise _Unusable("its pre-conditions can never hold")
+        raise Unusable("its pre-conditions can never hold")
     effects = tuple(Effect(atom, state) for c in skill.post for atom, state in reader.effects(c))
     if not effects:
-        raise _Unusable("its post-conditions change nothing that planning can read")
+        raise Unusable("its post-conditions change nothing that planning can read")
     during = tuple(Effect(atom, state) for c in own for atom, state in reader.effects(c))
     robot, variables = reader.variables()
     fixed = {f"?{p.key}": p.fixed for p in skill.parameters if p.fixed}
@@ -198,20 +187,8 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
 def _check_contradictions(conditions: Sequence[SkillCondition], kind: str) -> None:
     for i, one in enumerate(conditions):
         for other in conditions[i + 1 :]:
-            if _contradict(one, other):
-                raise _Unusable(f"its {kind}-conditions {one.label!r} and {other.label!r} contradict each other")
-
-
-def _contradict(one: SkillCondition, other: SkillCondition) -> bool:
-    """Whether two conditions can never hold together."""
-    if one.contradicts(other):
-        return True
-    first, second = _predicate(one), _predicate(other)
-    if first is None or second is None or not {first.kind, second.kind} <= PROPERTY_KINDS:
-        return False
-    if (one.subject, first.name) != (other.subject, second.name):
-        return False
-    return are_contradictory((first, one.state), (second, other.state))
+            if contradict(one, other):
+                raise Unusable(f"its {kind}-conditions {one.label!r} and {other.label!r} contradict each other")
 
 
 def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tuple[tuple[Variable, ...], Formula]:
@@ -225,37 +202,6 @@ def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tup
             kept.append(part)
     lifted = tuple(replace(v, classes=tuple(dict.fromkeys(classes[v.name]))) for v in variables)
     return lifted, conjunction(kept)
-
-
-def _predicate(condition: SkillCondition) -> Predicate | None:
-    """Returns the predicate of a condition; None if the condition is not a predicate of elements."""
-    kind, name = condition.kind, condition.name
-    if not name and kind in _NAMED_KINDS:
-        raise _Unusable(f"condition {condition.label!r} does not name its relation, property or class")
-    if kind == "ConditionRelation":
-        return Predicate(Kind.RELATION, name)
-    if kind == "AbstractConditionRelation":
-        return Predicate(Kind.ALLOWED, name)
-    if kind == "ConditionHasProperty":
-        return Predicate(Kind.HAS, name)
-    if kind == "ConditionOnType":
-        return Predicate(Kind.IS_A, name)
-    if kind == "ConditionGenerate":
-        return IN_SCENE
-    if kind != "ConditionProperty":
-        return None
-    operator, value = condition.operator, condition.value
-    if operator not in _OPERATORS:
-        raise _Unusable(f"condition {condition.label!r} has the operator {operator!r}, expected one of = > < >= <=")
-    if operator == "=" and isinstance(value, str | bool):
-        return Predicate(Kind.VALUE, name, value)
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise _Unusable(f"condition {condition.label!r} compares {name} {operator} {value!r}, expected a number")
-    return Predicate(Kind.COMPARES, name, number, operator)
 
 
 class _ConditionReader:
@@ -308,7 +254,7 @@ class _ConditionReader:
                 return []  # the element exists already
             self._named.add(condition.subject)
             return [(Atom(IN_SCENE, (f"?{condition.subject}",)), condition.state)]
-        predicate = _predicate(condition)
+        predicate = predicate_of(condition)
         if predicate is None or predicate.kind in (Kind.ALLOWED, Kind.IS_A):
             return []
         fact = self._fact(condition)
@@ -328,7 +274,7 @@ class _ConditionReader:
                 return TRUE
             self._named.add(parameter.key)
             return Atom(IN_SCENE, (f"?{parameter.key}",)) if parameter.key in self._created else TRUE
-        predicate = _predicate(condition)
+        predicate = predicate_of(condition)
         if predicate is None:
             self.opaque.append(f"{kind} {condition.label!r}")
             return None
@@ -353,8 +299,8 @@ class _ConditionReader:
         for key in keys:
             parameter = self._skill.parameter(key)
             if parameter is None:
-                raise _Unusable(f"condition {condition.label!r} refers to {key!r}, which is not one of its parameters")
+                raise Unusable(f"condition {condition.label!r} refers to {key!r}, which is not one of its parameters")
             if elements and parameter.element_class is None:
-                raise _Unusable(f"condition {condition.label!r} refers to {key!r}, which does not hold an element")
+                raise Unusable(f"condition {condition.label!r} refers to {key!r}, which does not hold an element")
             found.append(parameter)
         return found

@@ -10,13 +10,14 @@ import operator
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
-from skiros2_task.core.actions import IN_SCENE, Action, Effect, condition_predicates, make_actions
-from skiros2_task.core.concurrency import needs_concurrency
+from skiros2_task.core.actions import Action, Effect, Variable, condition_predicates, make_actions
+from skiros2_task.core.conditions import IN_SCENE
 from skiros2_task.core.effects import FactFamilies, Literal
-from skiros2_task.core.existence import Existence, without_existence
 from skiros2_task.core.formula import (
     FALSE,
+    TRUE,
     Atom,
     Exists,
     ForAll,
@@ -24,7 +25,12 @@ from skiros2_task.core.formula import (
     Kind,
     Not,
     Predicate,
+    Variables,
+    conjunction,
+    disjunction,
     expand_quantifiers,
+    fold,
+    literal_formula,
     literals,
     rewrite,
 )
@@ -48,7 +54,7 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
     :param goal: a result of `GoalReader.read`.
     """
     actions, notes = make_actions(world.robots)
-    existence = Existence(actions, world.is_subclass)
+    existence = _Existence(actions, world.is_subclass)
     mentioned = sorted(condition_predicates(world.robots) | {atom.predicate for atom, _ in literals(goal)}, key=str)
     guarded = [existence.guard_action(action, mentioned) for action in actions]
     families = FactFamilies((e.atom.predicate for a in guarded for e in a.effects), world.is_subproperty)
@@ -60,7 +66,8 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
         notes.append(f"skills that cannot help with this goal are left out: {', '.join(part.left_out)}")
     actions, unusable = _with_candidates(part.actions, world)
     ground_goal = expand_quantifiers(part.goal, world.quantified)
-    notes += [f"the scene has no element of class {cls}, which the goal names" for cls in _empty_classes(goal, world)]
+    empty = _empty_classes(goal, world)
+    notes += map(note_of_empty_class, empty)
     members = _members(actions, ground_goal, world)
     domains = _domains(actions, ground_goal, members)
     used = set(members[EVERYTHING])
@@ -76,20 +83,26 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
         init=frozenset(_facts(domains, actions, families, world)),
         goal=ground_goal,
         notes=(*notes, *unusable),
+        empty_classes=empty,
     )
-    return replace(task, concurrent=needs_concurrency(task, guarded, families))
+    return replace(task, concurrent=_concurrency(task, guarded, families))
 
 
-def _empty_classes(goal: Formula, world: WorldView) -> list[str]:
+def note_of_empty_class(cls: str) -> str:
+    """Returns a message about a class of the goal without instances."""
+    return f"the scene has no element of class {cls}, which the goal names"
+
+
+def _empty_classes(goal: Formula, world: WorldView) -> tuple[str, ...]:
     """Returns the classes of the goal's quantifiers that have no instance in the scene."""
-    if isinstance(goal, Atom):
-        return []
-    if isinstance(goal, ForAll | Exists):
-        classes = [cls for _, cls in goal.variables if not world.quantified(cls)] + _empty_classes(goal.body, world)
-    else:
-        parts = (goal.part,) if isinstance(goal, Not) else goal.parts
-        classes = [cls for part in parts for cls in _empty_classes(part, world)]
-    return list(dict.fromkeys(classes))
+
+    def joined(parts: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(cls for part in parts for cls in part))
+
+    def quantifier(kind: type[ForAll | Exists], variables: Variables, inner: tuple[str, ...]) -> tuple[str, ...]:
+        return joined([tuple(cls for _, cls in variables if not world.quantified(cls)), inner])
+
+    return fold(goal, lambda atom, state: (), joined, joined, quantifier)
 
 
 def _without_static_existence(part: Relevant) -> Relevant:
@@ -98,8 +111,8 @@ def _without_static_existence(part: Relevant) -> Relevant:
         return part
     return replace(
         part,
-        actions=tuple(replace(a, precondition=without_existence(a.precondition)) for a in part.actions),
-        goal=without_existence(part.goal),
+        actions=tuple(replace(a, precondition=_without_existence(a.precondition)) for a in part.actions),
+        goal=_without_existence(part.goal),
         predicates=tuple(p for p in part.predicates if p != IN_SCENE),
     )
 
@@ -229,8 +242,8 @@ def relevant_part(actions: Sequence[Action], goal: Formula, families: FactFamili
     An action is relevant if one of its effects makes a literal true that the goal or the pre-condition of a relevant
     action needs. Other actions occur only in plans with redundant steps.
     """
-    normal = [replace(a, precondition=rewrite(a.precondition, families.positive, families.negative)) for a in actions]
-    goal = rewrite(goal, families.positive, families.negative)
+    normal = [replace(a, precondition=rewrite(a.precondition, families.literal)) for a in actions]
+    goal = rewrite(goal, families.literal)
     needed: dict[Literal, None] = {}
     _add_needed(goal, needed)
     chosen: set[str] = set()
@@ -279,3 +292,147 @@ def _consequences(
             key = (Atom(predicate, effect.atom.terms), effect.each)
             found[key] = state or found.get(key, False)
     return tuple(Effect(atom, state, each) for (atom, each), state in found.items())
+
+
+# -- elements that skills create or remove ----------------------------------------------------------------------------
+
+
+class _Existence:
+    """The classes whose elements some skill creates or removes."""
+
+    def __init__(self, actions: Sequence[Action], is_subclass: Callable[[str, str], bool]) -> None:
+        self._is_subclass = is_subclass
+        self._changing = [
+            cls for a in actions for v in a.variables if v.name in a.created | a.removed for cls in v.classes
+        ]
+
+    def may_change(self, classes: Iterable[str]) -> bool:
+        """Whether an element of these classes may be created or removed."""
+        return any(
+            self._is_subclass(cls, other) or self._is_subclass(other, cls)
+            for cls in classes
+            for other in self._changing
+        )
+
+    def guard_action(self, action: Action, predicates: Iterable[Predicate]) -> Action:
+        """Returns the action with the pre-condition that its elements exist; a removed element loses all its facts.
+
+        :param predicates: of all conditions and the goal.
+        """
+        if not self._changing:
+            return action
+        guards = [
+            Atom(IN_SCENE, (v.name,))
+            for v in action.variables
+            if v.name not in action.created and self.may_change(v.classes)
+        ]
+        lost = [e for term in sorted(action.removed) for e in _losses(term, predicates)]
+        return replace(
+            action,
+            precondition=conjunction([action.precondition, *guards]),
+            effects=(*action.effects, *lost),
+        )
+
+    def guard_goal(self, goal: Formula) -> Formula:
+        """Returns the goal with its quantifiers restricted to existing elements."""
+
+        def guarded(kind: type[ForAll | Exists], variables: Variables, body: Formula) -> Formula:
+            guards = [Atom(IN_SCENE, (name,)) for name, cls in variables if self.may_change([cls])]
+            if kind is ForAll:
+                return ForAll(variables, disjunction([*(Not(g) for g in guards), body]))
+            return Exists(variables, conjunction([*guards, body]))
+
+        return fold(goal, literal_formula, conjunction, disjunction, guarded)
+
+    def new_objects(self, actions: Iterable[Action], goal: Formula) -> dict[str, str]:
+        """Returns names and classes of objects for elements that skills may create, enough for the goal's `exists`."""
+        found: dict[str, str] = {}
+        for action in actions:
+            for variable in action.variables:
+                if variable.name in action.created:
+                    cls = self._narrowest(variable)
+                    for number in range(1, max(1, _count_exists(goal)) + 1):
+                        found[f"new {cls} {number}"] = cls
+        return found
+
+    def _narrowest(self, variable: Variable) -> str:
+        for cls in variable.classes:
+            if all(self._is_subclass(cls, other) for other in variable.classes):
+                return cls
+        return variable.classes[0]
+
+
+def _without_existence(formula: Formula) -> Formula:
+    """Returns the formula simplified for a scene in which all elements exist permanently."""
+
+    def literal(atom: Atom, state: bool) -> Formula:
+        if atom.predicate == IN_SCENE:
+            return TRUE if state else FALSE
+        return literal_formula(atom, state)
+
+    return rewrite(formula, literal)
+
+
+def _losses(term: str, predicates: Iterable[Predicate]) -> list[Effect]:
+    """Returns the effects of the removal of an element on its facts."""
+    found: dict[Effect, None] = {}
+    for predicate in predicates:
+        if predicate.kind is Kind.RELATION:
+            for terms in ((term, "?other"), ("?other", term)):
+                found[Effect(Atom(predicate, terms), False, (("?other", EVERYTHING),))] = None
+        elif predicate.kind in (Kind.VALUE, Kind.HAS, Kind.COMPARES):
+            found[Effect(Atom(Predicate(Kind.HAS, predicate.name), (term,)), False)] = None
+    return list(found)
+
+
+def _count_exists(goal: Formula) -> int:
+    def total(counts: Iterable[int]) -> int:
+        return sum(counts)
+
+    def quantifier(kind: type[ForAll | Exists], variables: Variables, count: int) -> int:
+        return count + (len(variables) if kind is Exists else 0)
+
+    return fold(goal, lambda atom, state: 0, total, total, quantifier)
+
+
+# -- facts that hold only while a skill runs ---------------------------------------------------------------------------
+
+
+def _concurrency(task: PlanningTask, actions: Iterable[Action], families: FactFamilies) -> tuple[str, ...]:
+    """Returns a message for each needed fact that holds only while a skill runs; () if a sequence of steps suffices.
+
+    Planners produce sequences; `partial_order` finds afterwards which steps may overlap. That suffices unless a fact is
+    needed that holds only while another step runs (Cushing, Kambhampati, Mausam, Weld: When is temporal planning really
+    temporal?, IJCAI 2007). A skill declares such a fact by a hold-condition that contradicts its pre-condition.
+
+    :param actions: all actions, also those that the task excludes.
+    """
+    permanent = {(e.atom.predicate, e.state) for a in task.actions for e in a.effects}
+    temporary: dict[Literal, str] = {}
+    for action in actions:
+        for effect in action.during:
+            for literal in families.consequences(effect.atom.predicate, effect.state, task.predicates):
+                if literal not in permanent:
+                    temporary.setdefault(literal, action.skill.name)
+    found: dict[str, None] = {}
+    for owner, formula, classes in _needs(task) if temporary else ():
+        for atom, state in literals(formula):
+            skill = temporary.get((atom.predicate, state))
+            if skill is not None and not _may_hold(atom, state, classes, task):
+                fact = str(atom.predicate) if state else f"not {atom.predicate}"
+                found[f"{owner} needs a fact that holds only while skill {skill} runs: {fact}"] = None
+    return tuple(found)
+
+
+def _needs(task: PlanningTask) -> Iterator[tuple[str, Formula, dict[str, tuple[str, ...]]]]:
+    """Yields the goal and the pre-conditions, each with its owner and the classes of its variables."""
+    yield "the goal", task.goal, {}
+    for action in task.actions:
+        needed = expand_quantifiers(action.precondition, task.members.__getitem__)
+        yield f"skill {action.skill.name}", needed, {v.name: v.classes for v in action.variables}
+
+
+def _may_hold(atom: Atom, state: bool, classes: dict[str, tuple[str, ...]], task: PlanningTask) -> bool:
+    """Whether an atom has a value initially, for some objects."""
+    choices = (task.candidates(classes[t]) if t in classes else [t] for t in atom.terms)
+    return any((Atom(atom.predicate, terms) in task.init) == state for terms in product(*choices))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 
-from skiros2_task.core.formula import Atom, Formula, Kind, Not, Predicate, conjunction, disjunction
+from skiros2_task.core.formula import Atom, Formula, Kind, Not, Predicate, conjunction, disjunction, literal_formula
 
 Literal = tuple[Predicate, bool]
 Interval = tuple[float, bool, float, bool]  # lower bound, is inclusive, upper bound, is inclusive
@@ -35,25 +35,19 @@ class FactFamilies:
         """Returns the relation and those of its subproperties that some skill changes. The others are static."""
         return [relation, *(r for r in self._changed if r != relation and self._is_subproperty(r, relation))]
 
-    def positive(self, atom: Atom) -> Formula:
-        """Returns the formula that replaces an atom of a condition."""
-        if atom.predicate.kind is Kind.RELATION:
-            return disjunction(self._each(atom))
-        return atom
-
-    def negative(self, atom: Atom) -> Formula:
-        """Returns the formula that replaces a negated atom."""
+    def literal(self, atom: Atom, state: bool) -> Formula:
+        """Returns the formula that replaces an atom (True) or a negated atom (False) of a condition."""
         predicate = atom.predicate
         if predicate.kind is Kind.RELATION:
-            return conjunction(Not(part) for part in self._each(atom))
-        if predicate.kind is Kind.COMPARES:
+            return disjunction(self._each(atom)) if state else conjunction(Not(part) for part in self._each(atom))
+        if predicate.kind is Kind.COMPARES and not state:
             # After an effect, a comparison that does not follow from it is false. So conditions must not negate one.
             others = [
                 Atom(Predicate(Kind.COMPARES, predicate.name, predicate.value, operator), atom.terms)
                 for operator in _COMPLEMENTS[predicate.operator]
             ]
             return disjunction([*others, Not(Atom(Predicate(Kind.HAS, predicate.name), atom.terms))])
-        return Not(atom)
+        return literal_formula(atom, state)
 
     def _each(self, atom: Atom) -> list[Atom]:
         return [Atom(Predicate(Kind.RELATION, name), atom.terms) for name in self.tracked(atom.predicate.name)]

@@ -8,10 +8,10 @@ When FD is closed, this process and all its descendants end immediately.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import importlib
 import os
-import pickle
 import resource
 import signal
 import socket
@@ -19,79 +19,34 @@ import sys
 import threading
 import time
 import traceback
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
 
-from skiros2_task.core.fast_downward import TRANSLATOR, SearchPortfolio, read_plan, search, translate
-from skiros2_task.core.planner import Limits, Outcome
-from skiros2_task.core.processes import adopt_orphans, kill_tree
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.engines import (
+    DOMAIN_FILE,
+    LOG_FILE,
+    PROBLEM_FILE,
+    TIMED_OUT,
+    EngineCall,
+    FoundPlan,
+    Job,
+    ListEngines,
+    Outcome,
+    SearchPortfolio,
+    WorkerAnswer,
+    kill_tree,
+)
+from skiros2_task.core.fast_downward import NOT_INSTALLED, PACKAGES, TRANSLATOR, read_plan, search, translate
+from skiros2_task.core.task import PlanStep
 
 if TYPE_CHECKING:
+    from unified_planning.engines import Factory, PlanGenerationResultStatus
+
     from skiros2_task.core.up_model import UpProblem
 
-DOMAIN_FILE = "domain.pddl"
-PROBLEM_FILE = "p01.pddl"
-PLAN_FILE = "plan.txt"
-LOG_FILE = "planner.log"
-
+_PR_SET_CHILD_SUBREAPER = 36  # of linux/prctl.h
 _LOADING_NICENESS = 10
 
-
-@dataclass(frozen=True)
-class EngineCall:
-    """An engine of unified-planning.
-
-    :param name: its name in unified-planning, or `module:Class` of an unregistered engine.
-    :param options: of the engine.
-    """
-
-    name: str
-    options: tuple[tuple[str, str], ...] = ()
-
-
-@dataclass(frozen=True)
-class Job:
-    """A task to solve, and how to solve it."""
-
-    task: PlanningTask
-    work: EngineCall | SearchPortfolio
-    limits: Limits
-
-
-@dataclass(frozen=True)
-class ListEngines:
-    """A request for the installed engines. The answer's reason has a line for each."""
-
-
-@dataclass(frozen=True)
-class FoundPlan:
-    """A plan.
-
-    :param by: the name of the engine or search.
-    :param seconds: from the start of the job until the plan was found.
-    :param text: the plan in PDDL names, a line per step, as validators read it.
-    """
-
-    by: str
-    steps: tuple[PlanStep, ...]
-    seconds: float
-    text: str = ""
-
-
-@dataclass(frozen=True)
-class WorkerAnswer:
-    """The result of a job.
-
-    :param plans: if solved, in the order in which they were found.
-    """
-
-    outcome: Outcome
-    plans: tuple[FoundPlan, ...] = ()
-    reason: str = ""
-
-
-TIMED_OUT = WorkerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan within the time limit")
 _IMPOSSIBLE = WorkerAnswer(Outcome.IMPOSSIBLE, reason="no sequence of the robots' skills reaches the goal")
 _OUT_OF_MEMORY = WorkerAnswer(Outcome.FAILED, reason="the planner exceeded its memory limit")
 
@@ -111,7 +66,7 @@ def main() -> None:
             return
         if os.fork() == 0:
             requests.close()
-            _serve(os.fsdecode(message), socket.socket(fileno=descriptors[0]))
+            _serve(os.fsdecode(message), Connection(descriptors[0]))
         os.close(descriptors[0])
 
 
@@ -124,12 +79,12 @@ def _load() -> None:
         importlib.import_module(TRANSLATOR)
 
 
-def _serve(folder: str, connection: socket.socket) -> None:
+def _serve(folder: str, connection: Connection) -> None:
     """Runs a job in a child process. Does not return."""
     status = 1
     try:
         os.setsid()
-        adopt_orphans()
+        _adopt_orphans()
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         if not os.path.isdir(folder):
             return  # cancelled before the start
@@ -138,20 +93,26 @@ def _serve(folder: str, connection: socket.socket) -> None:
         log = os.open(LOG_FILE, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         os.dup2(log, 1)
         os.dup2(log, 2)
-        stream = connection.makefile("rwb")
-        pickle.dump(os.getpid(), stream)
-        stream.flush()
-        job = pickle.load(stream)
-        answer = _solved(job)
+        connection.send(os.getpid())
+        answer = _solved(connection.recv())
         kill_tree(os.getpid(), itself=False)  # engines may end slowly
-        pickle.dump(answer, stream)
-        stream.flush()
+        connection.send(answer)
         status = 0
     except Exception:
         traceback.print_exc()
     finally:
         sys.stderr.flush()
         os._exit(status)  # skips the exit handlers of the parent process
+
+
+def _adopt_orphans() -> None:
+    """Makes this process the parent of its orphaned descendants.
+
+    :raises OSError: prctl failed.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_CHILD_SUBREAPER)")
 
 
 def _solved(job: Job | ListEngines) -> WorkerAnswer:
@@ -173,7 +134,12 @@ def _solved(job: Job | ListEngines) -> WorkerAnswer:
 
 def _solve(job: Job) -> WorkerAnswer:
     if isinstance(job.work, SearchPortfolio):
-        return _run_portfolio(job, job.work)
+        try:
+            return _run_portfolio(job, job.work)
+        except ModuleNotFoundError as error:
+            if error.name not in PACKAGES:
+                raise
+            return WorkerAnswer(Outcome.FAILED, reason=NOT_INSTALLED)
     return _run_engine(job, job.work)
 
 
@@ -197,7 +163,6 @@ def _run_portfolio(job: Job, work: SearchPortfolio) -> WorkerAnswer:
 
 
 def _run_engine(job: Job, work: EngineCall) -> WorkerAnswer:
-    from unified_planning.engines import PlanGenerationResultStatus as Status
     from unified_planning.engines.pddl_planner import PDDLPlanner
     from unified_planning.exceptions import UPNoRequestedEngineAvailableException
 
@@ -227,7 +192,7 @@ def _run_engine(job: Job, work: EngineCall) -> WorkerAnswer:
     if result.plan is not None:
         found = _found(model, work.name, model.steps(result.plan), time.monotonic() - started)
         return WorkerAnswer(Outcome.SOLVED, (found,))
-    return _answer_without_plan(result.status, Status)
+    return _answer_without_plan(result.status)
 
 
 def _found(model: UpProblem, by: str, steps: tuple[PlanStep, ...], seconds: float) -> FoundPlan:
@@ -243,21 +208,21 @@ def write_pddl(model: UpProblem) -> None:
     writer.write_problem(PROBLEM_FILE)
 
 
-def _engines(factory: Any) -> list[str]:
+def _engines(factory: Factory) -> list[str]:
     """Returns the names of one-shot planners, without meta engines."""
     return sorted(n for n in factory.engines if "[" not in n and factory.engine(n).is_oneshot_planner())
 
 
-def _answer_without_plan(status: Any, names: Any) -> WorkerAnswer:
+def _answer_without_plan(status: PlanGenerationResultStatus) -> WorkerAnswer:
     """Returns the answer for a unified-planning status without a plan."""
-    if status == names.UNSOLVABLE_PROVEN:
+    if status.name == "UNSOLVABLE_PROVEN":
         return _IMPOSSIBLE
-    if status == names.TIMEOUT:
+    if status.name == "TIMEOUT":
         return TIMED_OUT
-    if status == names.UNSOLVABLE_INCOMPLETELY:
+    if status.name == "UNSOLVABLE_INCOMPLETELY":
         reason = "the planner found no plan, without a proof that there is none"
         return WorkerAnswer(Outcome.FAILED, reason=reason)
-    if status == names.MEMOUT:
+    if status.name == "MEMOUT":
         return _OUT_OF_MEMORY
     return WorkerAnswer(Outcome.FAILED, reason=f"the planner ended with {status.name}")
 

@@ -17,25 +17,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.commands import (
-    Claim,
-    Command,
-    End,
-    Phase,
-    Plan,
-    ReadWorld,
-    Start,
-    StepRecord,
-    StepState,
-    Stop,
-    Wake,
-)
+from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import Verdict
-from skiros2_task.core.semantics import Facts
-from skiros2_task.core.steps import Step, format_unsatisfied, objects_in_scene, objects_to_create
-from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.semantics import Facts, unsatisfied
+from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
 #: several requests.
@@ -46,6 +34,111 @@ ROBOT_TIMEOUT = 10.0
 
 #: After this number of failures on a robot, a skill is planned with on other robots, if possible.
 MAX_FAILURES = 2
+
+
+class Phase(Enum):
+    """A state of the execution state machine."""
+
+    PLANNING = "planning"
+    BLOCKED = "blocked"
+    WAITING = "waiting"
+    RUNNING = "running"
+    CHECKING = "checking"
+    STOPPING = "stopping"
+    ENDED = "ended"
+
+
+class StepState(Enum):
+    """The state of a step."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    STOPPED = "stopped"
+    DROPPED = "dropped"
+
+
+# -- commands --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class MakePlan:
+    """Make a plan; answered by `planned` or `no_plan`.
+
+    :param running: steps that run, whose effects are assumed.
+    :param lost: the managers that do not run.
+    :param avoided: (manager, skill label) pairs to plan without if possible.
+    """
+
+    running: tuple[Step, ...]
+    lost: frozenset[str]
+    avoided: frozenset[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Request these robots and devices, in place of the last request; answered by `granted` once all are free.
+
+    :param in_use: the requested ones that running steps use.
+    """
+
+    requested: frozenset[str]
+    in_use: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start a step; answered by `ended`."""
+
+    step: Step
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Stop a running step; answered by `ended`."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class ReadWorld:
+    """Read the world model after `delay` (s); answered by `world`."""
+
+    delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Wake:
+    """Call `wake` after `delay` (s)."""
+
+    delay: float
+
+
+@dataclass(frozen=True)
+class End:
+    """The execution has ended. `verdict` is `PLANNED` if the goal was reached."""
+
+    verdict: Verdict
+    message: str
+
+
+Command = MakePlan | Claim | Start | Stop | ReadWorld | Wake | End
+
+
+@dataclass
+class StepRecord:
+    """The execution of a step.
+
+    :param started, ended: by the clock of the state machine (s); None: not yet.
+    """
+
+    step: Step
+    state: StepState = StepState.WAITING
+    message: str = ""
+    explanations: tuple[Explanation, ...] = ()
+    started: float | None = None
+    ended: float | None = None
 
 
 @dataclass
@@ -113,7 +206,7 @@ class ExecutionStateMachine:
         for step in steps:
             others = {other.number for other in running if step.interferes(other)}
             self.records[step.number] = StepRecord(replace(step, after=step.after | others))
-        self._task, self._facts, self._to_create = task, task.init, objects_to_create(task)
+        self._task, self._facts, self._to_create = task, task.init, task.objects_to_create
         for step in self._assumed:
             if step not in running:  # ended during planning
                 self._facts = step.apply(self._facts)
@@ -260,11 +353,11 @@ class ExecutionStateMachine:
             if step not in without and step.number not in self._stopped:
                 facts = step.apply(facts)
         for step in self.waiting:
-            missing = format_unsatisfied(step.precondition, facts)
+            missing = unsatisfied(step.precondition, facts)
             if missing:
                 return f"{step} needs {missing}"
             facts = step.apply(facts)
-        missing = format_unsatisfied(self._task.goal, facts)
+        missing = unsatisfied(self._task.goal, facts)
         return f"the goal's {missing} would not hold" if missing else ""
 
     def _update_facts(self, task: PlanningTask) -> None:
@@ -273,7 +366,7 @@ class ExecutionStateMachine:
         """
         created = self._to_create & objects_in_scene(self._facts)
         if not created:
-            self._task, self._facts, self._to_create = task, task.init, objects_to_create(task)
+            self._task, self._facts, self._to_create = task, task.init, task.objects_to_create
             return
         own = frozenset(atom for atom in self._facts if created & set(atom.terms))
         self._facts = own | frozenset(atom for atom in task.init if not created & set(atom.terms))
@@ -282,7 +375,7 @@ class ExecutionStateMachine:
         self.phase = Phase.PLANNING
         self._assumed = tuple(step for step in self.running if step.number not in self._stopped)
         avoided = frozenset(key for key, times in self._failures.items() if times >= MAX_FAILURES)
-        return [Plan(self._assumed, frozenset(self._lost), avoided)]
+        return [MakePlan(self._assumed, frozenset(self._lost), avoided)]
 
     def _replan(self, reason: str) -> list[Command]:
         """Drops the waiting steps and plans again, at most `max_replans` times."""

@@ -14,12 +14,24 @@ from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.commands import Claim, Command, End, Phase, Plan, ReadWorld, Start, StepRecord, Stop, Wake
-from skiros2_task.core.execution import ExecutionStateMachine
-from skiros2_task.core.planner import Limits, Planner
+from skiros2_task.core.engines import Limits
+from skiros2_task.core.execution import (
+    Claim,
+    Command,
+    End,
+    ExecutionStateMachine,
+    MakePlan,
+    Phase,
+    ReadWorld,
+    Start,
+    StepRecord,
+    Stop,
+    Wake,
+)
+from skiros2_task.core.plan import Step
+from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.resources import Resources
-from skiros2_task.core.steps import Step, make_steps, with_steps_done, without_skills
 from skiros2_task.core.task import PlanningTask
 
 log = logging.getLogger(__name__)
@@ -204,7 +216,7 @@ class GoalExecutor:
 
     def _execute_each(self, execution: GoalExecution, commands: Sequence[Command]) -> None:
         for command in commands:
-            if isinstance(command, Plan):
+            if isinstance(command, MakePlan):
                 self._plan(execution, command)
             elif isinstance(command, Claim):
                 priority = execution.goal.priority
@@ -224,7 +236,7 @@ class GoalExecutor:
         if commands:
             execution.on_change(execution)
 
-    def _plan(self, execution: GoalExecution, command: Plan) -> None:
+    def _plan(self, execution: GoalExecution, command: MakePlan) -> None:
         busy = self._resources.held_by_others(execution.name)
         first = execution.machine.first_number
         execution.work.put(lambda: self._make_plan(execution, command, busy, first))
@@ -322,7 +334,7 @@ class GoalExecutor:
         seconds = time.monotonic() - start
         self._events.put(lambda: self._on_read(execution, task, seconds))
 
-    def _make_plan(self, execution: GoalExecution, command: Plan, busy: frozenset[str], first: int) -> None:
+    def _make_plan(self, execution: GoalExecution, command: MakePlan, busy: frozenset[str], first: int) -> None:
         """Plans first with the robots that are free and the skills that have not failed, then with all."""
         lost = {(manager, "") for manager in command.lost}
         preferred = lost | {(manager, "") for manager in busy} | command.avoided
@@ -333,7 +345,7 @@ class GoalExecutor:
         if task is None or result.task is None or result.verdict not in _GOOD:  # None: the goal cannot be read
             self._events.put(lambda: self._no_plan(execution, result))
             return
-        steps = make_steps(result.task, result.schedule, result.calls, first) if result.schedule is not None else ()
+        steps = result.plan.numbered_from(first) if result.plan is not None else ()
         world = task
         self._events.put(lambda: self._execute(execution, execution.machine.planned(world, steps)))
 
@@ -345,7 +357,10 @@ class GoalExecutor:
 
         def adapt(task: PlanningTask) -> PlanningTask:
             tasks.append(task)
-            return without_skills(with_steps_done(task, running), avoided)
+            facts = task.init
+            for step in running:
+                facts = step.apply(facts)
+            return task.after(facts).without_skills(avoided)
 
         goal = execution.goal
         try:

@@ -6,20 +6,30 @@ unreachable too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, islice
 
 from skiros2_common.core.json_data import JsonData
-from skiros2_task.core.actions import Action
-from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, bind, conjuncts
-from skiros2_task.core.mutex import Mutexes, find_mutexes
-from skiros2_task.core.planner import Outcome
+from skiros2_task.core.actions import Action, declared_effects, make_actions, why_unusable
+from skiros2_task.core.effects import FactFamilies
+from skiros2_task.core.effects import Literal as PredicateLiteral
+from skiros2_task.core.engines import Outcome
+from skiros2_task.core.formula import (
+    And,
+    Atom,
+    Formula,
+    Kind,
+    Not,
+    Or,
+    Predicate,
+    bind,
+    conjuncts,
+)
 from skiros2_task.core.reachability import Binding, Deadline, Reached, bindings, explore
+from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.unusable_skills import UnusableSkill
-
-IMPOSSIBLE = Outcome.IMPOSSIBLE.value
+from skiros2_task.core.world import WorldView
 
 #: The states of a fact: it holds initially; it is reachable in the relaxed task; it is not; the deadline passed.
 HOLDS, REACHABLE, UNREACHABLE, UNKNOWN = "holds", "reachable", "unreachable", "unknown"
@@ -98,7 +108,6 @@ class NoPlan(JsonData):
     :param goals: the parts of the goal, unreachable ones first, satisfied ones last.
     :param missing: unsatisfied facts that the goal depends on and no skill has as an effect; if there are none, those
         that skills have as an effect only if they hold already.
-    :param mutex: pairs of parts of the goal that can never hold together.
     :param left_out: the skills that planning cannot use, with the reasons.
     """
 
@@ -106,7 +115,6 @@ class NoPlan(JsonData):
     reason: str
     goals: list[Fact] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
-    mutex: list[list[str]] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     _data_name = "why there is no plan"
 
@@ -123,10 +131,8 @@ class NoPlan(JsonData):
         yield f"no plan ({self.verdict}){f': {self.reason}' if self.reason else ''}"
         for goal in self.unreachable:
             yield from goal.lines()
-        if self.goals and not self.unreachable and not self.mutex:
+        if self.goals and not self.unreachable:
             yield self._undecided()
-        for pair in self.mutex:
-            yield f"{pair[0]} and {pair[1]} can never hold together"
         if self.missing:
             yield "missing facts:"
             yield from (f"  {fact}" for fact in self.missing)
@@ -137,7 +143,7 @@ class NoPlan(JsonData):
             return "the time was too short to find the unreachable parts of the goal"
         several = len(self.goals) > 1
         subject = "each part of the goal" if several else self.goals[0].text
-        if self.verdict != IMPOSSIBLE:
+        if self.verdict != Outcome.IMPOSSIBLE.value:
             return f"{subject} may be reachable; more time may help"
         if several:
             return f"{subject} may be reachable alone, but not all parts together"
@@ -146,14 +152,14 @@ class NoPlan(JsonData):
 
 def explain_no_plan(
     task: PlanningTask,
-    verdict: str,
+    outcome: Outcome,
     reason: str = "",
     left_out: Sequence[UnusableSkill] = (),
     deadline: Deadline | None = None,
 ) -> NoPlan:
     """Explains why a task has no plan. Blocks until the deadline at most.
 
-    :param verdict: the planner's, see `NoPlan`; replaced by "proven impossible" if the goal is unreachable.
+    :param outcome: the planner's; replaced by `IMPOSSIBLE` if the goal is unreachable.
     :param reason: the planner's.
     :param left_out: the skills that are not part of the task.
     :param deadline: by default in 5 s.
@@ -169,33 +175,12 @@ def explain_no_plan(
         else explainer.explain(part)
         for part in parts
     }
-    mutex: list[list[str]] = []
-    if not any(fact.state == UNREACHABLE for fact in goals.values()):
-        mutexes = find_mutexes(task, reached, deadline)
-        if mutexes is not None:
-            mutex = _explain_mutexes(task, mutexes, parts, goals)
     found = sorted(goals.values(), key=lambda fact: (fact.state != UNREACHABLE, fact.state == HOLDS))
-    if verdict != IMPOSSIBLE and (mutex or any(fact.state == UNREACHABLE for fact in found)):
-        reason = f"the planner did not prove it ({verdict}{f': {reason}' if reason else ''}), but this does"
-        verdict = IMPOSSIBLE
+    if outcome is not Outcome.IMPOSSIBLE and any(fact.state == UNREACHABLE for fact in found):
+        reason = f"the planner did not prove it ({outcome.value}{f': {reason}' if reason else ''}), but this does"
+        outcome = Outcome.IMPOSSIBLE
     missing = explainer.missing or explainer.circular
-    return NoPlan(verdict, reason, found, list(missing), mutex, [str(skill) for skill in left_out])
-
-
-def _explain_mutexes(
-    task: PlanningTask, mutexes: Mutexes, parts: Sequence[Formula], goals: Mapping[Formula, Fact]
-) -> list[list[str]]:
-    """Returns the mutex pairs of parts of a goal. Marks parts that can never hold as unreachable."""
-    atoms = [part for part in parts if isinstance(part, Atom)]
-    for part in atoms:
-        if mutexes.are_mutex(part, part) and part in goals:
-            goals[part].state = UNREACHABLE
-            step, *needs = mutexes.obstacle(part)
-            name = task.action(step.action).skill.name
-            needed = " and ".join(map(format_formula, needs))
-            goals[part].note = f"{name} would need {needed}, which can never hold together"
-    possible = [part for part in atoms if not mutexes.are_mutex(part, part)]
-    return [[format_formula(a), format_formula(b)] for a, b in combinations(possible, 2) if mutexes.are_mutex(a, b)]
+    return NoPlan(outcome.value, reason, found, list(missing), [str(skill) for skill in left_out])
 
 
 class _Explainer:
@@ -362,3 +347,70 @@ def _unify(effect: Atom, wanted: Atom) -> Binding | None:
         if (binding.setdefault(own, term) if own.startswith("?") else own) != term:
             return None
     return binding
+
+
+# -- skills that planning cannot use -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class UnusableSkill:
+    """A skill that no plan can contain.
+
+    :param managers: the node names of its managers.
+    :param reason: why it is unusable.
+    :param effects: the task's literals that it would make true.
+    """
+
+    name: str
+    managers: tuple[str, ...]
+    reason: str
+    effects: frozenset[PredicateLiteral]
+
+    def __str__(self) -> str:
+        return f"{self.name} of {', '.join(self.managers)}: {self.reason}"
+
+
+def unusable_skills(world: WorldView, task: PlanningTask) -> list[UnusableSkill]:
+    """Returns the robots' skills that are not in a task, but have effects that it needs.
+
+    :param world: the snapshot that the task was compiled from.
+    """
+    predicates = {p for p in task.predicates if p.kind is not Kind.CAN}
+    families = FactFamilies((), world.is_subproperty)
+    owners: dict[Skill, list[str]] = {}
+    for robot in world.robots:
+        for skill in robot.skills:
+            owners.setdefault(skill, []).append(robot.manager)
+    usable = {action.skill: action for action in make_actions(world.robots)[0]}
+    in_task = {action.skill for action in task.actions}
+    found = []
+    for skill, managers in owners.items():
+        if skill in in_task:
+            continue
+        effects = frozenset(_consequences(declared_effects(skill), predicates, families, world))
+        if skill in usable:
+            empty = [v for v in usable[skill].variables if not _members_of(v.classes, world)]
+            wanted = ", ".join(f"{v.key or 'Robot'} ({' and '.join(v.classes)})" for v in empty)
+            reason = f"the scene has no element for {wanted}" if empty else ""
+        else:
+            reason = why_unusable(skill)
+        if effects and reason:
+            found.append(UnusableSkill(skill.name, tuple(managers), reason, effects))
+    return found
+
+
+def _members_of(classes: Iterable[str], world: WorldView) -> set[str]:
+    return set.intersection(*(set(world.members(cls)) for cls in classes))
+
+
+def _consequences(
+    effects: Iterable[PredicateLiteral], predicates: set[Predicate], families: FactFamilies, world: WorldView
+) -> Iterator[PredicateLiteral]:
+    for effect, state in effects:
+        yield from families.consequences(effect, state, predicates)
+        if effect.kind is Kind.RELATION and state:
+            yield from ((p, True) for p in predicates if _is_subproperty(effect, p, world))
+
+
+def _is_subproperty(effect: Predicate, predicate: Predicate, world: WorldView) -> bool:
+    return predicate.kind is Kind.RELATION and world.is_subproperty(effect.name, predicate.name)

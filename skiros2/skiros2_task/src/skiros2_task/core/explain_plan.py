@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from skiros2_common.core.json_data import JsonData
 from skiros2_task.core.explain_no_plan import format_formula
-from skiros2_task.core.formula import Not, conjuncts, holds
-from skiros2_task.core.partial_order import GOAL, INIT, CausalLink, PartialOrder
-from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.formula import (
+    conjuncts,
+    holds,
+    literal_formula,
+)
+from skiros2_task.core.partial_order import GOAL, INIT, CausalLink
+from skiros2_task.core.plan import Plan
 
 #: The step number of the goal and of the initial state.
 OUTSIDE = 0
@@ -81,15 +84,12 @@ class WhyPlan(JsonData):
             yield f"{goal} holds already"
 
 
-def explain_plan(task: PlanningTask, order: PartialOrder, calls: Sequence[SkillCall]) -> WhyPlan:
-    """Returns the purpose of each step of a plan.
-
-    :param calls: one for each step of the order.
-    """
-    changing = {effect.atom.predicate for action in task.actions for effect in action.effects}
-    steps = [WhyStep(number, str(call)) for number, call in enumerate(calls, 1)]
-    for link in order.links:
-        if link.consumer != GOAL and (link.producer != INIT or link.atom.predicate in changing):
+def explain_plan(plan: Plan) -> WhyPlan:
+    """Returns the purpose of each step of a plan."""
+    task = plan.task
+    steps = [WhyStep(step.number, str(step.call)) for step in plan.steps]
+    for link in plan.order.links:
+        if link.consumer != GOAL and (link.producer != INIT or link.atom.predicate in task.changed):
             steps[link.consumer].needs.append(
                 Link(_fact(link), link.producer + 1 if link.producer != INIT else OUTSIDE)
             )
@@ -107,4 +107,4 @@ def explain_plan(task: PlanningTask, order: PartialOrder, calls: Sequence[SkillC
 
 
 def _fact(link: CausalLink) -> str:
-    return format_formula(link.atom if link.state else Not(link.atom))
+    return format_formula(literal_formula(link.atom, link.state))

@@ -16,6 +16,15 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+from skiros2_task.core.engines import Search, SearchPortfolio
+
+#: The packages that Fast Downward consists of. They are optional.
+PACKAGES = ("fast_downward", "up_fast_downward")
+
+NOT_INSTALLED = (
+    "the planner Fast Downward is not installed (requirements/planner.txt): planning needs it, or another planner"
+)
+
 TRANSLATOR = "fast_downward.translate.main"
 _NICENESS = 19  # of all but the first search
 _PROGRAM = "downward/builds/release/bin/downward"
@@ -28,50 +37,7 @@ _OUT_OF_MEMORY = (20, 22, 24)
 _OUT_OF_TIME = (21, 23)
 
 
-@dataclass(frozen=True)
-class Search:
-    """A search configuration.
-
-    :param name: in logs.
-    :param expression: the argument of Fast Downward's `--search`.
-    """
-
-    name: str
-    expression: str
-
-
-@dataclass(frozen=True)
-class SearchPortfolio:
-    """Searches that run at the same time, as many as there are free cores; the others wait in order.
-
-    :param searches: the most promising first.
-    :param grace_share: the grace period for further plans after the first one, as a share of the time until then, at
-        least `MIN_GRACE_PERIOD`; None: until all searches have ended.
-    :param goal_action: compile the goal to an action, for searches without support for disjunctive goals.
-    """
-
-    searches: tuple[Search, ...]
-    grace_share: float | None = None
-    goal_action: bool = False
-
-
 MIN_GRACE_PERIOD = 0.15  # s
-
-LAMA_FIRST = Search(
-    "lama-first",
-    "let(hlm, eval_modify_costs(landmark_sum(lm_factory=lm_reasonable_orders_hps(lm_rhw()),pref=false),cost_type=one),"
-    "let(hff, eval_modify_costs(ff(),cost_type=one),"
-    "lazy_greedy([hff,hlm],preferred=[hff,hlm],cost_type=one,reopen_closed=false)))",
-)
-LAZY_WASTAR = Search("lazy-wastar-2", "let(hff, ff(), lazy_wastar([hff],preferred=[hff],w=2))")
-LAZY_GREEDY = Search("lazy-greedy-ff", "let(hff, ff(), lazy_greedy([hff],preferred=[hff]))")
-OPTIMAL = Search("astar-lmcut", "astar(lmcut())")
-
-
-def shuffled(seed: int) -> Search:
-    """Returns lazy WA* with successors in random order."""
-    options = f"preferred=[hff],w=2,randomize_successors=true,random_seed={seed}"
-    return Search(f"lazy-wastar-2-seed-{seed}", f"let(hff, ff(), lazy_wastar([hff],{options}))")
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,12 @@ to PDDL. `str()` of a formula is its goal text, which parses to the same formula
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from itertools import product
 from math import prod
+from typing import NamedTuple, TypeVar
 
 from skiros2_common.core.errors import WrongValue
 
@@ -22,8 +23,8 @@ MAX_INSTANCES = 100_000
 _NEEDS_QUOTES = re.compile(r'[\s(),;"]')
 
 
-class Kind(Enum):
-    """The kind of fact that a predicate states."""
+class Kind(StrEnum):
+    """The kind of fact that a predicate states. A text, because texts are hashed faster than members of an `Enum`."""
 
     RELATION = "relation"  # (x, y) are related
     ALLOWED = "allowed"  # the ontology allows the relation between x and y
@@ -39,8 +40,7 @@ class Kind(Enum):
 _IN_GOALS = frozenset({Kind.RELATION, Kind.VALUE, Kind.COMPARES, Kind.HAS, Kind.SAME})
 
 
-@dataclass(frozen=True)
-class Predicate:
+class Predicate(NamedTuple):
     """A predicate.
 
     :param name: the relation, property, class or skill.
@@ -70,8 +70,7 @@ class Predicate:
         return f"{self.kind.value} {self.name}".rstrip()
 
 
-@dataclass(frozen=True)
-class Atom:
+class Atom(NamedTuple):
     """A predicate with terms (ids of elements, or variables)."""
 
     predicate: Predicate
@@ -84,6 +83,12 @@ class Atom:
         word = str(self.predicate)
         name = quoted(word) if self.predicate.kind in _IN_GOALS else word
         return f"({' '.join((name, *map(quoted, self.terms)))})"
+
+
+#: The variables of a quantifier, each with its class.
+Variables = tuple[tuple[str, str], ...]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,7 @@ class Or:
 class ForAll:
     """The body holds for all elements of the variables' classes."""
 
-    variables: tuple[tuple[str, str], ...]  # (variable, class)
+    variables: Variables
     body: Formula
 
     def __str__(self) -> str:
@@ -125,7 +130,7 @@ class ForAll:
 class Exists:
     """The body holds for some elements of the variables' classes."""
 
-    variables: tuple[tuple[str, str], ...]
+    variables: Variables
     body: Formula
 
     def __str__(self) -> str:
@@ -196,92 +201,91 @@ def conjuncts(formula: Formula) -> tuple[Formula, ...]:
     return formula.parts if isinstance(formula, And) else (formula,)
 
 
-def rewrite(formula: Formula, positive: Callable[[Atom], Formula], negative: Callable[[Atom], Formula]) -> Formula:
+def literal_formula(atom: Atom, state: bool) -> Formula:
+    """Returns the atom, or its negation."""
+    return atom if state else Not(atom)
+
+
+def fold(
+    formula: Formula,
+    literal: Callable[[Atom, bool], T],
+    every: Callable[[Iterable[T]], T],
+    some: Callable[[Iterable[T]], T],
+    quantifier: Callable[[type[ForAll | Exists], Variables, T], T] | None = None,
+    wanted: bool = True,
+) -> T:
+    """Computes a value of a formula from the values of its parts. Negations are moved to the literals.
+
+    :param literal: returns the value of an atom (True) or of a negated atom (False).
+    :param every, some: return the value of a conjunction or a disjunction. The values of its parts are computed on
+        demand.
+    :param quantifier: returns the value of a quantified formula, from its kind, its variables and the value of its
+        body.
+    :param wanted: False for the value of the negated formula.
+    :raises TypeError: the formula has a quantifier, and `quantifier` is None.
+    """
+    if isinstance(formula, Atom):
+        return literal(formula, wanted)
+    if isinstance(formula, Not):
+        return fold(formula.part, literal, every, some, quantifier, not wanted)
+    if isinstance(formula, And | Or):
+        parts = (fold(part, literal, every, some, quantifier, wanted) for part in formula.parts)
+        return every(parts) if isinstance(formula, And) == wanted else some(parts)
+    if quantifier is None:
+        raise TypeError(f"{formula} has a quantifier; expand it first")
+    body = fold(formula.body, literal, every, some, quantifier, wanted)
+    return quantifier(ForAll if isinstance(formula, ForAll) == wanted else Exists, formula.variables, body)
+
+
+def rewrite(formula: Formula, literal: Callable[[Atom, bool], Formula]) -> Formula:
     """Returns the formula in negation normal form, with each literal replaced.
 
-    :param positive: returns the replacement of an atom.
-    :param negative: returns the replacement of a negated atom.
+    :param literal: returns the replacement of an atom (True) or of a negated atom (False).
     """
-    return _rewrite(formula, True, positive, negative)
+    return fold(formula, literal, conjunction, disjunction, lambda kind, variables, body: kind(variables, body))
 
 
-def _rewrite(
-    formula: Formula, state: bool, positive: Callable[[Atom], Formula], negative: Callable[[Atom], Formula]
-) -> Formula:
-    if isinstance(formula, Atom):
-        return positive(formula) if state else negative(formula)
-    if isinstance(formula, Not):
-        return _rewrite(formula.part, not state, positive, negative)
-    if isinstance(formula, And | Or):
-        parts = [_rewrite(part, state, positive, negative) for part in formula.parts]
-        return conjunction(parts) if isinstance(formula, And) == state else disjunction(parts)
-    body = _rewrite(formula.body, state, positive, negative)
-    return (ForAll if isinstance(formula, ForAll) == state else Exists)(formula.variables, body)
+def literals(formula: Formula) -> list[tuple[Atom, bool]]:
+    """Returns the literals of a formula in negation normal form, as (atom, is positive) pairs."""
+
+    def joined(parts: Iterable[list[tuple[Atom, bool]]]) -> list[tuple[Atom, bool]]:
+        return [literal for part in parts for literal in part]
+
+    return fold(formula, lambda atom, state: [(atom, state)], joined, joined, lambda kind, variables, body: body)
 
 
-def literals(formula: Formula) -> Iterator[tuple[Atom, bool]]:
-    """Yields the literals of a formula in negation normal form, as (atom, is positive) pairs."""
-    stack: list[tuple[Formula, bool]] = [(formula, True)]
-    while stack:
-        item, state = stack.pop()
-        if isinstance(item, Atom):
-            yield item, state
-        elif isinstance(item, Not):
-            stack.append((item.part, not state))
-        elif isinstance(item, And | Or):
-            stack.extend((part, state) for part in reversed(item.parts))
-        else:
-            stack.append((item.body, state))
+def bind(formula: Formula, values: Mapping[str, str]) -> Formula:
+    """Returns a formula without quantifiers in negation normal form, with its variables replaced by values."""
 
+    def bound(atom: Atom, state: bool) -> Formula:
+        terms = tuple(values.get(t, t) for t in atom.terms)
+        if atom.predicate.kind is not Kind.SAME:
+            return literal_formula(Atom(atom.predicate, terms), state)
+        return same(*terms) if state else negation(same(*terms))
 
-def bind(formula: Formula, values: dict[str, str]) -> Formula:
-    """Returns the formula with its free variables replaced by values."""
-    if isinstance(formula, Atom):
-        terms = tuple(values.get(t, t) for t in formula.terms)
-        return same(*terms) if formula.predicate.kind is Kind.SAME else Atom(formula.predicate, terms)
-    if isinstance(formula, Not):
-        return negation(bind(formula.part, values))
-    if isinstance(formula, And):
-        return conjunction(bind(p, values) for p in formula.parts)
-    if isinstance(formula, Or):
-        return disjunction(bind(p, values) for p in formula.parts)
-    inner = {k: v for k, v in values.items() if k not in dict(formula.variables)}
-    return type(formula)(formula.variables, bind(formula.body, inner))
+    return fold(formula, bound, conjunction, disjunction)
 
 
 def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]) -> Formula:
-    """Returns the formula with its quantifiers expanded.
+    """Returns the formula in negation normal form, with its quantifiers expanded.
 
     :param members: returns the objects of a class.
     :raises WrongValue: the expansion has more than `MAX_INSTANCES` formulas.
     """
-    if isinstance(formula, Atom):
-        return formula
-    if isinstance(formula, Not):
-        return negation(expand_quantifiers(formula.part, members))
-    if isinstance(formula, And):
-        return conjunction(expand_quantifiers(p, members) for p in formula.parts)
-    if isinstance(formula, Or):
-        return disjunction(expand_quantifiers(p, members) for p in formula.parts)
-    names = [variable for variable, _ in formula.variables]
-    body = expand_quantifiers(formula.body, members)
-    objects = [members(cls) for _, cls in formula.variables]
-    count = prod(map(len, objects))
-    if count > MAX_INSTANCES:
-        raise WrongValue(f"{formula} expands to {count} formulas, the limit is {MAX_INSTANCES}")
-    choices = product(*objects)
-    instances = (bind(body, dict(zip(names, choice, strict=True))) for choice in choices)
-    return conjunction(instances) if isinstance(formula, ForAll) else disjunction(instances)
+
+    def expanded(kind: type[ForAll | Exists], variables: Variables, body: Formula) -> Formula:
+        objects = [members(cls) for _, cls in variables]
+        count = prod(map(len, objects))
+        if count > MAX_INSTANCES:
+            whole = kind(variables, body)
+            raise WrongValue(f"{whole} expands to {count} formulas, the limit is {MAX_INSTANCES}")
+        names = [variable for variable, _ in variables]
+        instances = (bind(body, dict(zip(names, choice, strict=True))) for choice in product(*objects))
+        return conjunction(instances) if kind is ForAll else disjunction(instances)
+
+    return fold(formula, literal_formula, conjunction, disjunction, expanded)
 
 
 def holds(formula: Formula, state: Container[Atom]) -> bool:
     """Whether a ground formula without quantifiers holds in a state, the container of all true atoms."""
-    if isinstance(formula, Atom):
-        return formula in state
-    if isinstance(formula, Not):
-        return not holds(formula.part, state)
-    if isinstance(formula, And):
-        return all(holds(p, state) for p in formula.parts)
-    if isinstance(formula, Or):
-        return any(holds(p, state) for p in formula.parts)
-    raise TypeError(f"{formula} has a quantifier; expand it first")
+    return fold(formula, lambda atom, wanted: (atom in state) == wanted, all, any)

@@ -4,6 +4,7 @@
     goal       = "(" predicate {term} ")"
                | "(" "not" goal ")" | "(" ("and" | "or") {goal} ")" | "(" "imply" goal goal ")"
                | "(" ("forall" | "exists") "(" {variable {variable} "-" type} ")" goal ")"
+               | "(" operator {goal} ")", for operators of other packages
                | "(" ("=" | ">" | "<" | ">=" | "<=") "(" property term ")" value ")" | "(" "=" term term ")"
 
 Names end at spaces, parentheses, commas and semicolons; names in double quotes may contain them. A semicolon starts a
@@ -13,12 +14,18 @@ comment up to the end of the line. Keywords are case-insensitive.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from skiros2_common.core.errors import WrongValue
 
 #: The operators that compare a property with a number.
 COMPARATORS = ("=", ">", "<", ">=", "<=")
+
+#: Builds the goal of an operator from its parts.
+BuildGoal = Callable[[tuple["ParsedGoal", ...]], "ParsedGoal"]
+
+_operators: dict[str, BuildGoal] = {}
 
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists")
 _PUNCTUATION = "(),"
@@ -99,6 +106,18 @@ class ParsedQuantifier:
 ParsedGoal = ParsedAtom | ParsedComparison | ParsedEquality | ParsedNot | ParsedJunction | ParsedQuantifier
 
 
+def add_goal_operator(word: str, build: BuildGoal) -> None:
+    """Adds an operator to the language of goals: `(word goal goal ...)`. Replaces one with this word.
+
+    :param word: case is ignored.
+    :param build: returns the goal that the operator stands for; raises `ValueError` for wrong parts.
+    :raises WrongValue: the word is a part of the language.
+    """
+    if word.lower() in (*_CONNECTIVES, *COMPARATORS):
+        raise WrongValue(f"the goal operator {word!r} exists")
+    _operators[word.lower()] = build
+
+
 def goal_error(text: str, at: Name, message: str) -> GoalError:
     """Returns an error that points at a position of the text."""
     line = text.split("\n")[at.line - 1].rstrip()
@@ -152,6 +171,8 @@ class _Parser:
             return self._comparison(word)
         if self._ends_names(head):
             raise self._unexpected(head, "a predicate")
+        if word in _operators and self._peek().is_sign("(", ")"):
+            return self._operator(head, word)
         if word not in _CONNECTIVES:
             return self._atom(head)
         goal: ParsedGoal
@@ -160,12 +181,23 @@ class _Parser:
         elif word == "imply":
             goal = ParsedJunction(False, (ParsedNot(self._goal()), self._goal()))
         elif word in ("and", "or"):
-            parts = []
-            while self._peek().is_sign("("):
-                parts.append(self._goal())
-            goal = ParsedJunction(word == "and", tuple(parts))
+            goal = ParsedJunction(word == "and", self._parts())
         else:
             goal = ParsedQuantifier(word == "forall", self._variables(word), self._goal())
+        self._expect(")", f") at the end of ({word} ...")
+        return goal
+
+    def _parts(self) -> tuple[ParsedGoal, ...]:
+        parts = []
+        while self._peek().is_sign("("):
+            parts.append(self._goal())
+        return tuple(parts)
+
+    def _operator(self, head: Name, word: str) -> ParsedGoal:
+        try:
+            goal = _operators[word](self._parts())
+        except ValueError as error:
+            raise self._error(head, f"{head.text}: {error}") from None
         self._expect(")", f") at the end of ({word} ...")
         return goal
 

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_task.core.formula import And, Atom, Formula, Not, Or, conjuncts
-from skiros2_task.core.task import PlanningTask, PlanStep, during_of, effects_of, precondition_of, robot_of
+from skiros2_task.core.formula import Atom, Formula, conjuncts
+from skiros2_task.core.semantics import GroundStep, support
+from skiros2_task.core.task import PlanningTask, PlanStep
 
 #: The initial state as a producer, and the goal as a consumer of facts.
 INIT, GOAL = -1, -2
@@ -66,40 +67,19 @@ def deorder(task: PlanningTask, plan: Sequence[PlanStep]) -> PartialOrder:
     :raises WrongValue: the plan is not valid.
     """
     history = _History(task.init)
+    steps = [task.ground(step) for step in plan]
     links: list[CausalLink] = []
-    for index, step in enumerate(plan):
-        needed = precondition_of(task, step)
-        links += (CausalLink(producer, index, *literal) for producer, literal in history.support(needed, str(step)))
-        history.add(index, changes_of(task, step))
-    links += (CausalLink(producer, GOAL, *literal) for producer, literal in history.support(task.goal, "the goal"))
+    for index, step in enumerate(steps):
+        links += history.links(step.precondition, index, str(plan[index]))
+        history.add(index, step)
+    links += history.links(task.goal, GOAL, "the goal")
     pairs = {(first, second) for first, second, _ in ordering_constraints(links, history.changes)}
-    pairs.update(_same_robot(robot_of(task, step) for step in plan))
+    pairs.update(_same_robot(step.robot for step in steps))
     return PartialOrder(tuple(plan), frozenset(_reduced(pairs, len(plan))), tuple(links))
 
 
-Literal = tuple[Atom, bool]
 #: For each atom the steps that change it, also only while they run, in order, with the new value.
 AtomChanges = Mapping[Atom, Sequence[tuple[int, bool]]]
-
-
-@dataclass(frozen=True)
-class Changes:
-    """The values that a step gives to facts.
-
-    :param effects: by its end; an atom that is made both true and false is true.
-    :param during: while it runs.
-    """
-
-    effects: Mapping[Atom, bool]
-    during: Mapping[Atom, bool]
-
-
-def changes_of(task: PlanningTask, step: PlanStep) -> Changes:
-    """Returns the values that a step gives to facts."""
-    effects: dict[Atom, bool] = {}
-    for atom, state in effects_of(task, step):
-        effects[atom] = state or effects.get(atom, False)
-    return Changes(effects, dict(during_of(task, step)))
 
 
 def ordering_constraints(links: Iterable[CausalLink], changes: AtomChanges) -> Iterator[tuple[int, int, Atom]]:
@@ -142,47 +122,36 @@ class _History:
         self._since: dict[Atom, int] = {}
         self.changes: dict[Atom, list[tuple[int, bool]]] = {}
 
-    def add(self, index: int, changes: Changes) -> None:
+    def add(self, index: int, step: GroundStep) -> None:
         """Executes the next step."""
-        for atom, state in changes.during.items():
+        for atom, state in step.during.items():
             self.changes.setdefault(atom, []).append((index, state))
-            if atom not in changes.effects:  # the value is restored when the step ends
+            if atom not in step.effects:  # the value is restored when the step ends
                 self._now[atom], self._since[atom] = self._holds(atom), index
-        for atom, state in changes.effects.items():
+        for atom, state in step.effects.items():
             self.changes.setdefault(atom, []).append((index, state))
-            if self._holds(atom) != state or atom in changes.during:
+            if self._holds(atom) != state or atom in step.during:
                 self._now[atom], self._since[atom] = state, index
 
     def _holds(self, atom: Atom) -> bool:
         known = self._now.get(atom)
         return atom in self._init if known is None else known
 
-    def support(self, formula: Formula, owner: str) -> Iterator[tuple[int, Literal]]:
-        """Yields literals that make a formula true now, each with the step since which it has held.
+    def _held_since(self, atom: Atom) -> int:
+        return self._since.get(atom, INIT)
 
-        :param owner: the step or goal that needs the formula, for the error.
+    def links(self, formula: Formula, consumer: int, name: str) -> Iterator[CausalLink]:
+        """Yields the links of literals that make a formula true now to the steps since which they have held.
+
+        :param consumer: the step that needs the formula, or `GOAL`.
+        :param name: of the consumer, for the error.
         :raises WrongValue: the formula is false.
         """
         for part in conjuncts(formula):
-            literals = self._literals(part, True)
+            literals = support(part, self._holds, self._held_since)
             if literals is None:
-                raise WrongValue(f"the plan does not work: {owner}: {part} does not hold")
-            yield from ((self._since.get(atom, INIT), (atom, state)) for atom, state in literals)
-
-    def _literals(self, formula: Formula, wanted: bool) -> list[Literal] | None:
-        """Returns literals that give a formula the wanted value; None if it has the other value."""
-        if isinstance(formula, Atom):
-            return [(formula, wanted)] if self._holds(formula) == wanted else None
-        if isinstance(formula, Not):
-            return self._literals(formula.part, not wanted)
-        if not isinstance(formula, And | Or):
-            raise TypeError(f"{formula} has a quantifier; expand it first")
-        parts = [self._literals(part, wanted) for part in formula.parts]
-        found = [part for part in parts if part is not None]
-        if isinstance(formula, And) == wanted:
-            return [literal for part in found for literal in part] if len(found) == len(parts) else None
-        # The alternative that has held longest constrains the step least.
-        return min(found, key=lambda part: max((self._since.get(a, INIT) for a, _ in part), default=INIT), default=None)
+                raise WrongValue(f"the plan does not work: {name}: {part} does not hold")
+            yield from (CausalLink(self._held_since(atom), consumer, atom, state) for atom, state in literals)
 
 
 def _same_robot(robots: Iterable[str]) -> Iterator[tuple[int, int]]:

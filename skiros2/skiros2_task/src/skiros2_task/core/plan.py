@@ -1,14 +1,20 @@
-"""Plans as skill calls, and as rows of a table."""
+"""Plans: steps with their skill calls, order, robots and times. Computed once for each plan."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.actions import ROBOT_KEY
-from skiros2_task.core.schedule import Schedule
-from skiros2_task.core.skills import SkillParameter
+from skiros2_task.core.formula import Formula
+from skiros2_task.core.partial_order import PartialOrder, deorder
+from skiros2_task.core.reduction import reduced
+from skiros2_task.core.schedule import Schedule, schedule
+from skiros2_task.core.semantics import Facts, GroundStep, validate
+from skiros2_task.core.skills import Skill, SkillParameter
+from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 
@@ -34,13 +40,151 @@ class SkillCall:
         return f"{self.type} ({self.label}) by {self.manager}: {shown}"
 
 
-def skill_calls(task: PlanningTask, plan: Iterable[PlanStep], objects: Mapping[str, Element]) -> tuple[SkillCall, ...]:
-    """Returns the calls that execute a plan, in its order.
+@dataclass(frozen=True)
+class Step:
+    """A step of a plan.
 
+    :param number: unique among all steps of a goal. The steps of a plan are numbered from 1.
+    :param ground: what it needs and changes.
+    :param after: numbers of the steps that must end before this one starts.
+    :param start, end: scheduled times (s after the plan's start).
+    """
+
+    number: int
+    call: SkillCall
+    skill: Skill
+    ground: GroundStep
+    after: frozenset[int] = frozenset()
+    start: float = 0.0
+    end: float = 0.0
+
+    def __str__(self) -> str:
+        return f"step {self.number}, {self.call}"
+
+    @cached_property
+    def precondition(self) -> Formula:
+        """The condition that must hold from the start of the step to its end."""
+        return self.ground.precondition
+
+    @cached_property
+    def uses(self) -> frozenset[str]:
+        """The resources of the step: the manager of its robot, and the devices that it locks."""
+        return frozenset({self.call.manager, *(atom.terms[0] for atom in self.ground.during)})
+
+    def apply(self, facts: Facts) -> Facts:
+        """Returns the facts after this step."""
+        return self.ground.apply(facts)
+
+    def interferes(self, other: Step) -> bool:
+        """Whether the steps share a resource, or one changes a fact that the other needs or changes."""
+        mine, others = self.ground, other.ground
+        changed, others_changed = mine.effects.keys(), others.effects.keys()
+        return bool(
+            self.uses & other.uses
+            or changed & others_changed
+            or changed & others.needed_atoms
+            or others_changed & mine.needed_atoms
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Returns the step as JSON data, as in the feedback of `Achieve`."""
+        return {
+            "number": self.number,
+            "skill": self.call.type,
+            "label": self.call.label,
+            "robot": self.call.manager,
+            "arguments": {key: element.id or element.label or element.type for key, element in self.call.arguments},
+            "start": self.start,
+            "end": self.end,
+            "after": sorted(self.after),
+        }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A valid plan.
+
+    :param task: the planning task that it solves.
+    :param schedule: the order and the times of the steps.
+    :param steps: in an executable order.
+    """
+
+    task: PlanningTask
+    schedule: Schedule
+    steps: tuple[Step, ...]
+
+    @property
+    def order(self) -> PartialOrder:
+        """The partial order of the steps, with the reason of each ordering."""
+        return self.schedule.order
+
+    @property
+    def makespan(self) -> float:
+        """The time from the first start to the last end (s)."""
+        return self.schedule.makespan
+
+    @property
+    def calls(self) -> tuple[SkillCall, ...]:
+        """The skills to run, in order."""
+        return tuple(step.call for step in self.steps)
+
+    @property
+    def summary(self) -> str:
+        """The numbers of steps and robots, and the makespan, as text."""
+        robots, count = len({call.manager for call in self.calls}), len(self.steps)
+        steps = f"{count} step{'s' * (count > 1)}"
+        return f"{steps} of {robots} robot{'s' * (robots > 1)}, {self.makespan:.1f} s"
+
+    def numbered_from(self, first: int) -> tuple[Step, ...]:
+        """Returns the steps with other numbers.
+
+        :param first: the number of the first step.
+        """
+        added = first - 1
+        return tuple(
+            replace(step, number=step.number + added, after=frozenset(i + added for i in step.after))
+            for step in self.steps
+        )
+
+
+def make_plan(
+    task: PlanningTask, steps: Sequence[PlanStep], durations: Durations, objects: Mapping[str, Element]
+) -> Plan:
+    """Validates, reduces, orders and schedules steps.
+
+    :param durations: of the skills.
     :param objects: the elements of the task's objects. An element without id and label, which a skill has yet to
         create, is not an argument: the skill infers it when it starts.
+    :raises WrongValue: the steps do not lead to the goal.
     """
-    return tuple(_call(task, step, objects) for step in plan)
+    flaw = validate(task, steps)
+    if flaw:
+        raise WrongValue(flaw)
+    return plan_of(task, schedule(task, deorder(task, reduced(task, steps)), durations), objects)
+
+
+def plan_of(task: PlanningTask, scheduled: Schedule, objects: Mapping[str, Element]) -> Plan:
+    """Returns a scheduled plan.
+
+    :param objects: see `make_plan`.
+    """
+    before = scheduled.order.predecessors()
+    return Plan(
+        task,
+        scheduled,
+        tuple(
+            Step(
+                number=timed.step + 1,
+                call=_call(task, step, objects),
+                skill=task.action(step.action).skill,
+                ground=task.ground(step),
+                after=frozenset(i + 1 for i in before[timed.step]),
+                start=timed.start,
+                end=timed.end,
+            )
+            for step, timed in zip(scheduled.order.steps, scheduled.steps, strict=True)
+        ),
+    )
 
 
 def _call(task: PlanningTask, step: PlanStep, objects: Mapping[str, Element]) -> SkillCall:
@@ -51,62 +195,6 @@ def _call(task: PlanningTask, step: PlanStep, objects: Mapping[str, Element]) ->
         for v in action.variables
         if v.key and (objects[values[v.name]].id or objects[values[v.name]].label)
     )
-    manager = dict(action.managers)[values[action.robot]]
     parameters = tuple(p for p in action.skill.parameters if p.element_class is not None)
+    manager = action.manager_of(values[action.robot])
     return SkillCall(manager, action.skill.type, action.skill.label, arguments, parameters)
-
-
-@dataclass(frozen=True)
-class PlanRow:
-    """A step of a plan.
-
-    :param number: counts from 1.
-    :param start, end: scheduled times (s after the plan's start).
-    :param robot: the node name of the skill manager.
-    :param skill: the implementation, or the skill's class.
-    :param after: the numbers of the direct predecessors.
-    :param parameters: as text, without the robot.
-    """
-
-    number: int
-    start: float
-    end: float
-    robot: str
-    skill: str
-    after: tuple[int, ...]
-    parameters: str
-
-
-def plan_rows(schedule: Schedule, calls: Sequence[SkillCall]) -> list[PlanRow]:
-    """Returns the steps in the order of their starts.
-
-    :param calls: one for each step of the schedule.
-    """
-    before = schedule.order.predecessors()
-    return [
-        PlanRow(
-            step.step + 1,
-            step.start,
-            step.end,
-            calls[step.step].manager,
-            calls[step.step].label or calls[step.step].type,
-            tuple(i + 1 for i in before[step.step]),
-            _arguments(calls[step.step]),
-        )
-        for step in sorted(schedule.steps, key=lambda s: (s.start, s.step))
-    ]
-
-
-def plan_head(schedule: Schedule, calls: Sequence[SkillCall]) -> str:
-    """Returns the numbers of steps and robots, and the makespan, as text."""
-    robots = len({call.manager for call in calls})
-    steps = f"{len(calls)} step{'s' * (len(calls) > 1)}"
-    return f"{steps} of {robots} robot{'s' * (robots > 1)}, {schedule.makespan:.1f} s"
-
-
-def _arguments(call: SkillCall) -> str:
-    return ", ".join(f"{key}={_element(e)}" for key, e in call.arguments if key != ROBOT_KEY)
-
-
-def _element(element: Element) -> str:
-    return f'"{element.label}"' if element.label else element.id

@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol
 
-from skiros2_task.core.durations import Durations
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.engine_worker import PLAN_FILE, EngineCall, FoundPlan, Job
-from skiros2_task.core.fast_downward import (
-    LAMA_FIRST,
-    LAZY_GREEDY,
-    LAZY_WASTAR,
-    OPTIMAL,
+from skiros2_task.core.engines import (
+    EngineCall,
+    EngineProcesses,
+    FoundPlan,
+    Job,
+    Limits,
+    Outcome,
+    Search,
     SearchPortfolio,
-    shuffled,
 )
-from skiros2_task.core.planner import Limits, Planner, PlannerAnswer
-from skiros2_task.core.schedule import schedule_plan
-from skiros2_task.core.semantics import validate
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 DEFAULT_ENGINE = "fast-downward"
-
-#: Returns the cost of a plan; the plan with the lowest cost is chosen.
-Cost = Callable[[PlanningTask, Sequence[PlanStep]], float]
 
 
 class Quality(Enum):
@@ -37,102 +31,97 @@ class Quality(Enum):
     OPTIMAL = "optimal"  # a plan with the fewest steps
 
 
-_PORTFOLIOS = {
-    Quality.FIRST: SearchPortfolio((LAMA_FIRST, LAZY_WASTAR, LAZY_GREEDY), grace_share=0.1),
-    Quality.BEST: SearchPortfolio((LAMA_FIRST, LAZY_WASTAR, LAZY_GREEDY, *(shuffled(seed) for seed in range(1, 4)))),
-    Quality.OPTIMAL: SearchPortfolio((OPTIMAL,), goal_action=True),
-}
+@dataclass(frozen=True)
+class PlannerAnswer:
+    """The result of a planner run.
+
+    :param plans: the plans found, if solved. They are not validated.
+    :param reason: why there is no plan; "" if solved.
+    :param log: the planner's output.
+    :param files: (file name, text) pairs: the PDDL of domain and problem, if written.
+    :param seconds: the duration of the run.
+    """
+
+    outcome: Outcome
+    plans: tuple[FoundPlan, ...] = ()
+    reason: str = ""
+    log: str = ""
+    files: tuple[tuple[str, str], ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def plan(self) -> tuple[PlanStep, ...]:
+        """The steps of the first plan found."""
+        return self.plans[0].steps if self.plans else ()
 
 
-class Portfolio:
-    """A planner that runs a portfolio of Fast Downward searches and returns the best of their plans."""
-
-    def __init__(self, processes: EngineProcesses, quality: Quality, cost: Cost) -> None:
-        """
-        :param processes: may be shared by planners.
-        :param cost: compares valid plans.
-        """
-        self._processes = processes
-        self._quality = quality
-        self._cost = cost
+class Planner(Protocol):
+    """Solves planning tasks. Thread-safe; calls run concurrently. "No plan" is an answer with a reason."""
 
     @property
     def name(self) -> str:
-        return f"{DEFAULT_ENGINE}, {self._quality.value} plan"
+        """The name of the planner."""
+
+    def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
+        """Blocks until the task is solved, a limit is reached or `cancelled` is set."""
+
+
+class EnginePlanner:
+    """A planner that runs an engine of unified-planning, or a portfolio of Fast Downward searches."""
+
+    def __init__(self, processes: EngineProcesses, name: str, work: EngineCall | SearchPortfolio) -> None:
+        """
+        :param processes: may be shared by planners.
+        """
+        self.name = name
+        self._processes = processes
+        self._work = work
 
     def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
         """Solves a task; see `Planner`."""
         started = time.monotonic()
-        run = self._processes.run(Job(task, _PORTFOLIOS[self._quality], limits), cancelled or threading.Event())
-        best, report = self._best(task, run.answer.plans)
+        run = self._processes.run(Job(task, self._work, limits), cancelled or threading.Event())
         seconds = time.monotonic() - started
-        files = (*run.files, (PLAN_FILE, best.text)) if best else run.files
-        plan = best.steps if best else ()
-        return PlannerAnswer(run.answer.outcome, plan, run.answer.reason, run.log + report, files, seconds)
-
-    def _best(self, task: PlanningTask, plans: Sequence[FoundPlan]) -> tuple[FoundPlan | None, str]:
-        """Returns the best plan, and a report with a line per plan. An invalid plan is returned only if all are."""
-        costs: list[tuple[float, FoundPlan]] = []
-        lines = []
-        for found in plans:
-            wrong = validate(task, found.steps)
-            cost = float("inf") if wrong else self._cost(task, found.steps)
-            costs.append((cost, found))
-            text = wrong or f"{len(found.steps)} steps, makespan {cost:g} s"
-            lines.append(f"{found.by}, after {found.seconds:.2f} s: {text}\n")
-        if not costs:
-            return None, ""
-        return min(costs, key=lambda pair: pair[0])[1], "".join(lines)
+        return PlannerAnswer(run.answer.outcome, run.answer.plans, run.answer.reason, run.log, run.files, seconds)
 
 
-class UpPlanner:
-    """A planner that runs one engine of unified-planning."""
+def engine_planner(processes: EngineProcesses, name: str = DEFAULT_ENGINE, **options: str) -> EnginePlanner:
+    """Returns the planner that runs one engine.
 
-    def __init__(
-        self, processes: EngineProcesses, engine: str = DEFAULT_ENGINE, options: Mapping[str, str] | None = None
-    ) -> None:
-        """
-        :param processes: may be shared by planners.
-        :param engine: its name in unified-planning, or `module:Class`. The answers of an unknown engine are failures.
-        :param options: of the engine, such as `{"fast_downward_alias": "lama-first"}`.
-        """
-        self._processes = processes
-        self._call = EngineCall(engine, tuple((options or {}).items()))
-
-    @property
-    def name(self) -> str:
-        return self._call.name
-
-    def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
-        """Solves a task; see `Planner`."""
-        started = time.monotonic()
-        run = self._processes.run(Job(task, self._call, limits), cancelled or threading.Event())
-        seconds = time.monotonic() - started
-        found = run.answer.plans[0] if run.answer.plans else None
-        files = (*run.files, (PLAN_FILE, found.text)) if found else run.files
-        plan = found.steps if found else ()
-        return PlannerAnswer(run.answer.outcome, plan, run.answer.reason, run.log, files, seconds)
-
-
-def makespan(durations: Durations | None = None) -> Cost:
-    """Returns a cost function: the makespan of a plan (s).
-
-    :param durations: of the skills; by default all equal.
+    :param name: the engine's name in unified-planning, or `module:Class`. The answers of an unknown one are failures.
+    :param options: of the engine, such as `fast_downward_alias="lama-first"`.
     """
-    known = durations or Durations()
-    return lambda task, plan: schedule_plan(task, plan, known).makespan
+    return EnginePlanner(processes, name, EngineCall(name, tuple(options.items())))
 
 
-def planner_named(
-    processes: EngineProcesses, name: str = DEFAULT_ENGINE, durations: Durations | None = None
-) -> Planner:
-    """Returns the planner for a quality (`first`, `best`, `optimal`) or an engine's name.
-
-    :param durations: of the skills; of several plans the one with the smallest makespan is chosen.
-    """
-    cost = makespan(durations)
+def planner_named(processes: EngineProcesses, name: str = DEFAULT_ENGINE) -> EnginePlanner:
+    """Returns the planner for a quality (`first`, `best`, `optimal`) or an engine's name."""
     if name == DEFAULT_ENGINE:
-        return Portfolio(processes, Quality.FIRST, cost)
-    if name in {quality.value for quality in Quality}:
-        return Portfolio(processes, Quality(name), cost)
-    return UpPlanner(processes, name)
+        name = Quality.FIRST.value
+    if name not in {quality.value for quality in Quality}:
+        return engine_planner(processes, name)
+    return EnginePlanner(processes, f"{DEFAULT_ENGINE}, {name} plan", _PORTFOLIOS[Quality(name)])
+
+
+_LAMA_FIRST = Search(
+    "lama-first",
+    "let(hlm, eval_modify_costs(landmark_sum(lm_factory=lm_reasonable_orders_hps(lm_rhw()),pref=false),cost_type=one),"
+    "let(hff, eval_modify_costs(ff(),cost_type=one),"
+    "lazy_greedy([hff,hlm],preferred=[hff,hlm],cost_type=one,reopen_closed=false)))",
+)
+_LAZY_WASTAR = Search("lazy-wastar-2", "let(hff, ff(), lazy_wastar([hff],preferred=[hff],w=2))")
+_LAZY_GREEDY = Search("lazy-greedy-ff", "let(hff, ff(), lazy_greedy([hff],preferred=[hff]))")
+_OPTIMAL = Search("astar-lmcut", "astar(lmcut())")
+
+
+def _shuffled(seed: int) -> Search:
+    """Returns lazy WA* with successors in random order."""
+    options = f"preferred=[hff],w=2,randomize_successors=true,random_seed={seed}"
+    return Search(f"lazy-wastar-2-seed-{seed}", f"let(hff, ff(), lazy_wastar([hff],{options}))")
+
+
+_PORTFOLIOS = {
+    Quality.FIRST: SearchPortfolio((_LAMA_FIRST, _LAZY_WASTAR, _LAZY_GREEDY), grace_share=0.1),
+    Quality.BEST: SearchPortfolio((_LAMA_FIRST, _LAZY_WASTAR, _LAZY_GREEDY, *map(_shuffled, range(1, 4)))),
+    Quality.OPTIMAL: SearchPortfolio((_OPTIMAL,), goal_action=True),
+}

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
-from skiros2_task.core.archive import Archive
-from skiros2_task.core.compiler import make_task
-from skiros2_task.core.durations import Durations
-from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan
+from skiros2_task.core.compiler import make_task, note_of_empty_class
+from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome
+from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan, unusable_skills
+from skiros2_task.core.explain_plan import explain_plan
 from skiros2_task.core.formula import FALSE, Formula
 from skiros2_task.core.goal_reader import GoalReader
-from skiros2_task.core.plan import SkillCall, skill_calls
-from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
+from skiros2_task.core.plan import Plan, SkillCall, make_plan
+from skiros2_task.core.planners import Planner, PlannerAnswer
+from skiros2_task.core.preview import Preview
 from skiros2_task.core.reachability import Deadline
-from skiros2_task.core.schedule import Schedule, schedule_plan
-from skiros2_task.core.semantics import validate
-from skiros2_task.core.task import PlanningTask, PlanStep
-from skiros2_task.core.unusable_skills import unusable_skills
+from skiros2_task.core.store import Archive, Durations
+from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
@@ -62,22 +62,63 @@ _VERDICTS = {
 class PlanningResult:
     """The result of planning.
 
-    :param calls: the skills to run, in order.
     :param message: for the client.
     :param notes: messages about skills and elements that were left out.
     :param task: the planning task; None if the goal could not be read.
-    :param steps: the plan, a step for each call.
     :param why: the explanation, if there is no plan.
     """
 
     verdict: Verdict
-    calls: tuple[SkillCall, ...] = ()
     message: str = ""
     notes: tuple[str, ...] = ()
     task: PlanningTask | None = None
-    steps: tuple[PlanStep, ...] = ()
-    schedule: Schedule | None = None
+    plan: Plan | None = None
     why: NoPlan | None = None
+
+    @property
+    def calls(self) -> tuple[SkillCall, ...]:
+        """The skills to run, in order."""
+        return self.plan.calls if self.plan is not None else ()
+
+
+@dataclass(frozen=True)
+class PlanReport:
+    """A planning result as data for clients. Its fields are those of the result of the action `MakePlan`.
+
+    :param state: the verdict with `_` for spaces.
+    :param plan: the steps as a JSON list, see `Step.to_dict`.
+    :param makespan: s.
+    :param why: the purpose of each step (`WhyPlan`), or why there is no plan (`NoPlan`), as JSON; "" if unknown.
+    :param preview: the simulated plan (`Preview`) as JSON; "" without a plan.
+    """
+
+    state: str
+    message: str
+    plan: str = "[]"
+    makespan: float = 0.0
+    why: str = ""
+    preview: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> PlanReport:
+    """Returns the report of a planning result.
+
+    :param simulate: simulates a plan on a copy of the scene.
+    """
+    state, plan = result.verdict.value.replace(" ", "_"), result.plan
+    if plan is None:
+        why = result.why.to_json() if result.why is not None else ""
+        return PlanReport(state, result.message, why=why, notes=result.notes)
+    return PlanReport(
+        state,
+        plan.summary,
+        json.dumps([step.to_dict() for step in plan.steps]),
+        plan.makespan,
+        explain_plan(plan).to_json(),
+        simulate(plan).to_json(),
+        result.notes,
+    )
 
 
 class TaskPlanner:
@@ -97,7 +138,8 @@ class TaskPlanner:
         :param durations: of the skills, for schedules.
         :param managers: returns the node names of running skill managers.
         """
-        self._wm = wm
+        #: The world model.
+        self.wm = wm
         self._planner = planner
         self._limits = limits
         self._archive = archive
@@ -145,7 +187,8 @@ class TaskPlanner:
         planner = planner or self._planner
         report(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({planner.name})")
         answer = planner.solve(task, limits or self._limits, cancelled)
-        return self._store(goal, task, self._result(answer, task, world, cancelled), answer)
+        result, files = self._result(answer, task, world, cancelled)
+        return self._store(goal, task, result, {LOG_FILE: answer.log, **dict(answer.files), **files})
 
     def read_task(self, goal: str | Formula) -> PlanningTask:
         """Returns the planning task for a goal in the current world.
@@ -157,7 +200,7 @@ class TaskPlanner:
         return make_task(world, self._formula(goal, world))
 
     def _view(self, asked_by: str = "") -> WorldView:
-        world = WorldView(self._wm, self._managers())
+        world = WorldView(self.wm, self._managers())
         world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
         return world
 
@@ -169,32 +212,41 @@ class TaskPlanner:
 
     def _result(
         self, answer: PlannerAnswer, task: PlanningTask, world: WorldView, cancelled: threading.Event | None
-    ) -> PlanningResult:
-        if answer.outcome is Outcome.SOLVED:
-            wrong = validate(task, answer.plan)
-            if wrong:
-                message = f"the planner gave a plan that does not work: {wrong}"
-                return PlanningResult(Verdict.FAILED, message=message, notes=task.notes)
-            plan = schedule_plan(task, answer.plan, self._durations)
-            steps = plan.order.steps
-            calls = skill_calls(task, steps, world.objects)
-            return PlanningResult(
-                Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes, task=task, steps=steps, schedule=plan
-            )
-        return _without_plan(answer.outcome, answer.reason, task, world, cancelled)
+    ) -> tuple[PlanningResult, dict[str, str]]:
+        """Returns the result with the shortest of the planner's plans, and files about the plans."""
+        if answer.outcome is not Outcome.SOLVED:
+            return _without_plan(answer.outcome, answer.reason, task, world, cancelled), {}
+        best: tuple[Plan, FoundPlan] | None = None
+        flaw, report = "", answer.log
+        for found in answer.plans:
+            try:
+                plan = make_plan(task, found.steps, self._durations, world.objects)
+            except WrongValue as error:
+                flaw = str(error)
+                report += f"{found.by}, after {found.seconds:.2f} s: {flaw}\n"
+                continue
+            report += f"{found.by}, after {found.seconds:.2f} s: {plan.summary}\n"
+            if best is None or plan.makespan < best[0].makespan:
+                best = plan, found
+        if best is None:
+            message = f"the planner gave a plan that does not work: {flaw}"
+            return PlanningResult(Verdict.FAILED, message, task.notes, task), {LOG_FILE: report}
+        message = "\n".join(map(str, best[0].calls))
+        files = {LOG_FILE: report, **({PLAN_FILE: best[1].text} if best[1].text else {})}
+        return PlanningResult(Verdict.PLANNED, message, task.notes, task, best[0]), files
 
     def _store(
-        self, goal: str | Formula, task: PlanningTask, result: PlanningResult, answer: PlannerAnswer | None = None
+        self, goal: str | Formula, task: PlanningTask, result: PlanningResult, files: Mapping[str, str] | None = None
     ) -> PlanningResult:
         level = logging.DEBUG if result.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO) else logging.INFO
         for note in task.notes:
             log.log(level, "%s", note)
         if self._archive is not None:
-            texts = dict(answer.files) if answer is not None else {}
-            texts["goal.txt"] = str(goal)
-            texts["result.txt"] = "\n".join([result.verdict.value, result.message, *task.notes])
-            if answer is not None:
-                texts["planner.log"] = answer.log
+            texts = {
+                **(files or {}),
+                "goal.txt": str(goal),
+                "result.txt": "\n".join([result.verdict.value, result.message, *task.notes]),
+            }
             self._archive.keep(texts)
         return result
 
@@ -202,7 +254,7 @@ class TaskPlanner:
 def _why_impossible(task: PlanningTask, world: WorldView) -> str:
     """Returns why the goal is impossible without asking a planner; "" if a planner has to decide."""
     if task.goal == FALSE:
-        return "; ".join(["the goal can never hold", *(note for note in task.notes if "the goal names" in note)])
+        return "; ".join(["the goal can never hold", *map(note_of_empty_class, task.empty_classes)])
     if task.actions:
         return ""
     return "none of the robots' skills can help" if world.robots else NO_ROBOT
@@ -217,10 +269,9 @@ def _without_plan(
     """
     if outcome in (Outcome.CANCELLED, Outcome.FAILED):
         why = NoPlan(outcome.value, reason)
-        return PlanningResult(_VERDICTS[outcome], message=reason, notes=task.notes, task=task, why=why)
+        return PlanningResult(_VERDICTS[outcome], reason, task.notes, task, why=why)
     if task.concurrent:
         reason = "; ".join([reason or outcome.value, *task.concurrent, CONCURRENCY_HINT])
     deadline = Deadline(_EXPLANATION_TIMEOUT, cancelled)
-    why = explain_no_plan(task, outcome.value, reason, unusable_skills(world, task), deadline)
-    verdict = next(_VERDICTS[o] for o in Outcome if o.value == why.verdict)
-    return PlanningResult(verdict, message=str(why), notes=task.notes, task=task, why=why)
+    why = explain_no_plan(task, outcome, reason, unusable_skills(world, task), deadline)
+    return PlanningResult(_VERDICTS[Outcome(why.verdict)], str(why), task.notes, task, why=why)

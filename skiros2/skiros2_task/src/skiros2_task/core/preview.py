@@ -8,27 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Protocol
 
-from skiros2_common.core.conditions import (
-    AbstractConditionRelation,
-    ConditionBase,
-    ConditionGenerate,
-    ConditionHasProperty,
-    ConditionIsSpecified,
-    ConditionOnType,
-    ConditionOr,
-    ConditionProperty,
-    ConditionRelation,
-)
+from skiros2_common.core.conditions import ConditionBase, condition_from
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import ROBOT_KEY
-from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate
-from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.conditions import condition_of
+from skiros2_task.core.formula import Atom, Formula, Kind, fold
+from skiros2_task.core.plan import Plan, SkillCall, Step
 from skiros2_task.core.skills import ParameterKind, Skill, SkillCondition, SkillParameter
-from skiros2_task.core.task import PlanningTask, PlanStep, effects_of
+from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 _KINDS = {
@@ -38,16 +29,6 @@ _KINDS = {
 }
 
 
-#: The condition class for each kind of predicate.
-_CONDITIONS = {
-    Kind.RELATION: "ConditionRelation",
-    Kind.ALLOWED: "AbstractConditionRelation",
-    Kind.VALUE: "ConditionProperty",
-    Kind.COMPARES: "ConditionProperty",
-    Kind.HAS: "ConditionHasProperty",
-    Kind.IS_A: "ConditionOnType",
-    Kind.IN_SCENE: "ConditionIsSpecified",
-}
 #: The action of a change of the world model that removes elements.
 _REMOVE = "remove"
 
@@ -133,34 +114,33 @@ class Preview(JsonData):
         yield f"the goal {'holds' if self.reached else 'does not hold'} at the end"
 
 
-def preview(
-    copy: WorldModelPort,
-    task: PlanningTask,
-    steps: Sequence[PlanStep],
-    calls: Sequence[SkillCall],
-    states: bool = False,
-) -> Preview:
+def preview(copy: WorldModelPort, plan: Plan, states: bool = False) -> Preview:
     """Simulates a plan on a copy of the scene. The copy is changed.
 
     :param copy: of the world that the plan was made for, such as a `PreviewCopy`.
-    :param task, steps, calls: of the `PlanningResult`.
     :param states: whether to report the full state after each step.
     """
-    simulation = _Simulation(copy, task)
-    facts = _facts_of(task, steps) if states else []
+    simulation = _Simulation(copy, plan.task)
+    facts = _facts_of(plan) if states else []
     simulated = []
-    for number, (step, call) in enumerate(zip(steps, calls, strict=True), 1):
-        simulated.append(simulation.run(number, step, call))
+    for step, planned in zip(plan.steps, plan.order.steps, strict=True):
+        simulated.append(simulation.run(step, planned))
         simulated[-1].state = [str(atom) for atom in facts if simulation.holds(atom)]
-    return Preview(simulated, simulation.holds(task.goal))
+    return Preview(simulated, simulation.holds(plan.task.goal))
 
 
-def _facts_of(task: PlanningTask, steps: Sequence[PlanStep]) -> list[Atom]:
+def _facts_of(plan: Plan) -> list[Atom]:
     """Returns the facts that hold at some time during a plan, of predicates that skills change."""
-    changing = {effect.atom.predicate for action in task.actions for effect in action.effects}
-    found = {atom for atom in task.init if atom.predicate in changing}
-    found |= {atom for step in steps for atom, state in effects_of(task, step) if state}
+    found = {atom for atom in plan.task.init if atom.predicate in plan.task.changed}
+    found |= {atom for step in plan.steps for atom, state in step.ground.effects.items() if state}
     return sorted(found, key=str)
+
+
+class _Change(Protocol):
+    """A change of the world model, as listeners get it."""
+
+    action: str
+    elements: Sequence[Element]
 
 
 class _Simulation:
@@ -172,12 +152,15 @@ class _Simulation:
         self._now = {e.id: e for e in copy.resolve_elements(Element())}
         self._created: dict[str, str] = {}  # the ids of created elements, by their names in the task
 
-    def run(self, number: int, step: PlanStep, call: SkillCall) -> PreviewStep:
-        action = self._task.action(step.action)
-        skill = action.skill
-        named = {v.key or ROBOT_KEY: name for v, name in zip(action.variables, step.arguments, strict=True)}
-        result = PreviewStep(number, skill.name, call.manager)
-        elements = self._elements(named, call, result)
+    def run(self, step: Step, planned: PlanStep) -> PreviewStep:
+        """Simulates a step.
+
+        :param planned: the same step in the planning task.
+        """
+        skill, variables = step.skill, self._task.action(planned.action).variables
+        named = {v.key or ROBOT_KEY: name for v, name in zip(variables, planned.arguments, strict=True)}
+        result = PreviewStep(step.number, skill.name, step.call.manager)
+        elements = self._elements(named, step.call, result)
         result.arguments = {key: _name(e) if e.id else f"a new {e.type}" for key, e in elements.items()}
         params = ParamHandler({p.key: _param(p, elements.get(p.key), self._copy) for p in skill.parameters})
         result.unsatisfied = [
@@ -187,7 +170,7 @@ class _Simulation:
         ]
         before: dict[str, Element | None] = {}  # changed elements before the step
 
-        def record(change: Any) -> None:
+        def record(change: _Change) -> None:
             for element in change.elements:
                 before.setdefault(element.id, self._now.get(element.id))
                 if change.action == _REMOVE:
@@ -210,23 +193,20 @@ class _Simulation:
         return result
 
     def holds(self, formula: Formula) -> bool:
-        """Whether a ground formula without quantifiers holds now."""
-        if isinstance(formula, Not):
-            return not self.holds(formula.part)
-        if isinstance(formula, And | Or):
-            return (all if isinstance(formula, And) else any)(map(self.holds, formula.parts))
-        if not isinstance(formula, Atom):
-            raise TypeError(f"{formula} has a quantifier; expand it first")
-        if formula.predicate.kind is Kind.CAN:
-            return formula in self._task.init
-        found = [self._copy.find_element(self._created.get(term, term)) for term in formula.terms]
+        """Whether a ground formula without quantifiers holds now, by the conditions that managers evaluate."""
+        return fold(formula, lambda atom, state: self._is_true(atom) == state, all, any)
+
+    def _is_true(self, atom: Atom) -> bool:
+        if atom.predicate.kind is Kind.CAN:
+            return atom in self._task.init
+        found = [self._copy.find_element(self._created.get(term, term)) for term in atom.terms]
         params = ParamHandler()
         for key, element in zip(_PARAMETERS, found, strict=False):
             if element is None:
                 return False
             params.addParam(key, element, ParamTypes.Required)
-        condition = make_condition(_condition_of(formula.predicate))
-        return bool(condition.evaluate(params, self._copy))
+        condition = condition_from(condition_of(atom.predicate, *_PARAMETERS))
+        return condition is not None and bool(condition.evaluate(params, self._copy))
 
     def _elements(self, named: Mapping[str, str], call: SkillCall, result: PreviewStep) -> dict[str, Element]:
         """Returns the current elements of a step by parameter; abstract elements for those to create."""
@@ -242,15 +222,15 @@ class _Simulation:
             found[key] = element if element is not None else Element(self._task.objects[name])
         return found
 
-    def _preconditions(self, skill: Skill) -> list[Any]:
+    def _preconditions(self, skill: Skill) -> list[ConditionBase]:
         """Returns the conditions that must hold when a skill starts."""
         holds = [c for c in skill.hold if not any(c.contradicts(pre) for pre in skill.pre)]
-        conditions = (make_condition(condition) for condition in dict.fromkeys((*skill.pre, *holds)))
+        conditions = (condition_from(condition) for condition in dict.fromkeys((*skill.pre, *holds)))
         return [condition for condition in conditions if condition is not None]
 
     def _apply(self, effect: SkillCondition, params: ParamHandler) -> list[str]:
         """Applies an effect. Returns messages about chosen values and effects without a value."""
-        condition = make_condition(effect)
+        condition = condition_from(effect)
         if condition is None:
             return [f"{effect.kind} {effect.label!r} has no effect: planning cannot read it"]
         for key in condition.getKeys():
@@ -267,20 +247,6 @@ class _Simulation:
         return [f"{_name(element)} {effect.name} {value}, an example for: {condition.expected()}"]
 
 
-def _condition_of(predicate: Predicate) -> SkillCondition:
-    """Returns the condition that tests a predicate of the elements in `_PARAMETERS`."""
-    subject, obj = _PARAMETERS
-    return SkillCondition(
-        _CONDITIONS[predicate.kind],
-        str(predicate),
-        subject,
-        obj if predicate.arity == 2 else "",
-        predicate.name,
-        predicate.operator or "=",
-        predicate.value,
-    )
-
-
 def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelPort) -> Param:
     kind = _KINDS[parameter.kind]
     if parameter.element_class is None:
@@ -290,34 +256,6 @@ def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelP
     if given is not None and not given.isAbstract():
         param.assign(given)
     return param
-
-
-def make_condition(read: SkillCondition) -> Any:
-    """Returns the condition that a manager would evaluate; None if planning cannot read it."""
-    kind, name, subject = read.kind, read.name, read.subject
-    if kind == "ConditionRelation":
-        return ConditionRelation(read.label, name, subject, read.object, read.state)
-    if kind == "AbstractConditionRelation":
-        return AbstractConditionRelation(read.label, name, subject, read.object, read.state)
-    if kind == "ConditionHasProperty":
-        return ConditionHasProperty(read.label, name, subject, read.state)
-    if kind == "ConditionProperty":
-        return ConditionProperty(read.label, name, subject, read.operator, read.value, read.state)
-    if kind == "ConditionOnType":
-        return ConditionOnType(read.label, subject, name)
-    if kind in ("ConditionGenerate", "ConditionIsSpecified"):
-        return (ConditionGenerate if kind == "ConditionGenerate" else ConditionIsSpecified)(
-            read.label, subject, read.state
-        )
-    if kind != "ConditionOr":
-        return None
-    parts: list[ConditionBase | None] = [make_condition(part) for part in read.parts]
-    if None in parts:
-        return None
-    either = ConditionOr(read.state)
-    for part in parts:
-        either.addCondition(part)
-    return either
 
 
 def _example(effect: SkillCondition, copy: WorldModelPort) -> str | bool | float | None:

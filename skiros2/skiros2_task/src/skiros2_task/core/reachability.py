@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from skiros2_task.core.actions import Action
-from skiros2_task.core.formula import And, Atom, Formula, Not, Predicate, bind, conjuncts
-from skiros2_task.core.task import PlanningTask, PlanStep, effects_of
+from skiros2_task.core.formula import Atom, Formula, Predicate, bind, conjuncts, fold
+from skiros2_task.core.task import PlanningTask, PlanStep
 
 Binding = dict[str, str]
 
@@ -45,15 +45,11 @@ class Reached:
         return True
 
     def may_hold(self, formula: Formula) -> bool:
-        """Whether a ground formula in negation normal form may become true."""
-        if isinstance(formula, Atom):
-            return formula in self.true
-        if isinstance(formula, Not):
-            assert isinstance(formula.part, Atom)
-            return formula.part not in self.init or formula.part in self.false
-        assert not hasattr(formula, "variables")
-        every = isinstance(formula, And)
-        return (all if every else any)(self.may_hold(part) for part in formula.parts)
+        """Whether a ground formula without quantifiers may become true."""
+        return fold(formula, self._may_be, all, any)
+
+    def _may_be(self, atom: Atom, state: bool) -> bool:
+        return atom in self.true if state else atom not in self.init or atom in self.false
 
     def matches(self, atom: Atom, binding: Binding) -> Iterator[Binding]:
         """Yields the completions of a binding for which the atom may become true."""
@@ -104,7 +100,7 @@ def explore(task: PlanningTask, deadline: Deadline) -> Reached:
                     return reached
                 if step not in done:
                     done.add(step)
-                    for atom, state in list(effects_of(task, step)):
+                    for atom, state in task.ground(step).effects.items():
                         growing |= reached.add(atom, state)
     return reached
 

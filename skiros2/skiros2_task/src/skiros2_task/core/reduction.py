@@ -15,8 +15,7 @@ from collections.abc import Iterable, Sequence
 from heapq import heappop, heappush
 
 from skiros2_task.core.formula import Atom, Formula, Not, conjuncts, holds, literals
-from skiros2_task.core.partial_order import changes_of
-from skiros2_task.core.task import PlanningTask, PlanStep, precondition_of
+from skiros2_task.core.task import PlanningTask, PlanStep
 
 
 def reduced(task: PlanningTask, plan: Sequence[PlanStep]) -> tuple[PlanStep, ...]:
@@ -46,9 +45,9 @@ class _Trials:
 
     def __init__(self, task: PlanningTask, plan: Sequence[PlanStep]) -> None:
         self._init = task.init
-        self._needs = [precondition_of(task, step) for step in plan]
-        self._needed = [_atoms(need) for need in self._needs]
-        self._effects = [changes_of(task, step).effects for step in plan]
+        self._steps = [task.ground(step) for step in plan]
+        self._needed = [step.needed_atoms for step in self._steps]
+        self._effects = [step.effects for step in self._steps]
         #: For each atom the steps that make it true or false, and those that need or change it, in order.
         self._producers: dict[Atom, list[tuple[int, bool]]] = {}
         self._users: dict[Atom, list[int]] = {}
@@ -88,7 +87,7 @@ class _Trials:
                 elif users[index] not in queued:
                     queued.add(users[index])
                     heappush(queue, users[index])
-        end = _Facts(self, different, len(self._needs))
+        end = _Facts(self, different, len(self._steps))
         reached = all(holds(part, end) for part, atoms in self._alternatives if not atoms.isdisjoint(different))
         return gone if reached else set()
 
@@ -105,7 +104,7 @@ class _Trials:
 
     def _can_run(self, step: int, different: dict[Atom, bool]) -> bool:
         needed = self._needed[step]
-        return needed.isdisjoint(different) or holds(self._needs[step], _Facts(self, different, step))
+        return needed.isdisjoint(different) or self._steps[step].can_start(_Facts(self, different, step))
 
     def value(self, atom: Atom, step: int) -> bool:
         """Whether a fact holds in the plan when a step starts."""

@@ -10,13 +10,14 @@ found by bisection. Functionally determined parameters, such as a robot's grippe
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
-from skiros2_task.core.durations import Durations
-from skiros2_task.core.ground_actions import Fact, Facts, GroundAction, ground_actions
+from skiros2_task.core.formula import Atom, Kind, Predicate
 from skiros2_task.core.partial_order import PartialOrder
-from skiros2_task.core.plan_parts import Part, Target, find_moves, split_plan
+from skiros2_task.core.plan_parts import Part, Roles, Target, find_moves, split_plan
+from skiros2_task.core.semantics import GroundStep
+from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.timeline import Timeline
 
@@ -48,40 +49,36 @@ class _RobotAssigner:
     def __init__(self, task: PlanningTask, order: PartialOrder, durations: Durations) -> None:
         self._task = task
         self._order = order
-        facts = Facts(task.init)
-        self._facts = facts
-        self._actions = ground_actions(task, facts)
+        self._actions = {action.name: Roles(task, action) for action in task.actions}
         self._robots = self._capable_robots()
         self._seconds = {
-            (a.action.name, robot): durations.seconds(a.action.skill, dict(a.action.managers).get(robot, ""))
+            (roles.action.name, robot): durations.seconds(roles.action.skill, roles.action.manager_of(robot))
             for robot, actions in self._robots.items()
-            for a in actions
+            for roles in actions
         }
         self._min_seconds: dict[str, float] = {}
         for (name, _), seconds in self._seconds.items():
             self._min_seconds[name] = min(seconds, self._min_seconds.get(name, seconds))
-        self._moves = find_moves(self._actions.values(), facts)
-        indexed = {
-            (pattern.number, pattern.terms.index(ground.robot))
-            for ground in self._actions.values()
-            for pattern in (*ground.tools.values(), *ground.states.values())
-        }
-        self._timeline = Timeline(facts.init, sorted(indexed))
+        self._moves = find_moves(self._actions.values())
+        indexed = {pair for roles in self._actions.values() for pair in roles.determined.values()}
+        self._timeline = Timeline(task.init, indexed)
+        self._grounded: dict[tuple[str, tuple[str, ...]], GroundStep | None] = {}
 
-    def _capable_robots(self) -> dict[str, list[GroundAction]]:
+    def _capable_robots(self) -> dict[str, list[Roles]]:
         """Returns the actions that each robot has the skills for."""
-        found: dict[str, list[GroundAction]] = {}
-        for action in self._actions.values():
-            for robot in self._task.candidates(action.action.variables[action.robot].classes):
-                if action.can(robot, self._task.init):
-                    found.setdefault(robot, []).append(action)
+        found: dict[str, list[Roles]] = {}
+        for roles in self._actions.values():
+            can = Predicate(Kind.CAN, roles.action.name)
+            for robot in self._task.candidates(roles.action.variables[roles.robot].classes):
+                if Atom(can, (robot,)) in self._task.init:
+                    found.setdefault(robot, []).append(roles)
         return found
 
     # -- assignment --------------------------------------------------------------------------------------------
 
     def assign(self) -> tuple[PlanStep, ...] | None:
         """See `reassign_robots`."""
-        parts = split_plan(self._task, self._order, self._actions, self._moves, self._facts)
+        parts = split_plan(self._task, self._order, self._actions, self._moves)
         best = self._list_schedule(parts) if parts else None
         if best is None or not self._robots:
             return None
@@ -137,7 +134,7 @@ class _RobotAssigner:
         assignment = _Assignment()
         waiting = dict(enumerate(parts))
         window = max(MIN_WINDOW, MAX_TRIALS // max(1, len(parts)))
-        tried: dict[tuple[int, str], tuple[float | None, set[Fact]]] = {}
+        tried: dict[tuple[int, str], tuple[float | None, set[Atom]]] = {}
         while waiting:
             best: tuple[float, int, str] | None = None
             for number in self._ready(waiting)[:window]:
@@ -195,7 +192,7 @@ class _RobotAssigner:
                 return None
         return self._timeline.free_at(robot)
 
-    def _variants(self, action: GroundAction, robot: str) -> Iterator[GroundAction]:
+    def _variants(self, action: Roles, robot: str) -> Iterator[Roles]:
         """Yields a robot's actions of the same skill: robots with different durations have different actions."""
         for other in self._robots.get(robot, ()):
             one, two = action.action, other.action
@@ -205,7 +202,7 @@ class _RobotAssigner:
     def _move(self, target: Target, robot: str) -> bool:
         """Moves a robot to a target, if it is not there. Returns whether it is there then."""
         terms = [robot if i == target.position else t for i, t in enumerate(target.terms)]
-        if self._timeline.holds((target.predicate, *terms)):
+        if self._timeline.holds(Atom(target.predicate, tuple(terms))):
             return True
         for action, variables in self._moves[target.predicate, target.position]:
             if action in self._robots.get(robot, ()):
@@ -216,28 +213,42 @@ class _RobotAssigner:
                     return True
         return False
 
-    def _add_step(self, actions: Iterable[GroundAction], values: Sequence[str], robot: str) -> bool:
+    def _add_step(self, actions: Iterable[Roles], values: Sequence[str], robot: str) -> bool:
         """Adds a step with the first action and functionally determined parameters for which it is applicable."""
         for action in actions:
             seconds = self._seconds[action.action.name, robot]
             for complete in self._determine(action, values, robot):
-                step = action.grounded(complete)
-                if step is not None and self._timeline.add(step, robot, seconds):
+                step = self._ground(action.action.name, complete)
+                if step is not None and self._timeline.add(step, seconds):
                     self._tried.append(PlanStep(action.action.name, complete))
                     return True
         return False
 
-    def _determine(self, action: GroundAction, values: Sequence[str], robot: str) -> Iterator[tuple[str, ...]]:
+    def _determine(self, action: Roles, values: Sequence[str], robot: str) -> Iterator[tuple[str, ...]]:
         """Yields the values with the robot and the parameters that it determines; the given values first."""
         complete = list(values)
         complete[action.robot] = robot
         choices = []
-        for variable, pattern in action.determined:
-            facts = self._timeline.facts_with(pattern.number, pattern.terms.index(action.robot), robot)
-            position = pattern.terms.index(variable) + 1
-            found = [str(fact[position]) for fact in facts]
+        for variable, (predicate, position) in action.determined.items():
+            facts = self._timeline.facts_with(predicate, position, robot)
+            found = [fact.terms[1 - position] for fact in facts]
             choices.append([*(t for t in found if t == values[variable]), *(t for t in found if t != values[variable])])
         for choice in product(*choices):
-            for (variable, _), value in zip(action.determined, choice, strict=True):
+            for variable, value in zip(action.determined, choice, strict=True):
                 complete[variable] = value
             yield tuple(complete)
+
+    def _ground(self, action: str, values: tuple[str, ...]) -> GroundStep | None:
+        """Returns a step without the needs that no step changes; None if one of these does not hold."""
+        key = action, values
+        if key not in self._grounded:
+            grounder, changed, init = self._task.grounder(action), self._task.changed, self._task.init
+            step: GroundStep | None = None
+            if all(value in objects for value, objects in zip(values, grounder.objects, strict=True)):
+                step = grounder.ground(values)
+                if all((atom in init) == state for atom, state in step.needs if atom.predicate not in changed):
+                    step = replace(step, needs=tuple(need for need in step.needs if need[0].predicate in changed))
+                else:
+                    step = None
+            self._grounded[key] = step
+        return self._grounded[key]

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_task.core.durations import Durations
 from skiros2_task.core.partial_order import PartialOrder, deorder
-from skiros2_task.core.reduction import reduced
 from skiros2_task.core.robot_assignment import reassign_robots
-from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
+from skiros2_task.core.store import Durations
+from skiros2_task.core.task import PlanningTask, PlanStep
 
 log = logging.getLogger(__name__)
 
@@ -44,15 +42,6 @@ class Schedule:
     makespan: float
 
 
-def schedule_plan(task: PlanningTask, plan: Sequence[PlanStep], durations: Durations) -> Schedule:
-    """Returns the schedule of a plan without its redundant steps.
-
-    :param plan: steps that work in this order; see `simulation.flaw`.
-    :raises WrongValue: they do not.
-    """
-    return schedule(task, deorder(task, reduced(task, plan)), durations)
-
-
 def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:
     """The schedule of a plan: each step as early as the order lets it.
 
@@ -77,11 +66,11 @@ def _as_early_as_possible(task: PlanningTask, order: PartialOrder, durations: Du
     for index, (step, before) in enumerate(zip(order.steps, order.predecessors(), strict=True)):
         start = max((steps[i].end for i in before), default=0.0)
         end = start + seconds_of(task, step, durations)
-        steps.append(Scheduled(index, robot_of(task, step), start, end))
+        steps.append(Scheduled(index, task.ground(step).robot, start, end))
     return Schedule(order, tuple(steps), max((s.end for s in steps), default=0.0))
 
 
 def seconds_of(task: PlanningTask, step: PlanStep, durations: Durations) -> float:
     """Returns the expected duration of a step (s)."""
     action = task.action(step.action)
-    return durations.seconds(action.skill, dict(action.managers).get(robot_of(task, step), ""))
+    return durations.seconds(action.skill, action.manager_of(task.ground(step).robot))

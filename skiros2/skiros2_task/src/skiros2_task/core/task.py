@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import product
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
-from skiros2_task.core.actions import Action, Effect
-from skiros2_task.core.formula import Atom, Formula, Predicate, bind, expand_quantifiers, holds
+from skiros2_task.core.actions import Action
+from skiros2_task.core.conditions import IN_SCENE
+from skiros2_task.core.formula import Atom, Formula, Kind, Predicate, holds
+from skiros2_task.core.semantics import Grounder, GroundStep
 
 #: The class of all objects of a task.
 EVERYTHING = "*"
@@ -23,7 +25,8 @@ class PlanningTask:
     :param init: the initial facts; all other atoms are false.
     :param goal: without variables.
     :param notes: messages about what was excluded, and why.
-    :param concurrent: messages about needed facts that hold only while a skill runs, see `concurrency`.
+    :param concurrent: messages about needed facts that hold only while a skill runs, see `compiler`.
+    :param empty_classes: the classes of the goal that have no instance in the scene.
     """
 
     actions: tuple[Action, ...]
@@ -34,10 +37,7 @@ class PlanningTask:
     goal: Formula
     notes: tuple[str, ...] = ()
     concurrent: tuple[str, ...] = ()
-    _by_name: dict[str, Action] = field(init=False, compare=False, repr=False, default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._by_name.update({a.name: a for a in self.actions})
+    empty_classes: tuple[str, ...] = ()
 
     @property
     def satisfied(self) -> bool:
@@ -49,13 +49,75 @@ class PlanningTask:
 
         :raises KeyError: there is no action of that name.
         """
-        return self._by_name[name]
+        return self._actions_by_name[name]
+
+    @cached_property
+    def _actions_by_name(self) -> dict[str, Action]:
+        return {action.name: action for action in self.actions}
+
+    @cached_property
+    def _grounders(self) -> dict[str, Grounder]:
+        return {}
+
+    def __getstate__(self) -> dict[str, object]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # without cached values
+
+    def grounder(self, action: str) -> Grounder:
+        """Returns the grounder of an action.
+
+        :raises KeyError: there is no action of that name.
+        """
+        if action not in self._grounders:
+            self._grounders[action] = Grounder(self.action(action), self.members)
+        return self._grounders[action]
+
+    def ground(self, step: PlanStep) -> GroundStep:
+        """Returns what a step needs and changes.
+
+        :raises KeyError: there is no such action.
+        """
+        return self.grounder(step.action).ground(step.arguments)
+
+    @cached_property
+    def changed(self) -> frozenset[Predicate]:
+        """The predicates that some action changes, also only while its skill runs."""
+        return frozenset(e.atom.predicate for a in self.actions for e in (*a.effects, *a.during))
 
     def candidates(self, classes: Sequence[str]) -> list[str]:
         """Returns the objects that are instances of all these classes."""
         first, *others = (self.members[cls] for cls in classes)
         inside = [set(other) for other in others]
         return [name for name in first if all(name in other for other in inside)]
+
+
+    @property
+    def objects_to_create(self) -> frozenset[str]:
+        """The objects that skills have yet to create."""
+        return frozenset(self.objects) - objects_in_scene(self.init) if IN_SCENE in self.predicates else frozenset()
+
+    def after(self, facts: frozenset[Atom]) -> PlanningTask:
+        """Returns the task that starts with these facts, as far as it knows their predicates and objects."""
+        known = (a for a in facts if a.predicate in self.predicates and all(t in self.objects for t in a.terms))
+        return replace(self, init=frozenset(known))
+
+    def without_skills(self, avoided: Iterable[tuple[str, str]]) -> PlanningTask:
+        """Returns the task without some skills of some robots.
+
+        :param avoided: (manager, skill label) pairs; the label "" means all skills of the manager.
+        """
+        removed = set(avoided)
+        facts = {
+            Atom(Predicate(Kind.CAN, action.name), (robot,))
+            for action in self.actions
+            for robot, manager in action.managers
+            if removed & {(manager, action.skill.label), (manager, "")}
+        }
+        return replace(self, init=self.init - facts)
+
+
+def objects_in_scene(facts: Iterable[Atom]) -> frozenset[str]:
+    """Returns the objects in the scene, of those that skills create or remove."""
+    return frozenset(atom.terms[0] for atom in facts if atom.predicate == IN_SCENE)
 
 
 @dataclass(frozen=True)
@@ -67,37 +129,3 @@ class PlanStep:
 
     def __str__(self) -> str:
         return f"({' '.join((self.action, *self.arguments))})"
-
-
-def effects_of(task: PlanningTask, step: PlanStep) -> Iterator[tuple[Atom, bool]]:
-    """Yields the effects of a step."""
-    return _ground(task, step, task.action(step.action).effects)
-
-
-def during_of(task: PlanningTask, step: PlanStep) -> Iterator[tuple[Atom, bool]]:
-    """Yields the effects of a step that last only while it runs."""
-    return _ground(task, step, task.action(step.action).during)
-
-
-def precondition_of(task: PlanningTask, step: PlanStep) -> Formula:
-    """Returns the formula that must hold when a step starts and until it ends."""
-    action = task.action(step.action)
-    return expand_quantifiers(bind(action.precondition, _values(action, step)), task.members.__getitem__)
-
-
-def robot_of(task: PlanningTask, step: PlanStep) -> str:
-    """Returns the robot that executes a step."""
-    action = task.action(step.action)
-    return _values(action, step)[action.robot]
-
-
-def _ground(task: PlanningTask, step: PlanStep, effects: Iterable[Effect]) -> Iterator[tuple[Atom, bool]]:
-    values = _values(task.action(step.action), step)
-    for effect in effects:
-        for choice in product(*(task.members[cls] for _, cls in effect.each)):
-            chosen = {**values, **{name: obj for (name, _), obj in zip(effect.each, choice, strict=True)}}
-            yield Atom(effect.atom.predicate, tuple(chosen.get(t, t) for t in effect.atom.terms)), effect.state
-
-
-def _values(action: Action, step: PlanStep) -> dict[str, str]:
-    return {v.name: argument for v, argument in zip(action.variables, step.arguments, strict=True)}

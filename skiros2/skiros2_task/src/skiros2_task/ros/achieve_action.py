@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
-from skiros2_task.core.commands import End, Phase, StepRecord, StepState
+from skiros2_task.core.execution import End, Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
-from skiros2_task.core.planner import Limits, Planner
 from skiros2_task.core.planning import Verdict
+from skiros2_task.ros.plan_actions import STATES, PlanningOptions
 
 log = logging.getLogger(__name__)
 
 #: The default of a goal's `max_replans`.
 MAX_REPLANS = 5
 
-_STATES = {
-    Verdict.PLANNED: AchieveResult.SUCCEEDED,
-    Verdict.NOTHING_TO_DO: AchieveResult.NOTHING_TO_DO,
-    Verdict.IMPOSSIBLE: AchieveResult.IMPOSSIBLE,
-    Verdict.TIMED_OUT: AchieveResult.TIMED_OUT,
-    Verdict.CANCELLED: AchieveResult.CANCELLED,
-    Verdict.FAILED: AchieveResult.FAILED,
-}
+#: The state in the result: a goal whose plan has been executed has succeeded.
+_STATES = {**STATES, Verdict.PLANNED: AchieveResult.SUCCEEDED}
 
 
 class AchieveAction(GoalServer):
@@ -36,16 +30,15 @@ class AchieveAction(GoalServer):
 
     To be closed after the executor.
 
-    :param planners: returns the planner for a quality; raises WrongValue.
     :param max_replans: for goals with negative `max_replans`.
     """
 
     def __init__(
-        self, executor: GoalExecutor, planners: Callable[[str], Planner], max_replans: int = MAX_REPLANS
+        self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS
     ) -> None:
         super().__init__("~achieve", AchieveActionSpec)
         self._executor = executor
-        self._planners = planners
+        self._options = options
         self._max_replans = max_replans
         self._running: list[tuple[Any, GoalExecution]] = []  # owned by the action's thread
 
@@ -81,13 +74,11 @@ class AchieveAction(GoalServer):
         """
         :raises WrongValue: a field has an invalid value.
         """
-        if not 0.0 <= message.seconds < float("inf"):
-            raise WrongValue(f"seconds is {message.seconds}, expected a planning time, or 0")
         return Goal(
             text=message.goals,
             priority=message.priority,
-            limits=Limits(message.seconds) if message.seconds else None,
-            planner=self._planners(message.wish) if message.wish else None,
+            limits=self._options.limits(message.seconds),
+            planner=self._options.planner(message.wish),
             max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
         )
 
@@ -106,7 +97,7 @@ class _GoalPublisher:
             AchieveFeedback(
                 phase=_phase(machine.phase),
                 message=machine.message,
-                plan=json.dumps([_planned(record) for record in plan]),
+                plan=json.dumps([record.step.to_dict() for record in plan]),
                 steps=json.dumps([_progress(record) for record in plan]),
                 robots=json.dumps(_robots(plan)),
             )
@@ -117,7 +108,7 @@ class _GoalPublisher:
         result = AchieveResult(
             state=_STATES[end.verdict],
             message=end.message,
-            done=json.dumps([{**_planned(record), **_progress(record)} for record in started]),
+            done=json.dumps([{**record.step.to_dict(), **_progress(record)} for record in started]),
             explanations=json.dumps([why.to_dict() for record in started for why in record.explanations]),
         )
         if end.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):
@@ -136,21 +127,6 @@ def _phase(phase: Phase) -> str:
     if phase is Phase.STOPPING:
         return str(AchieveFeedback.STOPPING)
     return str(AchieveFeedback.PLANNING if phase in (Phase.PLANNING, Phase.BLOCKED) else AchieveFeedback.RUNNING)
-
-
-def _planned(record: StepRecord) -> dict[str, Any]:
-    """Returns the planned step as JSON data."""
-    step = record.step
-    return {
-        "number": step.number,
-        "skill": step.call.type,
-        "label": step.call.label,
-        "robot": step.call.manager,
-        "arguments": {key: element.id or element.label or element.type for key, element in step.call.arguments},
-        "start": step.start,
-        "end": step.end,
-        "after": sorted(step.after),
-    }
 
 
 def _progress(record: StepRecord) -> dict[str, Any]:

@@ -11,14 +11,13 @@ from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
+from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
-from skiros2_skill.ros.skill_run import SkillRun
 from skiros2_skill.ros.utils import SkillHolder
-from skiros2_task.core.durations import Durations
 from skiros2_task.core.executor import Ended
-from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.steps import Step
+from skiros2_task.core.plan import SkillCall, Step
+from skiros2_task.core.store import Durations
 from skiros2_task.ros.task_message import skill_holder
 
 log = logging.getLogger(__name__)

@@ -14,13 +14,14 @@ from skiros2_common.core.errors import Refused, TimedOut
 from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_common.tools.decorators import PrettyObject
-from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal
+from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal, MakePlanAction, MakePlanGoal
 
 log = logging.getLogger(__name__)
 
 #: Names of the task manager's actions, relative, so that a namespace moves the whole system.
 ACTION = "tm/task_plan"
 ACHIEVE_ACTION = "tm/achieve"
+PLAN_ACTION = "tm/plan"
 
 #: The codes of a result.
 FAILED, NOTHING_TO_DO, PLAN = 1, 2, 3
@@ -58,6 +59,7 @@ class TaskManagerInterface(PrettyObject):
     def __init__(self) -> None:
         self._client = actionlib.ActionClient(ACTION, AssignTaskAction)
         self._achieve_client: Any = None
+        self._plan_client: Any = None
         self._request: _Request | None = None
         self._connected: list[Any] = []  # clients whose first goal was sent
 
@@ -109,6 +111,27 @@ class TaskManagerInterface(PrettyObject):
         goal = AchieveGoal(rospy.get_name(), _text(goals), quality, seconds, priority, max_replans)
         self._send(self._achieve_client, goal, done_cb, feedback_cb)
 
+    def make_plan(
+        self,
+        goals: str | Sequence[str],
+        done_cb: Callable[[int, Any], None] | None = None,
+        feedback_cb: Callable[[Any], None] | None = None,
+        *,
+        quality: str = "",
+        seconds: float = 0.0,
+    ) -> None:
+        """Requests the plan for goals, which is not executed, and returns. Replaces an earlier request of this object.
+
+        :param done_cb: called with the action's state and the `MakePlanResult`, by a ROS thread.
+        :param feedback_cb: called with each `MakePlanFeedback`, by a ROS thread.
+        :param quality, seconds: see `achieve`.
+        :raises TimedOut: no task manager answers within 2 s.
+        """
+        if self._plan_client is None:
+            self._plan_client = actionlib.ActionClient(PLAN_ACTION, MakePlanAction)
+        goal = MakePlanGoal(rospy.get_name(), _text(goals), quality, seconds)
+        self._send(self._plan_client, goal, done_cb, feedback_cb)
+
     def _send(
         self,
         client: Any,
@@ -132,7 +155,7 @@ class TaskManagerInterface(PrettyObject):
             self._request.handle.cancel()
 
     def wait_for_result(self) -> Any:
-        """Blocks until the request has ended. Returns the `AssignTaskResult` or `AchieveResult`. Not for use in a
+        """Blocks until the request has ended. Returns the action's result. Not for use in a
         skill's hook.
 
         :raises Refused: there is no request.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change
+from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 
 
-def apply_change(scene: Scene, change: Change) -> None:
-    """Applies a change to a scene. It must be the next change; nothing is checked.
+def apply_change(scene: Scene, change: Change) -> ChangeSet:
+    """Applies a change to a scene and returns what it changed. It must be the next change; nothing is checked.
 
     A reset replaces the scene with its elements; a reset without elements empties it.
     """
@@ -30,7 +31,7 @@ def apply_change(scene: Scene, change: Change) -> None:
             scene.unrelate(*ends)
         else:
             scene.relate(*ends)
-    scene.commit(Provenance(change.number, change.stamp, change.author))
+    return scene.commit(Provenance(change.number, change.stamp, change.author))
 
 
 def _set_relations(scene: Scene, element: Element, is_reset: bool) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 import time
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from skiros2_common.core.revision import local_revision
-from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, UPDATE, Change
-from skiros2_world_model.core.scene import Provenance, Scene
-from skiros2_world_model.core.transaction import Transaction
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, UPDATE, Change, relation_dict
+from skiros2_world_model.core.changeset import ChangeSet, Provenance, Relation
+from skiros2_world_model.core.scene import Scene
 
 log = logging.getLogger(__name__)
 
@@ -21,16 +21,17 @@ Listener = Callable[[Change], None]
 
 @dataclass
 class PendingChange:
-    """A change to report once its request is committed.
+    """A change to publish once its request is committed.
 
     :param elements: removed elements, as they were.
     :param ids: added or updated elements.
+    :param relations: relations added or removed without their elements.
     """
 
     action: str
     elements: Sequence[Element] = ()
     ids: Sequence[str] = ()
-    relations: Sequence[RelationDict] = ()
+    relations: Sequence[Relation] = ()
 
 
 class ChangeNotifier:
@@ -61,37 +62,25 @@ class ChangeNotifier:
         if listener in self._listeners:
             self._listeners.remove(listener)
 
-    def notify_all(
+    def publish(
         self, pending: Iterable[PendingChange], provenance: Provenance, context: str, scene: Scene
     ) -> list[Change]:
-        """Numbers the changes of one request, in order, and notifies the listeners."""
-        return [self.notify(n.action, provenance, context, _elements(n, scene), n.relations) for n in pending]
-
-    def notify(
-        self,
-        action: str,
-        provenance: Provenance,
-        context: str,
-        elements: Iterable[Element] = (),
-        relations: Iterable[RelationDict] = (),
-    ) -> Change:
-        """Numbers one change and notifies the listeners.
+        """Numbers the changes of one request, in order, and notifies the listeners.
 
         :param provenance: that of the request's first change.
         """
+        return [self._publish(change, provenance, context, scene) for change in pending]
+
+    def _publish(self, pending: PendingChange, provenance: Provenance, context: str, scene: Scene) -> Change:
+        current = (scene.element(eid) for eid in pending.ids)
+        elements = (*pending.elements, *(element for element in current if element is not None))
+        relations = tuple(relation_dict(*relation) for relation in pending.relations)
         before = self.snapshot_id
         self.number += 1
         local_revision.advance()
+        stamp, author = provenance.stamp, provenance.author
         change = Change(
-            self.number,
-            before,
-            self.snapshot_id,
-            provenance.stamp,
-            provenance.author,
-            action,
-            context,
-            tuple(elements),
-            tuple(relations),
+            self.number, before, self.snapshot_id, stamp, author, pending.action, context, elements, relations
         )
         for listener in list(self._listeners):
             try:
@@ -101,22 +90,43 @@ class ChangeNotifier:
         return change
 
 
-def pending_changes(transaction: Transaction, scene: Scene) -> list[PendingChange]:
-    """The changes to report for a transaction; none when it changed nothing."""
+def pending_changes(
+    change_set: ChangeSet,
+    updated: Iterable[str] = (),
+    related: Collection[Relation] = (),
+    recursively: bool = False,
+) -> list[PendingChange]:
+    """The changes to publish for a change set; none when nothing changed.
+
+    :param updated: elements to publish as updated, whether they have changed or not.
+    :param related: changed relations to publish as such; others are published with their ends, if these are published.
+    :param recursively: whether elements were removed together with their descendants.
+    """
+    added: list[str] = []
+    changed = dict.fromkeys(updated)
+    for eid, (before, after) in change_set.records.items():
+        if before is None and after is not None:
+            added.append(eid)
+            changed.pop(eid, None)
+        elif after is not None:
+            changed[eid] = None
+        else:
+            changed.pop(eid, None)
+    removed = change_set.removed()
+    published = {*added, *changed, *(element.id for element in removed)}
     pending: list[PendingChange] = []
-    if transaction.removed:
-        action = REMOVE_RECURSIVE if transaction.removed_recursively else REMOVE
-        pending.append(PendingChange(action, transaction.removed))
-    for action, ids in ((ADD, transaction.added), (UPDATE, transaction.updated)):
-        existing = [eid for eid in ids if eid in scene]
-        if existing:
-            pending.append(PendingChange(action, ids=existing))
-    for action, relations in ((ADD, transaction.related), (REMOVE, transaction.unrelated)):
+    if removed:
+        pending.append(PendingChange(REMOVE_RECURSIVE if recursively else REMOVE, removed))
+    for action, ids in ((ADD, added), (UPDATE, list(changed))):
+        if ids:
+            pending.append(PendingChange(action, ids=ids))
+    for action, wanted in ((ADD, True), (REMOVE, False)):
+        relations = [
+            relation
+            for relation, is_added in change_set.relations.items()
+            if is_added == wanted
+            and (relation in related or (relation[0] not in published and relation[2] not in published))
+        ]
         if relations:
             pending.append(PendingChange(action, relations=relations))
     return pending
-
-
-def _elements(pending: PendingChange, scene: Scene) -> list[Element]:
-    current = (scene.element(eid) for eid in pending.ids)
-    return [*pending.elements, *(element for element in current if element is not None)]

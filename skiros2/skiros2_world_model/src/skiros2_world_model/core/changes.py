@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
+from skiros2_world_model.core.changeset import ChangeSet
 
 #: The name of the context with the elements that skills, planning and the GUI see.
 SCENE = "scene"
@@ -112,7 +113,18 @@ class Expect:
     version: int
 
 
-Operation = Add | Instantiate | Update | Patch | Remove | Relate | Expect
+@dataclass
+class Apply:
+    """Applies a change set, such as the inverse of an earlier one to revert it.
+
+    Refused, with all parts that have changed since, unless the scene still is as the change set has it before
+    (`core/reverting.py`).
+    """
+
+    change_set: ChangeSet
+
+
+Operation = Add | Instantiate | Update | Patch | Remove | Relate | Expect | Apply
 
 
 @dataclass(frozen=True, eq=False)

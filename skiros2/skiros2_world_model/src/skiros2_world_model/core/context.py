@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import chain
 
 import pyoxigraph as ox
@@ -11,9 +11,10 @@ import pyoxigraph as ox
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE, SPATIAL, Patch, relation_dict
+from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.file_checks import LEFT_OUT
-from skiros2_world_model.core.journal_state import ContextState
+from skiros2_world_model.core.journal import ContextState
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.queries import containment_cycle, format_cycle
 from skiros2_world_model.core.rdf_files import parse_n_triples
@@ -153,13 +154,10 @@ class Contexts(dict[str, Context]):
         order = sorted(self, key=lambda name: name != first)
         return next((name for name in order if eid in self[name].scene), "")
 
-    def dangling(self, gone: Sequence[str]) -> Iterator[tuple[str, list[Patch]]]:
-        """Patches, by context, that remove the relations to removed elements.
-
-        :param gone: removed ids; those that another context has are ignored.
-        """
-        gone = [eid for eid in gone if not self.home(eid)]
-        for name, context in list(self.items()):
+    def dangling(self, changes: ChangeSet) -> Iterator[tuple[str, list[Patch]]]:
+        """Patches, by context, that remove the relations to removed elements, unless another context has them."""
+        gone = [eid for eid, (_, after) in changes.records.items() if after is None and not self.home(eid)]
+        for name, context in list(self.items()) if gone else ():
             patches = [
                 Patch(src, ElementChanges(removed_relations=[relation_dict("-1", pred, dst)]))
                 for eid in gone

@@ -10,8 +10,9 @@ from typing import Any
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Expect, Operation, Outcome
-from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.changes import Apply, Expect, Operation, Outcome
+from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
@@ -40,7 +41,7 @@ class Coordination(ABC):
         """Whether a relation holds."""
 
     @abstractmethod
-    def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]:
+    def history(self, eid: str = "", *, until: Point | None = None, limit: int = 0) -> list[HistoryEntry]:
         """The journal's entries about an element."""
 
     @abstractmethod
@@ -85,6 +86,16 @@ class Coordination(ABC):
     def update_element_if_unchanged(self, e: Element, context_id: str = "scene") -> str:
         """Writes an element and returns its id; see `update_elements_if_unchanged`."""
         return self.update_elements_if_unchanged([e], context_id)[0]
+
+    def revert(self, change: HistoryEntry | ChangeSet, context_id: str = "scene") -> Outcome:
+        """Undoes a change, such as an entry of `history`, in one request. Later changes of other parts stay.
+
+        :raises WmConflict: parts of it have changed since; the text has all of them, with their authors. Nothing has
+            changed.
+        :raises WmException: the world model refuses the request, or does not answer.
+        """
+        change_set = change.changes if isinstance(change, HistoryEntry) else change
+        return self._transact([Apply(change_set.inverse())], context_id)
 
     def last_change(self, eid: str) -> HistoryEntry:
         """The last change of an element, with its time (`stamp`) and its `author`.

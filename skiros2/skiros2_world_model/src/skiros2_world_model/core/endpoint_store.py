@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
+import base64
+import http.client
 import threading
+import urllib.error
+import urllib.parse
+import urllib.request
 import uuid
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
-from typing import Any
 
 import pyoxigraph as ox
-from rdflib import Literal, URIRef
 
-from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError
+from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, TimedOut, WrongValue
 from skiros2_world_model.core.changes import ONTOLOGY
-from skiros2_world_model.core.endpoint_connection import EndpointConnection, without_password
 from skiros2_world_model.core.prefixes import OWL, RDF, RDFS
-from skiros2_world_model.core.rdflib_terms import store_term
 from skiros2_world_model.core.triple_store import (
     QUERY_ROWS,
     QUERY_SECONDS,
     OxigraphStore,
     Row,
+    Term,
     check_count,
     check_query,
     graph_of,
 )
+
+_ANSWERS = "application/sparql-results+json, application/n-triples;q=0.9, text/turtle;q=0.8"
+_FORM = "application/x-www-form-urlencoded"
+_UPDATE = "application/sparql-update; charset=UTF-8"
+#: The maximum size of an answer.
+_MOST_BYTES = 1 << 28
+#: The maximum length of a quoted error message of the server (bytes).
+_MAX_QUOTE = 500
 
 #: The maximum number of triples in one request.
 _CHUNK = 5_000
@@ -48,6 +58,91 @@ SELECT DISTINCT ?s ?p ?o {{
   UNION {{ VALUES ?p {{ rdfs:subClassOf owl:equivalentClass rdfs:subPropertyOf rdfs:range }} ?s ?p ?o }}
   FILTER(isIRI(?s) && isIRI(?o))
 }}"""
+
+
+class EndpointConnection:
+    """HTTP requests to an endpoint, with a timeout and the server's error messages. Thread-safe.
+
+    :param query_url, update_url: the endpoint; `http://user:password@host/...` logs in.
+    :param seconds: the timeout of an answer (s).
+    """
+
+    def __init__(self, query_url: str, update_url: str, seconds: float) -> None:
+        self._query_url, self._update_url = query_url, update_url
+        self._seconds = seconds
+
+    def send(self, update: str) -> None:
+        """Sends an update.
+
+        :raises WrongValue: the server cannot parse it.
+        :raises Refused: the server cannot be reached, or refuses it.
+        :raises TimedOut: the server does not answer in time.
+        """
+        self._post(self._update_url, update, _UPDATE)
+
+    def ask(self, query: str, graph: str = "") -> Iterable[Row]:
+        """Runs a query. Returns the rows; for ASK, one row of one boolean literal; for CONSTRUCT, the triples.
+
+        :param graph: the IRI of the graph to query; "": all.
+        :raises SkirosError: as for `send`.
+        """
+        fields = {"query": query, "default-graph-uri": graph} if graph else {"query": query}
+        content, kind = self._post(self._query_url, urllib.parse.urlencode(fields), _FORM)
+        try:
+            if (rdf := ox.RdfFormat.from_media_type(kind)) is not None and kind != "application/json":
+                return [tuple(quad.triple) for quad in ox.parse(content, rdf)]
+            results = ox.QueryResultsFormat.from_media_type(kind) or ox.QueryResultsFormat.JSON
+            answer = ox.parse_query_results(content, results)
+            if isinstance(answer, ox.QueryBoolean):
+                return [(ox.Literal(bool(answer)),)]
+            return [tuple(row) for row in answer]
+        except (SyntaxError, ValueError, OSError) as error:
+            url = without_password(self._query_url)
+            raise Refused(f"SPARQL endpoint {url} did not answer with a query result ({kind}): {error}") from None
+
+    def _post(self, url: str, text: str, kind: str) -> tuple[bytes, str]:
+        """Sends a POST request. Returns the answer and its media type."""
+        plain, login = _parted(url)
+        headers = {"Content-Type": kind, "Accept": _ANSWERS, **login}
+        where = f"SPARQL endpoint {without_password(url)}"
+        try:
+            request = urllib.request.Request(plain, text.encode(), headers)
+            with urllib.request.urlopen(request, timeout=self._seconds) as response:
+                content = response.read(_MOST_BYTES + 1)
+            if len(content) > _MOST_BYTES:
+                raise WrongValue(f"{where}: the answer is larger than {_MOST_BYTES} bytes; expected a LIMIT")
+            return content, response.headers.get_content_type()
+        except urllib.error.HTTPError as error:
+            raise _refusal(where, error) from None
+        except TimeoutError:
+            raise TimedOut(f"{where}: no answer within {self._seconds:g} s") from None
+        except WrongValue:
+            raise
+        except (OSError, http.client.HTTPException, ValueError) as error:
+            reason = getattr(error, "reason", None) or error
+            if isinstance(reason, TimeoutError):
+                raise TimedOut(f"{where}: no answer within {self._seconds:g} s") from None
+            raise Refused(f"{where} cannot be reached: {reason}") from None
+
+
+def without_password(url: str) -> str:
+    """A URL without user and password."""
+    return _parted(url)[0]
+
+
+def _refusal(where: str, error: urllib.error.HTTPError) -> SkirosError:
+    with error:
+        message = error.read(_MAX_QUOTE).decode(errors="replace").strip()
+        text = f"{where} answered {error.code} {error.reason}: {message}"
+    return WrongValue(text) if error.code == http.client.BAD_REQUEST else Refused(text)
+
+
+def _parted(url: str) -> tuple[str, dict[str, str]]:
+    """A URL without user and password, and the HTTP header with them."""
+    parts = urllib.parse.urlsplit(url)
+    user, at, host = parts.netloc.rpartition("@")
+    login = base64.b64encode(urllib.parse.unquote(user).encode()).decode()
+    return parts._replace(netloc=host).geturl(), {"Authorization": f"Basic {login}"} if at else {}
 
 
 class EndpointStore:
@@ -83,7 +178,7 @@ class EndpointStore:
             self.prepare()
             self._send()
             self._check_graphs()
-            self._knowledge = [ox.Triple(*map(store_term, row)) for row in self._ask(_KNOWLEDGE)]
+            self._knowledge = [ox.Triple(*row) for row in self._ask(_KNOWLEDGE)]
         except SkirosError as error:
             raise ConfigurationError(str(error)) from None
 
@@ -91,7 +186,7 @@ class EndpointStore:
         """Checks that the endpoint answers and still has our graphs; otherwise starts again."""
         with self._sending:
             found = self._ask(f"SELECT ?name {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} ?name }} }}")
-            names = {str(row[0]) for row in found}
+            names = {row[0].value for row in found}
             if self.generation and names - {self._name}:
                 raise Refused(f"SPARQL endpoint {without_password(self._url)} is used by another world model now")
             if self._lost or (self._claimed and not names):
@@ -146,8 +241,9 @@ class EndpointStore:
             return self._ontologies.query(query, context, namespaces)
         check_query(query, namespaces)
         self._send()
-        graph = URIRef(graph_of(context).value) if context else None
-        return [tuple(map(_read, row)) for row in self._ask(query, graph, namespaces)]
+        declared = "".join(f"PREFIX {prefix}: <{iri}>\n" for prefix, iri in namespaces.items())
+        rows = self._ask(declared + query, graph_of(context).value if context else "")
+        return [tuple(map(_read, row)) for row in rows]
 
     def _restart(self) -> None:
         """Drops all graphs of world models; the contexts must be written again."""
@@ -155,7 +251,7 @@ class EndpointStore:
         with self._lock:
             self._lost = self._claimed = False
             self.generation += 1
-            self._requests = [f"DROP SILENT GRAPH <{row[0]}>" for row in graphs]
+            self._requests = [f"DROP SILENT GRAPH {row[0]}" for row in graphs]
             self._enqueue(f"DROP SILENT GRAPH {_SESSION}")
             self._enqueue(f'INSERT DATA {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} "{self._name}" }} }}')
             self.replace(ONTOLOGY, self._ontologies.triples(ONTOLOGY))
@@ -191,19 +287,14 @@ class EndpointStore:
                         self._lost, self._requests = True, []
                     raise
 
-    def _ask(
-        self, query: str, graph: URIRef | None = None, namespaces: Mapping[str, str] | None = None
-    ) -> list[tuple[Any, ...]]:
-        """Runs a query. Returns its rows in the terms of rdflib.
-
-        :param graph: the graph to query; None: all.
-        """
-        result = self._connection.query(query, initNs=namespaces, queryGraph=graph)
-        if result.type == "ASK":
-            return [(Literal(result.askAnswer),)]
-        rows: list[tuple[Any, ...]] = [tuple(row) for row in result]  # type: ignore[arg-type]  # no bools here
+    def _ask(self, query: str, graph: str = "") -> list[Row]:
+        """Runs a query on a graph; "": on all."""
+        rows = list(self._connection.ask(query, graph))
         check_count(rows, self._rows, query)
         return rows
+
+    def _is_true(self, query: str, graph: str = "") -> bool:
+        return bool(self._ask(query, graph)[0][0].value == "true")
 
     def _check_graphs(self) -> None:
         """Checks that the endpoint supports graphs as required.
@@ -211,10 +302,10 @@ class EndpointStore:
         :raises Refused: it does not.
         """
         mark, where = f'ASK {{ {_SESSION} {_VALUE} "{self._name}" }}', f"SPARQL endpoint {without_password(self._url)}"
-        heeded = [bool(self._ask(mark, URIRef(graph))[0][0]) for graph in (_SESSION[1:-1], "urn:skiros:none")]
+        heeded = [self._is_true(mark, graph) for graph in (_SESSION[1:-1], "urn:skiros:none")]
         if heeded != [True, False]:
             raise Refused(f"{where} does not heed default-graph-uri, by which a context is asked (SPARQL 1.1 Protocol)")
-        if not self._ask(mark)[0][0]:
+        if not self._is_true(mark):
             raise Refused(
                 f"{where}: its default graph does not include its named graphs, so the contexts cannot be asked with "
                 "the rest; set it so (Fuseki: tdb2:unionDefaultGraph true; Oxigraph: --union-default-graph)"
@@ -246,9 +337,8 @@ def _written(triple: ox.Triple) -> str:
     return " ".join(f"<{_BLANK}{t.value}>" if isinstance(t, ox.BlankNode) else str(t) for t in terms)
 
 
-def _read(term: Any) -> Any:
-    """Converts a term of rdflib to the store's, and restores blank nodes."""
-    found = store_term(term)
-    if isinstance(found, ox.NamedNode) and found.value.startswith(_BLANK):
-        return ox.BlankNode(found.value.removeprefix(_BLANK))
-    return found
+def _read(term: Term) -> Term:
+    """Restores blank nodes."""
+    if isinstance(term, ox.NamedNode) and term.value.startswith(_BLANK):
+        return ox.BlankNode(term.value.removeprefix(_BLANK))
+    return term

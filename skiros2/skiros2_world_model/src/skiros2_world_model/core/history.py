@@ -14,12 +14,10 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE, relation_dict
+from skiros2_world_model.core.changes import ONTOLOGY, SCENE
+from skiros2_world_model.core.changeset import ElementRecord, read_record
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.journal_file import read_meta, read_only
-from skiros2_world_model.core.journal_state import read_record
-from skiros2_world_model.core.scene import Provenance
 
 #: The key of a row: ("element", id), ("relation", src, pred, dst) or ("statement", triple).
 _Key = tuple[str, ...]
@@ -100,9 +98,9 @@ class History:
         return entry
 
     def scene_at(self, at: Point | None = None, context: str = SCENE) -> HistoryEntry:
-        """A past state of a context: `after` has its elements, each with its outgoing relations.
+        """A past state of a context, as its difference from nothing.
 
-        The other fields of the entry describe the request that led to this state.
+        Number, time and author are those of the request that led to this state.
 
         :param at: None: now.
         :raises UnknownName, WrongValue: as for `changes`.
@@ -113,11 +111,6 @@ class History:
             for key, _, _, content in _rows(db, context, number, number, current=True):
                 state[key] = (None, content)
             entry = _entry(db, number, state)
-        elements = {element.id: element for element in entry.after}
-        for relation in entry.related:
-            if relation["src"] in elements:
-                elements[relation["src"]].addRelation("-1", relation["type"], relation["dst"])
-        entry.related = []
         return entry
 
     # -- queries -----------------------------------------------------------------------------------------------
@@ -227,26 +220,19 @@ def _entry(db: sqlite3.Connection, number: int, changes: _Changes) -> HistoryEnt
     """An entry with these changes, for the request with this number or the last one before it."""
     request = "SELECT number, stamp, author, action FROM request WHERE number <= ? ORDER BY number DESC LIMIT 1"
     entry = HistoryEntry(*db.execute(request, (number,)).fetchone())
+    found = entry.changes
     for (table, *key), (was, now) in changes.items():
         if was == now:
             continue
         if table == "element":
-            entry.before += _elements(key[0], was)
-            entry.after += _elements(key[0], now)
+            found.put(key[0], _record(key[0], was), _record(key[0], now))
         elif table == "relation":
-            (entry.unrelated if now is None else entry.related).append(relation_dict(*key))
+            found.relate((key[0], key[1], key[2]), now is not None)
         else:
             # A row with present = 0 removes a triple of a file; without a row, the file applies.
-            is_stated = now if now is not None else not was
-            (entry.stated if is_stated else entry.unstated).append(key[0])
+            found.statements[key[0]] = bool(now if now is not None else not was)
     return entry
 
 
-def _elements(eid: str, content: str | None) -> list[Element]:
-    if content is None:
-        return []
-    record = read_record(eid, content, Provenance())
-    element = Element(record.type, record.label, eid)
-    for key, prop in record.properties.items():
-        element._put(key, prop)
-    return [element]
+def _record(eid: str, content: str | None) -> ElementRecord | None:
+    return None if content is None else read_record(eid, content)

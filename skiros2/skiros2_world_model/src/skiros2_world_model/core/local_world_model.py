@@ -187,7 +187,7 @@ class _WmErrors:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if isinstance(error, SkirosError) and not isinstance(error, WmException):
-            raise refusal(str(error)) from error
+            raise refusal(str(error), error.code, error.position) from error
 
 
 _WM_ERRORS = _WmErrors()  # stateless, shared by all calls

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import REMOVE, UPDATE, Change, Operation, Outcome, Statement
+from skiros2_world_model.core.change_notifier import ChangeNotifier, PendingChange
+from skiros2_world_model.core.changes import REMOVE, UPDATE, Operation, Outcome, Statement
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
 from skiros2_world_model.core.reader import SceneReader
-from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.transaction import Transaction
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -39,9 +39,8 @@ class PreviewCopy(WorldModelAbstractInterface):
         self._wm = wm
         self._lock = threading.RLock()
         self._scene = _scene_of(wm.resolve_elements(Element()))
-        self._number = 0
+        self._notifier = ChangeNotifier(0, "preview")
         self._warned: set[tuple[str, str, str]] = set()
-        self._listeners: list[Callable[[Any], None]] = []
         self._reader = SceneReader(self._lock, self._scenes, lambda: self._ontology)
 
     @property
@@ -50,7 +49,7 @@ class PreviewCopy(WorldModelAbstractInterface):
 
     @property
     def version(self) -> int:
-        return self._number
+        return self._notifier.number
 
     def is_connected(self) -> bool:
         """True: the copy is in this process."""
@@ -60,10 +59,10 @@ class PreviewCopy(WorldModelAbstractInterface):
         return self._reader.find(eid, context_id)
 
     def add_listener(self, callback: Callable[[Any], None]) -> None:
-        self._listeners.append(callback)
+        self._notifier.add_listener(callback)
 
     def remove_listener(self, callback: Callable[[Any], None]) -> None:
-        self._listeners.remove(callback)
+        self._notifier.remove_listener(callback)
 
     # -- calls that a copy does not support --------------------------------------------------------------------
 
@@ -83,7 +82,7 @@ class PreviewCopy(WorldModelAbstractInterface):
         """:raises WmException: always."""
         raise WmException("a copy of a scene cannot be saved")
 
-    def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]:
+    def history(self, eid: str = "", *, until: Point | None = None, limit: int = 0) -> list[HistoryEntry]:
         """Returns []: a copy has no journal."""
         return []
 
@@ -109,7 +108,7 @@ class PreviewCopy(WorldModelAbstractInterface):
 
     def _scene_now(self) -> tuple[list[Element], str]:
         with self._lock:
-            return self.get_scene_elements(), str(self._number)
+            return self.get_scene_elements(), self._notifier.snapshot_id
 
     def _matching(self, wanted: Element, context: str) -> list[Element]:
         return self._reader.matching(wanted, context)
@@ -134,23 +133,13 @@ class PreviewCopy(WorldModelAbstractInterface):
             except Exception as error:
                 self._scene.roll_back()
                 if isinstance(error, SkirosError):
-                    raise refusal(str(error)) from error
+                    raise refusal(str(error), error.code, error.position) from error
                 raise
-            self._number += 1
-            provenance = Provenance(self._number, time.time(), self.author)
-            changed = self._scene.commit(provenance)
-            elements = tuple(e for eid in changed if (e := self._scene.element(eid)) is not None)
-            groups = [(UPDATE, elements), (REMOVE, tuple(transaction.removed))]
-            changes = [self._change(action, group, provenance) for action, group in groups if group]
-        for change in changes:
-            for listener in list(self._listeners):
-                listener(change)
-        return Outcome(ids, changes)
-
-    def _change(self, action: str, elements: tuple[Element, ...], provenance: Provenance) -> Change:
-        state = str(provenance.version)
-        before, stamp = str(provenance.version - 1), provenance.stamp
-        return Change(provenance.version, before, state, stamp, provenance.author, action, _SCENE, elements)
+            provenance = self._notifier.next(self.author)
+            committed = self._scene.commit(provenance)
+            changed = [eid for eid in committed.ids() if eid in self._scene]
+            pending = [PendingChange(UPDATE, ids=changed), PendingChange(REMOVE, committed.removed())]
+            return Outcome(ids, self._notifier.publish(pending, provenance, _SCENE, self._scene))
 
 
 def _scene_of(elements: Sequence[Element]) -> Scene:

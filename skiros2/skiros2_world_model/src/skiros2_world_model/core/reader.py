@@ -1,4 +1,4 @@
-"""Reading scenes under their lock: the same for the server, in process, and for a client's replica."""
+"""Reads scenes under their lock: for the server, for the adapter in process and for the replica of a client."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from skiros2_world_model.core.scene import Provenance, Scene
 
 
 class SceneReader:
-    """Reads of scenes. Safe to use from all threads.
+    """Reads the scenes of contexts. Thread-safe.
 
     :param lock: guards the scenes.
-    :param scenes: the scenes of a context, all for ""; called under the lock.
-    :param ontology: what the ontologies say now; called without the lock.
+    :param scenes: returns the scenes of a context; "": of all contexts. Called under the lock.
+    :param ontology: returns the index of the current ontologies. Called without the lock.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class SceneReader:
         self._ontology = ontology
 
     def find(self, eid: str, context: str) -> Element | None:
-        """The element as it is now, or None."""
+        """Returns the current state of an element, or None when it does not exist."""
         with self._lock:
             for scene in self._scenes(context):
                 element = scene.element(eid)
@@ -40,7 +40,7 @@ class SceneReader:
         return None
 
     def refreshed(self, element: Element, context: str) -> Element | None:
-        """The given element if it has not changed since it was read, else the element as it is now, or None."""
+        """Returns the given element if it has not changed since it was read, else the result of `find`."""
         with self._lock:
             for scene in self._scenes(context):
                 record = scene.record(element.id)
@@ -49,26 +49,26 @@ class SceneReader:
         return None
 
     def has(self, eid: str, context: str) -> bool:
-        """Whether there is an element of that id."""
+        """Whether an element exists."""
         with self._lock:
             return any(eid in scene for scene in self._scenes(context))
 
     def removal(self, eid: str, context: str) -> Provenance | None:
-        """The change that removed an element; None: the element exists, or its removal is not known."""
+        """The change that removed an element; None: the element exists, or its removal is unknown."""
         with self._lock:
             known = (scene.removals.get(eid) for scene in self._scenes(context))
             return next((provenance for provenance in known if provenance is not None), None)
 
     def matching(self, wanted: Element, context: str) -> list[Element]:
-        """The elements like an abstract one."""
+        """The elements that match an abstract element."""
         ontology = self._ontology()
         with self._lock:
             return [e for s in self._scenes(context) for e in _elements(s, matching_ids(s, ontology, wanted))]
 
     def branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
-        """An element and what is under it, nearest first.
+        """An element and its descendants, nearest first; arguments as for `branch_ids`.
 
-        :raises UnknownName: there is no such element.
+        :raises UnknownName: the element does not exist.
         """
         ontology = self._ontology()
         with self._lock:
@@ -78,13 +78,13 @@ class SceneReader:
         raise UnknownName(no_element(eid, context))
 
     def related(self, src: str, pred: str, dst: str, context: str) -> list[RelationDict]:
-        """The relations along a predicate and those under it; an empty part matches any."""
+        """The relations along a predicate and its subproperties; an empty part matches any."""
         ontology = self._ontology()
         with self._lock:
             return [r for scene in self._scenes(context) for r in relations_between(scene, ontology, src, pred, dst)]
 
     def holds(self, subj: Element, pred: str, obj: Element, context: str) -> bool:
-        """Whether a relation holds; a side without id stands for some element like it."""
+        """Whether a relation holds; a side without id stands for any matching element."""
         ontology = self._ontology()
         with self._lock:
             for scene in self._scenes(context):  # noqa: SIM110 - any() takes twice the time
@@ -94,7 +94,7 @@ class SceneReader:
 
 
 def no_element(eid: str, context: str) -> str:
-    """What is said where a context has no element of an id."""
+    """The error text for an element that a context does not have."""
     return f"there is no element {eid!r} in context {context!r}"
 
 

@@ -108,17 +108,12 @@ class Reasoning:
         with self.parse_lock:
             self.transaction = transaction
             try:
-                savepoint = -1
-                while scene.savepoint() != savepoint:  # reasoners have changed more elements
-                    savepoint = scene.savepoint()
-                    for element in transaction.removed:
-                        if element.id not in asked and element.id not in scene:
-                            asked.add(element.id)
-                            self._offer(scene, transaction, element.id, element)
-                    for eid in (*scene.changed_ids(), *transaction.added, *transaction.updated):
-                        if eid not in asked and eid in scene:
-                            asked.add(eid)
-                            self._offer(scene, transaction, eid, None)
+                while changed := [eid for eid in _changed_ids(scene, transaction) if eid not in asked]:
+                    asked.update(changed)
+                    removed = {element.id: element for element in scene.changes.removed()}
+                    for eid in changed:
+                        if eid in scene or eid in removed:
+                            self._offer(scene, transaction, eid, removed.get(eid))
             finally:
                 self.transaction = None
 
@@ -170,7 +165,7 @@ class Reasoning:
             element = removed.view() if removed is not None else scene.element(eid)
             if element is None:
                 return
-            action = REMOVE if removed is not None else ADD if eid in transaction.added else UPDATE
+            action = REMOVE if removed is not None else ADD if scene.changes.is_added(eid) else UPDATE
             if self._parse(reasoner, element, action) is False:
                 raise Refused(f"{_name(reasoner)} rejects to {action} {element!r}")
             self._offered.append((reasoner, action, element))
@@ -181,11 +176,10 @@ class Reasoning:
     def _store(
         self, scene: Scene, transaction: Transaction, name: str, element: Element, changes: ElementChanges
     ) -> None:
-        savepoint = scene.savepoint()
         try:
-            transaction.complete(element.id, changes)
+            with scene.nested():
+                transaction.complete(element.id, changes)
         except SkirosError as error:
-            scene.roll_back_to(savepoint)
             log.error("the changes of reasoner %s to %s are discarded: %s", name, element.id, error)
         stored = scene.element(element.id)
         if stored is not None:
@@ -204,6 +198,14 @@ class Reasoning:
             self.parse_lock.acquire()
             self.is_parsing = False
         return None
+
+
+def _changed_ids(scene: Scene, transaction: Transaction) -> list[str]:
+    """The removed elements, then those that changed. The objects of changed relations count, their subjects do not."""
+    changes = scene.changes
+    gone = [eid for eid, (_, after) in changes.records.items() if after is None]
+    objects = (dst for _, _, dst in changes.relations)
+    return list(dict.fromkeys([*gone, *changes.records, *objects, *transaction.updated]))
 
 
 def _name(reasoner: DiscreteReasoner) -> str:

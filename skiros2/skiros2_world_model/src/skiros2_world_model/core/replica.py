@@ -1,4 +1,4 @@
-"""A client's copy of the scene: starts from a snapshot, follows the changes, notices when it missed some."""
+"""A client's copy of the scene. It starts from a snapshot and follows the published changes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 
 @dataclass
 class Snapshot:
-    """A whole scene. Of the relations, the outgoing ones of each element are enough."""
+    """A whole scene.
+
+    :param snapshot_id, number: the name of the state and the number of its last change.
+    :param elements: each with at least its outgoing relations.
+    """
 
     snapshot_id: str
     number: int
@@ -23,14 +27,14 @@ class Snapshot:
 
 
 class Replica:
-    """The scene as far as it is known here. Safe to use from all threads.
+    """A copy of the scene. Thread-safe.
 
-    Changes come in two ways: all of them, in order, as the server publishes them (`follow`), and those that this client
-    made, with the server's answer (`include`). A change that does not continue the known state waits for those before
-    it; when the published ones have a gap, the next read fetches the scene anew.
+    It receives the changes in two ways: all changes in the order in which the server publishes them (`follow`), and
+    the changes of this client with the answers to its requests (`include`). A change that does not continue the known
+    state waits for its predecessors. After a gap in the published changes, the next read fetches the scene again.
 
-    :param fetch: gets a snapshot from the server; called without the lock.
-    :param timeout: how long a write waits for changes before it that are still on their way (s).
+    :param fetch: fetches a snapshot from the server. Called without the lock.
+    :param timeout: how long `include` and `reach` wait for earlier changes (s).
     """
 
     def __init__(self, fetch: Callable[[], Snapshot], timeout: float = 2.0) -> None:
@@ -49,23 +53,23 @@ class Replica:
 
     @property
     def version(self) -> int:
-        """Counts up with everything that may have changed."""
+        """A counter that increases with every possible change."""
         return self._version
 
     @property
     def snapshot_id(self) -> str:
-        """The name of the known state; "" when it is not known. To be read under the lock, with the scene."""
+        """The name of the known state; "" when the scene is unknown. Read it and the scene under the lock."""
         return self._snapshot_id or ""
 
     def scene(self) -> Scene:
-        """The scene, to be read under the lock. Call `refresh` before.
+        """The scene. Call `refresh` first, then read the scene under the lock.
 
-        Between the two the scene may become older than the server's; it is whole at any time.
+        It may be older than the server's scene, but it is always a consistent state.
         """
         return self._scene
 
     def refresh(self) -> None:
-        """Fetches the scene if it is not known, or not any more. Called before each read."""
+        """Fetches the scene if it is unknown. Called before each read; blocks for the server if it fetches."""
         if self._snapshot_id is not None:
             return
         with self._fetching:
@@ -79,14 +83,14 @@ class Replica:
                     self._is_fetching = False
 
     def follow(self, change: Change) -> None:
-        """Takes a change that the server has published. Called in the order in which they come."""
+        """Takes a published change. Called in the order of publication."""
         with self.lock:
             self._take(change)
             if self._snapshot_id is not None and self._number < change.number:
-                self._forget()  # those before it will not come any more
+                self._forget()  # its predecessors were missed
 
     def include(self, changes: Sequence[Change]) -> None:
-        """Takes the changes that a request of this client has made; afterwards they can be read here."""
+        """Takes the changes of a request of this client and waits until they can be read."""
         if not changes:
             return
         with self.lock:
@@ -100,12 +104,12 @@ class Replica:
                 self._forget()
 
     def reach(self, snapshot_id: str) -> None:
-        """Waits until the scene is no older than that state of the server; it is fetched anew if that takes long."""
+        """Waits until the scene is at least as new as a state of the server, or fetches it after the timeout."""
         session, _, number = snapshot_id.rpartition("-")
         with self.lock:
             known = self._snapshot_id
             if known is None:
-                return  # what is fetched later is newer
+                return  # the scene will be fetched, and is newer then
             if _session_of(known) != session or not self._progress.wait_for(
                 lambda: self._snapshot_id is None or self._number >= int(number), self._timeout
             ):
@@ -116,7 +120,7 @@ class Replica:
     def _take(self, change: Change) -> None:
         if self._snapshot_id is None:
             if not self._is_fetching:
-                return  # what is fetched later has it
+                return  # the scene will be fetched with this change
         elif _session(change) != _session_of(self._snapshot_id):
             self._forget()
             return
@@ -140,7 +144,7 @@ class Replica:
         self._progress.notify_all()
 
     def _forget(self) -> None:
-        """The scene is not known any more."""
+        """Marks the scene as unknown."""
         self._snapshot_id = None
         self._count()
         self._progress.notify_all()
@@ -173,7 +177,7 @@ class Replica:
             }
             self._catch_up()
             if self._waiting:
-                self._forget()  # some were published before this client heard the server
+                self._forget()  # some changes were published before this client subscribed
 
 
 def _session(change: Change) -> str:

@@ -8,13 +8,16 @@ replicas use the same class.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import contextmanager
 from sys import intern
-from typing import Any
 
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.changes import relation_dict
+from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Provenance, Relation
 from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, ValueIndex
+
+__all__ = ["ROOT", "ElementRecord", "Provenance", "Removals", "Scene"]
 
 #: The id of the root element.
 ROOT = "skiros:Scene-0"
@@ -22,46 +25,7 @@ ROOT = "skiros:Scene-0"
 #: Relation dicts are cached for elements with at least this number of relations.
 _CACHED_RELATIONS = 20
 
-
-@dataclass(frozen=True, slots=True)
-class Provenance:
-    """The change that last modified something: its number, its time (s since the epoch) and its author."""
-
-    version: int = 0
-    stamp: float = 0.0
-    author: str = ""
-
-
-_UNKNOWN = Provenance()
 _NO_PROPERTIES: Mapping[str, Property] = {}
-
-
-@dataclass(frozen=True, slots=True)
-class ElementRecord:
-    """The stored content of one element, without relations. Immutable: a change stores a new record."""
-
-    id: str
-    type: str
-    label: str
-    properties: dict[str, Property]
-    provenance: Provenance = _UNKNOWN
-
-    @property
-    def version(self) -> int:
-        """The number of the last change."""
-        return self.provenance.version
-
-
-@dataclass
-class ChangeSet:
-    """The element records and relations that were added, replaced or removed, in order."""
-
-    records: dict[str, None] = field(default_factory=dict)
-    relations: dict[tuple[str, str, str], None] = field(default_factory=dict)
-
-    def elements(self) -> dict[str, None]:
-        """The ids of elements whose record or relations changed, including removed elements."""
-        return {**self.records, **dict.fromkeys(eid for src, _, dst in self.relations for eid in (src, dst))}
 
 
 class Scene:
@@ -82,8 +46,7 @@ class Scene:
         self._numbers = IdNumbers()
         self._pool = PropertyPool()
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
-        self._undo: list[Callable[[], None]] | None = None
-        self.change_set = ChangeSet()
+        self._changes: ChangeSet | None = None  # of the current transaction; None outside transactions
         self.removals = Removals()
 
     # -- elements ----------------------------------------------------------------------------------------------
@@ -127,7 +90,7 @@ class Scene:
         """The ids of the elements with a label."""
         return self._by_label.ids(label)
 
-    def of_value(self, key: str, value: Any) -> list[Collection[str]] | None:
+    def of_value(self, key: str, value: object) -> list[Collection[str]] | None:
         """Groups of ids that together contain every element with that value of a property, and some others.
 
         The first call for a property scans all elements and builds an index.
@@ -149,9 +112,7 @@ class Scene:
         eid = before.id if before is not None else record.id
         known = before.properties if before is not None else _NO_PROPERTIES
         properties = {intern(k): p if known.get(k) is p else self._pool.shared(p) for k, p in record.properties.items()}
-        self._replace(eid, ElementRecord(eid, intern(record.type), record.label, properties, record.provenance))
-        if self._undo is not None:
-            self._undo.append(lambda: self._replace(eid, before))
+        self.replace(eid, ElementRecord(eid, intern(record.type), record.label, properties, record.provenance))
 
     def drop(self, eid: str) -> None:
         """Removes an element and all its relations, in both directions."""
@@ -159,10 +120,7 @@ class Scene:
             self.unrelate(src, pred, dst)
         for src, pred, dst in list(self.relations(dst=eid)):
             self.unrelate(src, pred, dst)
-        before = self._records[eid]
-        self._replace(eid, None)
-        if self._undo is not None:
-            self._undo.append(lambda: self._replace(eid, before))
+        self.replace(eid, None)
 
     def free_id(self, etype: str, desired: int = -1, others: Sequence[Scene] = ()) -> str:
         """Returns an unused id: with the desired number (from 0) if it is free, else with the next free number.
@@ -192,12 +150,12 @@ class Scene:
             found = index.get(eid)
             if found is not None:
                 for dst in (found,) if isinstance(found, str) else found:
-                    relations.append(_relation("-1", pred, dst))
+                    relations.append(relation_dict("-1", pred, dst))
         for pred, index in self._in.items():
             found = index.get(eid)
             if found is not None:
                 for src in (found,) if isinstance(found, str) else found:
-                    relations.append(_relation(src, pred, "-1"))
+                    relations.append(relation_dict(src, pred, "-1"))
         found_relations = tuple(relations)
         if len(found_relations) >= _CACHED_RELATIONS:
             self._relation_cache[eid] = found_relations
@@ -248,60 +206,71 @@ class Scene:
         if self.related(src, pred, dst):
             return False
         src, dst = (self._records[n].id if n in self._records else n for n in (src, dst))  # share the id strings
-        self._link(src, pred, dst)
-        if self._undo is not None:
-            self._undo.append(lambda: self._unlink(src, pred, dst))
+        for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
+            index = links.get(pred)
+            if index is None:
+                index = links[pred] = IdIndex()
+            index.add(here, there)
+        self._record_relation((src, pred, dst), True)
         return True
 
     def unrelate(self, src: str, pred: str, dst: str) -> bool:
         """Removes a relation. Returns False when it does not exist."""
         if not self.related(src, pred, dst):
             return False
-        self._unlink(src, pred, dst)
-        if self._undo is not None:
-            self._undo.append(lambda: self._link(src, pred, dst))
+        for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
+            links[pred].discard(here, there)
+            if not links[pred]:
+                del links[pred]
+        self._record_relation((src, pred, dst), False)
         return True
 
     # -- transactions ------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
         """Starts a transaction, which `commit` or `roll_back` ends."""
-        self._undo = []
-        self.change_set = ChangeSet()
+        self._changes = ChangeSet()
 
-    def changed_ids(self) -> list[str]:
-        """The ids of elements that changed since `begin`, including removed ones.
-
-        The subject of an added or removed relation does not count as changed, its object does.
-        """
-        return list({**self.change_set.records, **dict.fromkeys(dst for _, _, dst in self.change_set.relations)})
+    @property
+    def changes(self) -> ChangeSet:
+        """The changes of the current transaction so far."""
+        return self._changes if self._changes is not None else ChangeSet()
 
     def roll_back(self) -> None:
         """Undoes all changes since `begin`."""
-        self.roll_back_to(0)
-        self._undo, self.change_set = None, ChangeSet()
+        changes, self._changes = self._changes, None
+        if changes is not None:
+            changes.inverse().apply(self)
 
-    def savepoint(self) -> int:
-        """A point within the transaction for `roll_back_to`."""
-        return len(self._undo or ())
+    @contextmanager
+    def nested(self) -> Iterator[ChangeSet]:
+        """A transaction within the current one, which it becomes part of; an exception undoes only its own changes."""
+        outer, inner = self._changes, ChangeSet()
+        self._changes = inner
+        is_done = False
+        try:
+            yield inner
+            is_done = True
+        finally:
+            if not is_done:
+                self.roll_back()
+            elif outer is not None:
+                outer.extend(inner)
+            self._changes = outer
 
-    def roll_back_to(self, savepoint: int) -> None:
-        """Undoes all changes since a savepoint."""
-        while self._undo is not None and len(self._undo) > savepoint:
-            self._undo.pop()()
-
-    def commit(self, provenance: Provenance) -> list[str]:
-        """Ends the transaction, sets the provenance of every changed element and returns their ids."""
-        self._undo = None
-        changed = []
-        for eid in self.change_set.elements():
+    def commit(self, provenance: Provenance) -> ChangeSet:
+        """Ends the transaction, sets the provenance of every element that changed, and returns the changes."""
+        changes, self._changes = self._changes, None
+        if changes is None:
+            return ChangeSet()
+        for eid in changes.ids():
             old = self._records.get(eid)
             self.removals.record(eid, provenance if old is None else None)
             if old is not None:
-                self._records[eid] = ElementRecord(eid, old.type, old.label, old.properties, provenance)
-                changed.append(eid)
-        self.change_set = ChangeSet()
-        return changed
+                new = self._records[eid] = ElementRecord(eid, old.type, old.label, old.properties, provenance)
+                if eid in changes.records:
+                    changes.records[eid] = (changes.records[eid][0], new)
+        return changes
 
     def inherit_removals(self, before: Scene, provenance: Provenance | None) -> None:
         """Copies the removals of a scene that this one replaces by a change (None: unknown)."""
@@ -314,7 +283,8 @@ class Scene:
 
     # -- the index itself --------------------------------------------------------------------------------------
 
-    def _replace(self, eid: str, record: ElementRecord | None) -> None:
+    def replace(self, eid: str, record: ElementRecord | None) -> None:
+        """Stores exactly this record of an element, or removes the element (None). Its relations stay."""
         before = self._records.get(eid)
         if before is not None and (record is None or record.type != before.type):
             self._by_type.discard(before.type, eid)
@@ -335,37 +305,18 @@ class Scene:
             self._by_label.add(record.label, eid)
             if before is None:
                 self._numbers.count(eid, 1)
-        if self._undo is not None:
-            self.change_set.records[eid] = None
+        if self._changes is not None:
+            self._changes.put(eid, before, record)
         if self.unsynced is not None:
-            self.unsynced.records[eid] = None
+            self.unsynced.put(eid, before, record)
 
-    def _link(self, src: str, pred: str, dst: str) -> None:
-        for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
-            index = links.get(pred)
-            if index is None:
-                index = links[pred] = IdIndex()
-            index.add(here, there)
-        self._record_relation(src, pred, dst)
-
-    def _unlink(self, src: str, pred: str, dst: str) -> None:
-        for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
-            links[pred].discard(here, there)
-            if not links[pred]:
-                del links[pred]
-        self._record_relation(src, pred, dst)
-
-    def _record_relation(self, src: str, pred: str, dst: str) -> None:
-        self._relation_cache.pop(src, None)
-        self._relation_cache.pop(dst, None)
-        if self._undo is not None:
-            self.change_set.relations[src, pred, dst] = None
+    def _record_relation(self, relation: Relation, added: bool) -> None:
+        self._relation_cache.pop(relation[0], None)
+        self._relation_cache.pop(relation[2], None)
+        if self._changes is not None:
+            self._changes.relate(relation, added)
         if self.unsynced is not None:
-            self.unsynced.relations[src, pred, dst] = None
-
-
-def _relation(src: str, pred: str, dst: str) -> dict[str, Any]:
-    return {"src": src, "type": pred, "dst": dst, "state": True, "abstract": False}
+            self.unsynced.relate(relation, added)
 
 
 def _property(record: ElementRecord | None, key: str) -> Property | None:

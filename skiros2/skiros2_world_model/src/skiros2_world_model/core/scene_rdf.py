@@ -11,13 +11,14 @@ import pyoxigraph as ox
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
+from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.datatypes import literal_parts
 from skiros2_world_model.core.file_checks import LEFT_OUT
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import OWL, RDFS, XSD, Prefixes
 from skiros2_world_model.core.rdf_files import TurtleWriter, WrittenStatement
-from skiros2_world_model.core.scene import ChangeSet, ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 from skiros2_world_model.core.terms import RDF_TYPE, literal, python_value
 from skiros2_world_model.core.triple_store import TripleStore
 
@@ -242,20 +243,19 @@ class GraphSync:
         if unsynced is None or self._generation != self._store.generation:
             self._generation = self._store.generation
             self._store.replace(self._context, chain(scene_triples(scene, ontology, prefixes), extras))
-        elif unsynced.records or unsynced.relations:
-            self._update(scene, unsynced, set(extras), ontology, prefixes)
+        elif unsynced:
+            self._update(unsynced, set(extras), ontology, prefixes)
         scene.unsynced = ChangeSet()  # only after success, so that a failed flush is repeated
 
     def _update(
-        self, scene: Scene, unsynced: ChangeSet, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes
+        self, unsynced: ChangeSet, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes
     ) -> None:
         subjects = {ox.NamedNode(prefixes.iri(eid)) for eid in unsynced.records}
         removed: set[ox.Triple] = set()
         added = {triple for triple in extras if triple.subject in subjects}
-        for eid in unsynced.records:
-            record = scene.record(eid)
+        for _, record in unsynced.records.values():
             if record is not None:
                 added.update(element_triples(record, ontology, prefixes))
-        for relation in unsynced.relations:
-            (added if scene.related(*relation) else removed).add(relation_triple(relation, prefixes))
+        for relation, is_added in unsynced.relations.items():
+            (added if is_added else removed).add(relation_triple(relation, prefixes))
         self._store.rewrite(self._context, subjects, removed - added - extras, added)

@@ -66,11 +66,9 @@ def shacl_findings(
     """
     import pyshacl  # slow to import, and rarely needed
 
-    from skiros2_world_model.core.rdflib_terms import rdflib_term
-
     shapes = _graph(triple for path in files for triple in read_triples(path))
     scene = list(scene)
-    described = {rdflib_term(triple.subject) for triple in scene}
+    described = {_rdflib_term(triple.subject) for triple in scene}
     data = _graph(chain(scene, ontologies))
     try:
         _, results, text = pyshacl.validate(data, shacl_graph=shapes, inplace=True)
@@ -100,9 +98,33 @@ def _findings(results: Any, prefixes: Prefixes, origin: str) -> Iterator[tuple[A
 def _graph(triples: Iterable[ox.Triple]) -> rdflib.Graph:
     from rdflib import Graph
 
-    from skiros2_world_model.core.rdflib_terms import rdflib_triples
-
     graph = Graph()
-    for triple in rdflib_triples(triples):
+    for triple in _rdflib_triples(triples):
         graph.add(triple)
     return graph
+
+
+def _rdflib_triples(triples: Iterable[ox.Triple]) -> Iterator[tuple[Any, Any, Any]]:
+    """Converts triples to terms of rdflib; equal terms become one object."""
+    made: dict[Any, Any] = {}
+    for triple in triples:
+        terms = []
+        for term in (triple.subject, triple.predicate, triple.object):
+            known = made.get(term)
+            if known is None:
+                known = made[term] = _rdflib_term(term)
+            terms.append(known)
+        yield terms[0], terms[1], terms[2]
+
+
+def _rdflib_term(term: Any) -> Any:
+    """Converts a term of pyoxigraph to rdflib."""
+    from rdflib import BNode, Literal, URIRef
+
+    if isinstance(term, ox.NamedNode):
+        return URIRef(term.value)
+    if isinstance(term, ox.BlankNode):
+        return BNode(term.value)
+    if term.language:
+        return Literal(term.value, lang=term.language)
+    return Literal(term.value, datatype=URIRef(term.datatype.value))

@@ -10,11 +10,12 @@ from dataclasses import replace
 from skiros2_common.core.errors import Conflict, Refused, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property
-from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
+from skiros2_common.core.world_element import ElementChanges, RelationDict
 from skiros2_world_model.core.changes import (
     SPATIAL,
     TEMPLATE,
     Add,
+    Apply,
     Expect,
     Instantiate,
     Operation,
@@ -22,12 +23,13 @@ from skiros2_world_model.core.changes import (
     Relate,
     Remove,
     Update,
-    relation_dict,
 )
+from skiros2_world_model.core.changeset import ChangeSet, Relation
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.queries import cascade_ids, containment_cycle, format_cycle
+from skiros2_world_model.core.reverting import changed_parts, patched
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Scene
 from skiros2_world_model.core.templates import copies_of
 
@@ -56,13 +58,12 @@ class Transaction:
         self._others = others or {}
         self._references: dict[str, str] = {}
         self._placed: dict[str, None] = {}  # elements placed in another one, not checked for cycles yet
-        self.added: dict[str, None] = {}
+        #: The elements of the operations: they are published as updated even if nothing has changed.
         self.updated: dict[str, None] = {}
-        self.removed: list[Element] = []
+        #: The relations of operations on relations: they are published as such, even if their ends are published.
+        self.related: set[Relation] = set()
         self.removed_recursively = False
         self.renamed: list[tuple[str, str]] = []
-        #: Relations changed without an element of theirs, and whether each existed before.
-        self._relations_before: dict[tuple[str, str, str], bool] = {}
         #: Relations to add whose subjects are in other contexts, with the context of each.
         self.in_other_contexts: defaultdict[str, list[Operation]] = defaultdict(list)
 
@@ -91,7 +92,7 @@ class Transaction:
             ids.setdefault(index, eid)
         for eid, relation in links:
             if _is_fact(relation):
-                self._link(eid, relation)
+                self._link(*self._ends(eid, relation))
         self._check_containment()
         self._checks.finish()
         return list(ids.values())
@@ -102,20 +103,10 @@ class Transaction:
         :raises SkirosError: an operation is refused; none of them is applied.
         """
         part = Transaction(self._scene, self._ontology, checks, author, self._others)
-        savepoint = self._scene.savepoint()
-        try:
+        with self._scene.nested():
             ids = part.run(operations)
-        except Exception:
-            self._scene.roll_back_to(savepoint)
-            raise
-        for element in part.removed:
-            if self.added.pop(element.id, "") == "":
-                self.removed.append(element)
-            self.updated.pop(element.id, None)
-        self.added.update(part.added)
-        self.updated.update((eid, None) for eid in part.updated if eid not in self.added)
-        for relation, before in part._relations_before.items():
-            self._relations_before.setdefault(relation, before)
+        self.updated.update(part.updated)
+        self.related |= part.related
         self.renamed += part.renamed
         for context, relations in part.in_other_contexts.items():
             self.in_other_contexts[context] += relations
@@ -131,18 +122,8 @@ class Transaction:
         self.patch(eid, changes, links)
         for _, relation in links:
             if _is_fact(relation):
-                self._link(eid, relation)
+                self._link(*self._ends(eid, relation))
         self._check_containment()
-
-    @property
-    def related(self) -> list[RelationDict]:
-        """The added relations that no element of `added` and `updated` contains."""
-        return [relation_dict(*r) for r, was in self._relations_before.items() if not was and self._scene.related(*r)]
-
-    @property
-    def unrelated(self) -> list[RelationDict]:
-        """The removed relations that no element of `added` and `updated` implies."""
-        return [relation_dict(*r) for r, was in self._relations_before.items() if was and not self._scene.related(*r)]
 
     def _check_unchanged(self, expected: Expect) -> None:
         provenance = self._record(expected.id).provenance
@@ -167,6 +148,8 @@ class Transaction:
             return self.patch(operation.id, operation.changes, links)
         if isinstance(operation, Remove):
             return self._remove(operation)
+        if isinstance(operation, Apply):
+            return self._apply_change_set(operation.change_set)
         assert isinstance(operation, Relate)
         return self._relate(operation)
 
@@ -180,9 +163,7 @@ class Transaction:
             self.renamed.append((element.id, eid))
         if operation.reference:
             self._references[operation.reference] = eid
-        properties = self._properties(etype, element, eid)
-        self._scene.put(ElementRecord(eid, etype, self._checks.label(element.label, eid), properties))
-        self.added[eid] = None
+        properties = self._put(eid, etype, element.label, element._props)
         links += [(eid, relation) for relation in element._rels]
         template = properties.get(TEMPLATE)
         if template is not None and template.value:
@@ -192,17 +173,15 @@ class Transaction:
     def _update(self, operation: Update, links: list[tuple[str, RelationDict]]) -> str:
         element = operation.element
         record = self._record(element.id)
-        etype = self._checks.class_name(element.type, element.id)
         if operation.keys is not None:
-            etype = record.type
-        properties = self._properties(etype, element, element.id)
-        if operation.keys is not None:
+            self._checks.class_name(element.type, element.id)
+            properties = self._checked(record.type, element._props, record.id)
             written = {key: prop for key, prop in properties.items() if key in operation.keys}
             kept = {key: prop for key, prop in record.properties.items() if key not in operation.keys}
             self._scene.put(ElementRecord(record.id, record.type, record.label, kept | written))
         else:
-            self._scene.put(ElementRecord(record.id, etype, self._checks.label(element.label, record.id), properties))
-        self._set_updated(record.id)
+            self._put(record.id, element.type, element.label, element._props)
+        self.updated[record.id] = None
         if operation.relations:
             wanted = {self._ends(record.id, r) for r in element._rels if _is_fact(r)}
             for relation in [*self._scene.relations(record.id), *self._scene.relations(dst=record.id)]:
@@ -228,9 +207,9 @@ class Transaction:
                 properties[checked.key] = checked
             self._scene.put(ElementRecord(eid, etype, label, properties))
         for relation in changes.removed_relations:
-            self._unlink(eid, *self._ends(eid, relation))
+            self._scene.unrelate(*self._ends(eid, relation))
         links += [(eid, relation) for relation in changes.added_relations]
-        self._set_updated(eid)
+        self.updated[eid] = None
         return eid
 
     def _remove(self, operation: Remove) -> str:
@@ -240,35 +219,59 @@ class Transaction:
             filters = operation.relation_filter, operation.type_filter
             gone = cascade_ids(self._scene, self._ontology, root, *filters)
             self.removed_recursively = True
-        if ROOT in gone:
-            raise Refused(f"{self._author}: {ROOT} is the root of the scene and cannot be removed")
         for eid in gone:
-            element = self._scene.element(eid)
-            assert element is not None
-            if eid not in self.added:
-                self.removed.append(element)
-            self._scene.drop(eid)
-            self.added.pop(eid, None)
-            self.updated.pop(eid, None)
+            self._drop(eid)
         return root
+
+    def _drop(self, eid: str) -> None:
+        if eid == ROOT:
+            raise Refused(f"{self._author}: {ROOT} is the root of the scene and cannot be removed")
+        self._scene.drop(eid)
+        self.updated.pop(eid, None)
+
+    def _apply_change_set(self, change_set: ChangeSet) -> str:
+        """Applies a change set; returns the id of its first element, or the subject of its first relation.
+
+        :raises Conflict: parts of the scene have changed since; the text has all of them.
+        """
+        parts = changed_parts(change_set, self._scene)
+        if parts:
+            raise Conflict("; ".join(parts))
+        for relation, added in change_set.relations.items():
+            if not added:
+                self._scene.unrelate(*relation)
+        for eid, (before, after) in change_set.records.items():
+            if after is None:
+                self._drop(eid)
+                continue
+            current = self._scene.record(eid)
+            content = after if before is None or current is None else patched(current, before, after)
+            self._put(eid, content.type, content.label, content.properties)
+            self.updated[eid] = None
+        for relation, added in change_set.relations.items():
+            if added:
+                self._link(*relation)
+        return next(iter(change_set.ids()), "")
 
     # -- relations ---------------------------------------------------------------------------------------------
 
     def _relate(self, operation: Relate) -> str:
-        relation = {"src": operation.src, "type": operation.pred, "dst": operation.dst}
+        src, dst = self._end("", operation.src), self._end("", operation.dst)
         if operation.value:
-            return self._link("", relation)
-        src, pred, dst = self._ends("", relation)
+            return self._link(src, self._checks.full(operation.pred), dst, alone=True)
         self._record(src)
-        pred = self._checks.name(pred, "relation", src)
+        pred = self._checks.name(operation.pred, "relation", src)
         dst = self._target(src, pred, dst)
         for name in {pred, *self._ontology.subproperties(pred)}:
-            self._unlink("", src, name, dst)
+            self.related.add((src, name, dst))
+            self._scene.unrelate(src, name, dst)
         return src
 
-    def _link(self, eid: str, relation: RelationDict) -> str:
-        """Checks and adds a relation of an element, or ("") one given on its own; returns its subject."""
-        src, pred, dst = self._ends(eid, relation)
+    def _link(self, src: str, pred: str, dst: str, alone: bool = False) -> str:
+        """Checks and adds a relation; returns its subject.
+
+        :param alone: the relation itself was requested.
+        """
         who = f"{src} {pred} {dst}"
         pred = self._checks.relation_name(pred, who)
         dst = self._target(src, pred, dst)
@@ -280,17 +283,10 @@ class Transaction:
         self._checks.relation_ends(self._record(src), pred, self._scene.record(dst), who)
         if self._ontology.is_subproperty(pred, SPATIAL):
             self._placed[dst] = None
-        if eid not in (src, dst):
-            self._relations_before.setdefault((src, pred, dst), self._scene.related(src, pred, dst))
+        if alone:
+            self.related.add((src, pred, dst))
         self._scene.relate(src, pred, dst)
         return src
-
-    def _unlink(self, eid: str, src: str, pred: str, dst: str) -> None:
-        """Removes a relation if it exists; `eid` as in `_link`."""
-        if self._scene.related(src, pred, dst):
-            if eid not in (src, dst):
-                self._relations_before.setdefault((src, pred, dst), True)
-            self._scene.unrelate(src, pred, dst)
 
     def _target(self, src: str, pred: str, dst: str) -> str:
         """Resolves the object of a relation: an element of any context, or an individual of the ontologies."""
@@ -321,8 +317,15 @@ class Transaction:
             return self._references[name[1:]]
         return self._checks.full(name) if is_iri(name) else name
 
-    def _properties(self, etype: str, element: Element, who: str) -> dict[str, Property]:
-        checked = [self._checks.property(etype, key, prop, who) for key, prop in element._props.items()]
+    def _put(self, eid: str, etype: str, label: str, properties: Mapping[str, Property]) -> dict[str, Property]:
+        """Checks the content of an element and stores it. Returns the checked properties."""
+        etype = self._checks.class_name(etype, eid)
+        checked = self._checked(etype, properties, eid)
+        self._scene.put(ElementRecord(eid, etype, self._checks.label(label, eid), checked))
+        return checked
+
+    def _checked(self, etype: str, properties: Mapping[str, Property], who: str) -> dict[str, Property]:
+        checked = [self._checks.property(etype, key, prop, who) for key, prop in properties.items()]
         return {prop.key: prop for prop in checked}
 
     def _record(self, eid: str) -> ElementRecord:
@@ -330,10 +333,6 @@ class Transaction:
         if record is None:
             raise UnknownName(f"{self._author}: there is no element {eid!r}")
         return record
-
-    def _set_updated(self, eid: str) -> None:
-        if eid not in self.added:
-            self.updated[eid] = None
 
 
 def _is_fact(relation: RelationDict) -> bool:

@@ -6,6 +6,7 @@ the default; `EndpointStore` uses a SPARQL server.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping
 from itertools import islice, takewhile
 from threading import Event
@@ -17,6 +18,9 @@ from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_world_model.core.terms import RDF_TYPE
 from skiros2_world_model.core.time_limit import TimeLimit
 
+#: A term of an answer; None: unbound.
+Term = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple | None
+
 Row = tuple[Any, ...]
 
 #: The default limits of a query: time (s) and number of rows.
@@ -24,6 +28,34 @@ QUERY_SECONDS = 10.0
 QUERY_ROWS = 1_000_000
 
 _CONTEXT = "urn:skiros:context:"
+
+
+#: pyoxigraph reports a syntax error only as a text.
+_SYNTAX_ERROR = re.compile(r"error at (\d+):(\d+): (.*)", re.DOTALL)
+#: Longer reasons, which list all expected tokens, are replaced.
+_MAX_REASON = 120
+
+
+class QueryError(WrongValue):
+    """A SPARQL query that cannot be answered; `position` is that of a syntax error.
+
+    :param text: the error text of pyoxigraph.
+    """
+
+    code = "wrong_query"
+
+    def __init__(self, text: str, query: str) -> None:
+        found = _SYNTAX_ERROR.fullmatch(text)
+        reason = " ".join(text.split())
+        if found is not None:
+            self.position = int(found[1]), int(found[2])
+            reason = " ".join(found[3].split())
+            if "Prefix not found" in reason:
+                reason = "unknown prefix (declare it: PREFIX name: <...>)"
+            elif len(reason) > _MAX_REASON or "[_]" in reason:
+                reason = "unexpected token"
+            reason = f"line {found[1]}, column {found[2]}: {reason}"
+        super().__init__(f"SPARQL query cannot be answered: {reason}; the query was: {query}")
 
 
 class TripleStore(Protocol):
@@ -85,7 +117,8 @@ class TripleStore(Protocol):
 
         :param context: the context to query; "": all.
         :param namespaces: by prefix, for prefixes that the query does not declare.
-        :raises WrongValue: the query does not parse (the text has line and column), is an update, or has too many rows.
+        :raises QueryError: the query does not parse, or is an update.
+        :raises WrongValue: it has too many rows.
         :raises TimedOut: the query takes too long.
         :raises Refused: the store is not available.
         """
@@ -164,7 +197,7 @@ class OxigraphStore:
         except (SyntaxError, ValueError, OSError, RuntimeError) as error:
             if isinstance(error, SkirosError):
                 raise
-            raise WrongValue(f"SPARQL query cannot be answered: {error}; the query was: {query}") from None
+            raise QueryError(str(error), query) from None
         check_count(rows, self._rows, query)
         return rows
 
@@ -178,12 +211,12 @@ def check_count(rows: Collection[Any], most: int, query: str) -> None:
 def check_query(query: str, namespaces: Mapping[str, str]) -> None:
     """Checks that a text is a SPARQL query.
 
-    :raises WrongValue: it does not parse, or is an update.
+    :raises QueryError: it does not parse, or is an update.
     """
     try:
         ox.Store().query(query, prefixes=dict(namespaces))
     except (SyntaxError, ValueError) as error:
-        raise WrongValue(f"SPARQL query cannot be answered: {error}; the query was: {query}") from None
+        raise QueryError(str(error), query) from None
 
 
 def graph_of(context: str) -> ox.NamedNode:

@@ -26,14 +26,14 @@ from skiros2_world_model.core.changes import (
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Context, Contexts
 from skiros2_world_model.core.file_checks import FileChecks
-from skiros2_world_model.core.journal import Journal, first_number
-from skiros2_world_model.core.journal_state import JournalState
+from skiros2_world_model.core.journal import Journal, JournalState, first_number
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.rdf_files import parse_n_triples, workspace_file, write_file
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.reasoning import Reasoning
 from skiros2_world_model.core.report import Finding, Report
+from skiros2_world_model.core.scene import Provenance, Scene
 from skiros2_world_model.core.statements import element_operations
 from skiros2_world_model.core.transaction import Transaction
 from skiros2_world_model.core.triple_store import TripleStore
@@ -94,7 +94,7 @@ class WorldModel(WorldModelState):
                 provenance = self._notifier.next("wm")
                 contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
                 journal.start(self._notifier.session, provenance, contents)
-                self._notifier.notify(RESET, provenance, SCENE)
+                self._notifier.publish([PendingChange(RESET)], provenance, SCENE, self.scene())
         self._journal = journal
 
     # -- requests ----------------------------------------------------------------------------------------------
@@ -118,17 +118,13 @@ class WorldModel(WorldModelState):
             transaction = Transaction(scene, self.ontology, self.checks(author), author, self._contexts.others(context))
             scene.begin()
             try:
-                ids = transaction.run(operations)
+                ids = transaction.run(operations)  # validates and applies
                 for other, relations in transaction.in_other_contexts.items():
                     self._check(relations, author, other)
                 if context == SCENE:
                     self.reasoning.offer(scene, transaction)
-                pending = pending_changes(transaction, scene) if context == SCENE else [PendingChange(UPDATE)]
-                provenance = self._notifier.next(author)
-                if pending and self._journal is not None:
-                    last = self.number + len(pending)
-                    with self._journal.request(provenance, last, "change", context) as writer:
-                        writer.change_set(context, scene)
+                pending = self._pending(scene, transaction, context)
+                provenance = self._log(pending, author, context, scene)
             except Exception:
                 scene.roll_back()
                 self.reasoning.undo(scene)
@@ -137,16 +133,31 @@ class WorldModel(WorldModelState):
                 raise
             if not pending:
                 scene.roll_back()  # nothing changed: restore the versions of the elements, too
-            scene.commit(provenance)
+            committed = scene.commit(provenance)
             self.reasoning.commit()
             for wanted, assigned in transaction.renamed:
                 log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
-            changes = self._notifier.notify_all(pending, provenance, context, scene)
+            changes = self._notifier.publish(pending, provenance, context, scene)
             for other, relations in transaction.in_other_contexts.items():
                 changes += self.transact(relations, author, other).changes
-            for other, patches in self._contexts.dangling([e.id for e in transaction.removed]):
+            for other, patches in self._contexts.dangling(committed):
                 changes += self.transact(patches, author, other).changes
             return Outcome(ids, changes)
+
+    def _pending(self, scene: Scene, transaction: Transaction, context: str) -> list[PendingChange]:
+        if context != SCENE:
+            return [PendingChange(UPDATE)]
+        updated, related = transaction.updated, transaction.related
+        return pending_changes(scene.changes, updated, related, transaction.removed_recursively)
+
+    def _log(self, pending: Sequence[PendingChange], author: str, context: str, scene: Scene) -> Provenance:
+        """Writes the current transaction of a scene to the journal; returns its provenance."""
+        provenance = self._notifier.next(author)
+        if pending and self._journal is not None:
+            last = self.number + len(pending)
+            with self._journal.request(provenance, last, "change", context) as writer:
+                writer.write(context, scene, scene.changes)
+        return provenance
 
     def _check(self, operations: Sequence[Operation], author: str, context: str) -> None:
         """Raises what `transact` would raise, and changes nothing."""
@@ -178,7 +189,7 @@ class WorldModel(WorldModelState):
                     with self._journal.request(provenance, provenance.version, "ontology", ONTOLOGY) as writer:
                         writer.ontology(map(str, removed), map(str, added))
                 self.knowledge_base.update(removed, added)
-                return [self._notifier.notify(UPDATE, provenance, ONTOLOGY)]
+                return self._notifier.publish([PendingChange(UPDATE)], provenance, ONTOLOGY, Scene())
             removed, added = self.knowledge_base.split(statements)
             scene = self._contexts.named(context).scene
             operations = element_operations(self.knowledge_base, scene, removed, added)
@@ -220,7 +231,8 @@ class WorldModel(WorldModelState):
             self.loaded[context] = path
             self._readable.add(path)
             self.flaws[context] = frozenset(checks.findings)
-            return self._notifier.notify(RESET if context == SCENE else UPDATE, provenance, context)
+            pending = [PendingChange(RESET if context == SCENE else UPDATE)]
+            return self._notifier.publish(pending, provenance, context, scene)[0]
 
     def load_initial(self, filename: str, context: str = SCENE, blank_on_error: bool = False) -> None:
         """Loads a context at the start.
@@ -278,20 +290,16 @@ class WorldModel(WorldModelState):
         with self.lock:
             self.reasoning.add(reasoner)
             scene = self.scene()
-            provenance = self._notifier.next(reasoner.__class__.__name__)
             scene.begin()
             try:
                 self.reasoning.complete(scene, [reasoner])
-                completed = scene.changed_ids()
-                if completed and self._journal is not None:
-                    with self._journal.request(provenance, provenance.version, "change", SCENE) as writer:
-                        writer.change_set(SCENE, scene)
+                pending = pending_changes(scene.changes)
+                provenance = self._log(pending, reasoner.__class__.__name__, SCENE, scene)
             except Exception:
                 scene.roll_back()
                 raise
             scene.commit(provenance)
-            if completed:
-                self._notifier.notify_all([PendingChange(UPDATE, ids=completed)], provenance, SCENE, scene)
+            self._notifier.publish(pending, provenance, SCENE, scene)
 
     # -- helpers -----------------------------------------------------------------------------------------------
 

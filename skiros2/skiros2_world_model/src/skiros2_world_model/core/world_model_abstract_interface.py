@@ -1,169 +1,48 @@
-"""The world model port for skills, planning and the GUI. Adapters: in process (`LocalWorldModel`) and over ROS."""
+"""The world model port, and the errors of its calls. Adapters: in process (`LocalWorldModel`) and over ROS."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
-from types import FunctionType
-from typing import Any, Protocol, TypeVar
-
 from skiros2_common.core.errors import Conflict, SkirosError
-from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.scene import Provenance
+from skiros2_common.core.world_model_port import (
+    OntologyPort,
+    Revision,
+    Revisions,
+    WorldModelPort,
+    mutating,
+    read_only_calls,
+)
+
+__all__ = [
+    "OntologyPort",
+    "Revision",
+    "Revisions",
+    "WmConflict",
+    "WmException",
+    "WorldModelPort",
+    "mutating",
+    "read_only_calls",
+    "refusal",
+]
 
 
 class WmException(SkirosError):
-    """The world model does not answer, or refuses a request for the reason in the text. Nothing has changed."""
+    """The world model does not answer, or refuses a request for the reason in the text. Nothing has changed.
+
+    :param code: the code of the world model's error; "error": it does not answer.
+    """
+
+    def __init__(
+        self, text: str = "", code: str = SkirosError.code, position: tuple[int, int] = SkirosError.position
+    ) -> None:
+        super().__init__(text)
+        self.code = code
+        self.position = position
 
 
 class WmConflict(WmException):
     """A request was refused because an element has changed since it was read; the text names the author."""
 
 
-def refusal(text: str) -> WmException:
-    """The exception for the text of a refusal."""
-    return WmConflict(text) if text.startswith(Conflict.MARK) else WmException(text)
-
-
-_Call = TypeVar("_Call", bound=Callable[..., Any])
-
-
-def mutating(call: _Call) -> _Call:
-    """Marks a call of a port as changing the world model or the client; unmarked calls only read."""
-    call.mutating = True  # type: ignore[attr-defined]
-    return call
-
-
-def read_only_calls(port: type) -> frozenset[str]:
-    """The names of the calls of a port that only read."""
-    bases = [base for base in port.__mro__ if base.__module__ == port.__module__]
-    calls = {name: call for base in bases for name, call in vars(base).items() if not name.startswith("__")}
-    reads = {name: call for name, call in calls.items() if not hasattr(call, "mutating")}
-    return frozenset(name for name, call in reads.items() if isinstance(call, (FunctionType, property)))
-
-
-class OntologyPort(Protocol):
-    """The ontologies, and the RDF view of all contexts. Every call may raise `WmException`."""
-
-    def is_connected(self) -> bool: ...
-    @mutating
-    def lock(self) -> bool: ...
-    @mutating
-    def unlock(self) -> bool: ...
-    @mutating
-    def add_class(self, class_uri: str, parent_uri: str, context: str = "") -> bool: ...
-    @mutating
-    def add_datatype(self, data_uri: str, parent_uri: str, context: str = "") -> bool: ...
-    @mutating
-    def add_individual(self, element: Element, context: str = "") -> bool: ...
-    @mutating
-    def add_ontology(self, uri: str) -> bool: ...
-    @mutating
-    def load(self, filename: str = "", context: str = "scene") -> bool: ...
-    @mutating
-    def save(self, filename: str = "", context: str = "scene") -> bool: ...
-    def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
-    @mutating
-    def set_default_prefix(self, default_prefix: str) -> None: ...
-    def add_prefix(self, uri: str) -> str: ...
-    def remove_prefix(self, uri: str) -> str: ...
-    def get_individuals(self, parent_class: str, recursive: bool = True) -> list[str]: ...
-    def get_templates(self, parent_class: str, recursive: bool = True) -> list[str]: ...
-    def get_type(self, uri: str) -> list[str]: ...
-    def get_types(self, uri: str) -> list[str]: ...
-    def get_triples(self, subj: str | None = None, pred: str | None = None, obj: str | None = None) -> list[str]: ...
-    def get_super_class(self, child_class: str) -> str: ...
-    def get_sub_classes(self, parent_class: str, recursive: bool = True) -> list[str]: ...
-    def get_sub_properties(self, parent_property: str, recursive: bool = True) -> list[str]: ...
-    def get_datatype(self, property: str) -> str | None: ...
-    def is_subclass(self, child: str, parent: str) -> bool: ...
-    def is_subproperty(self, child: str, parent: str) -> bool: ...
-
-
-class WorldModelPort(OntologyPort, Protocol):
-    """The ontologies and the scene. Returned elements are copies; changes take effect when they are written."""
-
-    @property
-    def version(self) -> int: ...
-    def revisions(self) -> Revisions | None: ...
-    def catch_up(self) -> None: ...
-    @mutating
-    def add_listener(self, callback: Callable[[Any], None]) -> None: ...
-    @mutating
-    def remove_listener(self, callback: Callable[[Any], None]) -> None: ...
-    def get_scene_name(self) -> str: ...
-    def get_scene(self) -> tuple[list[Element], str]: ...
-    def get_scene_elements(self) -> list[Element]: ...
-    def is_scene_element(self, eid: str) -> bool: ...
-    def find_element(self, eid: str, context_id: str = "scene") -> Element | None: ...
-    def removal_of(self, eid: str, context_id: str = "scene") -> Provenance | None: ...
-    def get_element(self, eid: str, context_id: str = "scene") -> Element: ...
-    def get_template_element(self, uri: str, context_id: str = "scene") -> Element: ...
-    def get_branch(
-        self,
-        eid: str,
-        relation_filter: str = "skiros:sceneProperty",
-        type_filter: str = "",
-        context_id: str = "scene",
-    ) -> list[Element]: ...
-    def resolve_elements(self, e: Element, context_id: str = "scene") -> list[Element]: ...
-    def resolve_element(self, e: Element, context_id: str = "scene") -> Element | None: ...
-    @mutating
-    def add_elements(self, es: Sequence[Element], context_id: str = "scene") -> list[Element]: ...
-    @mutating
-    def add_element(self, e: Element, context_id: str = "scene") -> Element: ...
-    @mutating
-    def update_element(self, e: Element, context_id: str = "scene") -> str: ...
-    @mutating
-    def update_elements(self, es: Sequence[Element], context_id: str = "scene") -> list[str]: ...
-    @mutating
-    def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = "scene") -> str: ...
-    @mutating
-    def remove_element(
-        self,
-        e: Element | str,
-        recursive: bool = True,
-        rel_filter: str = "skiros:sceneProperty",
-        type_filter: str = "",
-        context_id: str = "scene",
-    ) -> int: ...
-    @mutating
-    def instanciate(
-        self,
-        uri: str | Element,
-        recursive: bool = False,
-        relations: Sequence[RelationDict] = ...,
-        relation_filter: Sequence[str] = ...,
-        antiloop_bind: Collection[str] = ...,
-        context_id: str = "scene",
-    ) -> Element: ...
-    @mutating
-    def set_relation(self, subj: Any, pred: str, obj: Any, value: bool = True) -> bool: ...
-    def get_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]: ...
-    def get_reasoner(self, pred: str) -> Any: ...
-    def get_reasoner_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]: ...
-    def check_relation(self, subj: Any, pred: str, obj: Any, state: bool, abstract: bool) -> bool: ...
-    def _resolve_elements2(
-        self, keys: str | Sequence[str], ph: Any, verbose: bool = False
-    ) -> dict[str | tuple[str, ...], Any]: ...
-
-
-class Revision(Protocol):
-    """The revision of an element, compared by identity."""
-
-    @property
-    def version(self) -> int:
-        """The current `Element.version`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Revisions:
-    """Revisions of the world model's content, compared by identity. Get a new one when `version` changes. Thread-safe.
-
-    :param ontology: a different object after each change of the ontologies.
-    :param element: returns for an element id a different object after each change of the element or its relations, in
-        both directions; None when the element does not exist.
-    """
-
-    ontology: object
-    element: Callable[[str], Revision | None]
+def refusal(text: str, code: str = "refused", position: tuple[int, int] = SkirosError.position) -> WmException:
+    """The exception for an error of the world model, given by its text, code and position."""
+    return (WmConflict if code == Conflict.code else WmException)(text, code, position)

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, reasoners, relations_of
+from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
 from skiros2_world_model.core.changes import TEMPLATE, Instantiate, Operation, Outcome, Relate, Remove, relation_dict
@@ -109,7 +110,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         """
         found = self.find_element(eid, context_id)
         if found is None:
-            raise WmException(no_element(eid, context_id))
+            raise WmException(no_element(eid, context_id), UnknownName.code)
         return found
 
     def get_template_element(self, uri: str, context_id: str = _SCENE) -> Element:

@@ -1,11 +1,10 @@
-"""Publishes the changes of the world model on its monitor topic, beside the requests that make them."""
+"""Publishes the changes of the world model on its monitor topic, in a thread of its own."""
 
 from __future__ import annotations
 
 import logging
 import queue
 import threading
-from typing import Any
 
 import rospy
 
@@ -13,28 +12,27 @@ from skiros2_msgs import msg as msgs
 
 log = logging.getLogger(__name__)
 
-#: Messages that wait for a slow subscriber; a subscriber that misses some sees the gap and fetches the scene again.
+#: The number of messages queued for a slow subscriber. A subscriber that misses some fetches the scene again.
 _QUEUE_SIZE = 1000
 
 
 class ChangePublisher:
-    """The latched topic `~monitor`. Messages are sent in the order of `put`, by a thread of its own.
+    """The latched topic `~monitor`. A thread sends the messages in the order of `put`.
 
-    A message costs half as much time as the request behind it; a request holds the lock of the world model and its
-    client waits for the answer, so neither waits for the topic as well.
+    Sending takes half as long as a request, which holds the lock of the world model while its client waits.
     """
 
     def __init__(self) -> None:
         self._publisher = rospy.Publisher("~monitor", msgs.WmMonitor, latch=True, queue_size=_QUEUE_SIZE)
-        self._waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[msgs.WmMonitor] = queue.SimpleQueue()
         threading.Thread(target=self._run, name="change publisher", daemon=True).start()
 
     @property
     def topic(self) -> rospy.Publisher:
         return self._publisher
 
-    def put(self, message: Any) -> None:
-        """Has a `WmMonitor` sent soon. Any thread; returns at once."""
+    def put(self, message: msgs.WmMonitor) -> None:
+        """Queues a `WmMonitor`. Thread-safe; does not block."""
         self._waiting.put(message)
 
     def _run(self) -> None:
@@ -43,5 +41,5 @@ class ChangePublisher:
             try:
                 self._publisher.publish(message)
             except rospy.ROSException:
-                log.debug("change %s is not published: the node ends", message.snapshot_id)
+                log.debug("change %s is not published: the node shuts down", message.snapshot_id)
                 return

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import genpy
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
+from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import SCENE
+from skiros2_world_model.core.changeset import ChangeSet, ElementRecord
 from skiros2_world_model.core.history import History
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 
@@ -25,12 +24,12 @@ def history_request(
     element: str = "",
     author: str = "",
     limit: int = 0,
-) -> Any:
+) -> srvs.WmHistoryRequest:
     """Creates a request of `WmHistory`. None as a point: the beginning of the journal, or now."""
     return _REQUEST(action, context, element, author, *_point2msg(since), *_point2msg(until), limit)
 
 
-def answer_history(history: History, request: Any) -> Any:
+def answer_history(history: History, request: srvs.WmHistoryRequest) -> srvs.WmHistoryResponse:
     """Answers a request of `WmHistory`.
 
     :raises SkirosError: the request is invalid or refused.
@@ -43,22 +42,23 @@ def answer_history(history: History, request: Any) -> Any:
     elif request.action == _REQUEST.DIFFERENCE:
         entries = [history.difference(since, until, context)]
     elif request.action == _REQUEST.SCENE:
-        entries = [history.scene_at(until, context)]
+        return srvs.WmHistoryResponse([_state2msg(history.scene_at(until, context))])
     else:
         known = ", ".join((_REQUEST.SCENE, _REQUEST.CHANGES, _REQUEST.DIFFERENCE))
         raise WrongValue(f"unknown action {request.action!r}; known: {known}")
     return srvs.WmHistoryResponse([entry2msg(entry) for entry in entries])
 
 
-def entry2msg(entry: HistoryEntry) -> Any:
+def entry2msg(entry: HistoryEntry) -> msgs.WmHistoryEntry:
     """Converts an entry to a `WmHistoryEntry`."""
+    pairs = entry.changes.records.values()
     return msgs.WmHistoryEntry(
         entry.number,
         genpy.Time.from_sec(entry.stamp),
         entry.author,
         entry.action,
-        [element2msg(e) for e in entry.before],
-        [element2msg(e) for e in entry.after],
+        [element2msg(before.element()) for before, _ in pairs if before is not None],
+        [element2msg(after.element()) for _, after in pairs if after is not None],
         [relation2msg(r) for r in entry.related],
         [relation2msg(r) for r in entry.unrelated],
         entry.stated,
@@ -66,23 +66,31 @@ def entry2msg(entry: HistoryEntry) -> Any:
     )
 
 
-def msg2entry(msg: Any) -> HistoryEntry:
+def _state2msg(state: HistoryEntry) -> msgs.WmHistoryEntry:
+    """Converts a past state: each element has its outgoing relations."""
+    message = entry2msg(state)
+    message.after = [element2msg(element) for element in state.after]
+    message.related = []
+    return message
+
+
+def msg2entry(msg: msgs.WmHistoryEntry) -> HistoryEntry:
     """Converts a `WmHistoryEntry` to an entry."""
-    return HistoryEntry(
-        msg.number,
-        msg.stamp.to_sec(),
-        msg.author,
-        msg.action,
-        [msg2element(e) for e in msg.before],
-        [msg2element(e) for e in msg.after],
-        [msg2relation(r) for r in msg.related],
-        [msg2relation(r) for r in msg.unrelated],
-        list(msg.stated),
-        list(msg.unstated),
-    )
+    changes = ChangeSet()
+    for messages, added in ((msg.before, False), (msg.after, True)):
+        for element in map(msg2element, messages):
+            record = ElementRecord(element.id, element.type, element.label, element._props)
+            before, after = changes.records.get(element.id, (None, None))
+            changes.records[element.id] = (before, record) if added else (record, after)
+            for relation in element._rels:
+                changes.relations[element.id, relation["type"], relation["dst"]] = added
+    for relations, added in ((msg.unrelated, False), (msg.related, True)):
+        changes.relations.update({(r.subjectId, r.predicate, r.objectId): added for r in relations})
+    changes.statements = dict.fromkeys(msg.unstated, False) | dict.fromkeys(msg.stated, True)
+    return HistoryEntry(msg.number, msg.stamp.to_sec(), msg.author, msg.action, changes)
 
 
-def msg2point(number: int, time: Any) -> Point | None:
+def msg2point(number: int, time: genpy.Time) -> Point | None:
     """The point of a request; None when neither number nor time is set."""
     return int(number) or time.to_sec() or None
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Sequence
-from typing import Any
 
 import rospy
 from std_srvs.srv import SetBool, SetBoolRequest
@@ -110,7 +109,7 @@ class OntologyInterface(OntologyAbstractInterface):
         """Subscribes to the changes of the server."""
         self._monitor = rospy.Subscriber(f"{self._server}/monitor", msgs.WmMonitor, self._on_monitor)
 
-    def _on_monitor(self, message: Any) -> None:
+    def _on_monitor(self, message: msgs.WmMonitor) -> None:
         """Handles a `WmMonitor`; called in the thread of the subscription."""
         # After a missed message, assume that it concerned the ontologies.
         is_next = message.prev_snapshot_id == self._last_snapshot_id

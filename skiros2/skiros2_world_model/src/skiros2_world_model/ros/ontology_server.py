@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 import socket
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import rosgraph
 import rospy
-from std_srvs.srv import SetBool, SetBoolResponse
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.ros.shutdown import spin
 from skiros2_msgs import srv as srvs
@@ -21,22 +21,22 @@ from skiros2_world_model.ros.server_parameters import ontology_folder, triple_st
 
 log = logging.getLogger(__name__)
 
-#: How often a taken lock is looked at for an owner that is gone (s).
+#: The period of checks whether the owner of the lock is alive (s).
 _OWNER_CHECK_PERIOD = 1.0
 
 
 class Ontologies(Protocol):
-    """What the services need: a world model, or ontologies alone."""
+    """A world model, or a knowledge base with only the ontologies."""
 
     def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]: ...
-    def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> Any: ...
+    def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> object: ...
 
 
 class OntologyServices:
     """`~ontology/query`, `~ontology/modify` and `~lock` of this node.
 
-    :param ontologies: what they are about.
-    :param lock: the lock that `~lock` takes and gives back.
+    :param ontologies: answers the queries and takes the statements.
+    :param lock: the lock that `~lock` acquires and releases.
     """
 
     def __init__(self, ontologies: Ontologies, lock: AdvisoryLock) -> None:
@@ -48,21 +48,21 @@ class OntologyServices:
             rospy.Service("~lock", SetBool, self._on_lock),
         ]
 
-    def _on_query(self, request: Any) -> Any:
+    def _on_query(self, request: srvs.WoQueryRequest) -> srvs.WoQueryResponse:
         return srvs.WoQueryResponse(self._ontologies.query(request.query_string, request.context, request.cut_prefix))
 
-    def _on_modify(self, request: Any) -> Any:
+    def _on_modify(self, request: srvs.WoModifyRequest) -> srvs.WoModifyResponse:
         statements = [
             (s.relation.subjectId, s.relation.predicate, s.relation.objectId, s.value) for s in request.statements
         ]
         self._ontologies.modify(statements, request.author, request.context)
         return srvs.WoModifyResponse(True)
 
-    def _on_lock(self, request: Any) -> Any:
-        """Takes the lock, waiting for it, or gives it back. A node that has died has given it back.
+    def _on_lock(self, request: SetBoolRequest) -> SetBoolResponse:
+        """Acquires the lock, waiting for it, or releases it. The lock of a node that has died is released.
 
-        The owner is a node's name and its URI: the name alone may be another life of it, and a master that is away, or
-        new, does not know who lives.
+        The owner is a node's name and URI: another process may have the same name, and a master that is down or was
+        restarted does not know which nodes are alive.
         """
         if not request.data:
             done = self._lock.release()
@@ -74,12 +74,12 @@ class OntologyServices:
             if rospy.is_shutdown():
                 return SetBoolResponse(False, "the node is shutting down")
             if holder is not None and not _is_alive(holder) and self._lock.release(holder):
-                log.warning("%s had the lock and is gone: it is free", holder.partition(" ")[0])
+                log.warning("%s has died and held the lock: the lock is released", holder.partition(" ")[0])
         return SetBoolResponse(True, "")
 
 
 def serve_ontologies() -> None:
-    """The program of the ontology server node: until shutdown.
+    """Runs the ontology server node until its shutdown.
 
     :raises ConfigurationError: a folder is missing, or an ontology does not parse.
     """
@@ -90,7 +90,7 @@ def serve_ontologies() -> None:
 
 
 def _uri_of(node: str) -> str:
-    """Where a node listens to others; "" when the master does not tell."""
+    """The URI of a node's slave API; "" when the master does not know it."""
     try:
         return str(rosgraph.Master(rospy.get_name()).lookupNode(node))
     except (rosgraph.MasterException, OSError):
@@ -98,7 +98,7 @@ def _uri_of(node: str) -> str:
 
 
 def _is_alive(owner: str) -> bool:
-    """Whether a lock's owner still listens to others, as far as that is known."""
+    """Whether the process of a lock's owner accepts connections; True when its URI is unknown."""
     _, _, uri = owner.partition(" ")
     if not uri:
         return True

@@ -1,4 +1,4 @@
-"""Services over connections that stay open, from any number of threads."""
+"""Service calls over persistent connections, from any number of threads."""
 
 from __future__ import annotations
 
@@ -11,34 +11,35 @@ from typing import Any
 
 import rospy
 
-from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.ros.errors import read_error
 
 _ANSWERED = re.compile(r"^service \[.*?\] responded with an error: (.*)$", re.DOTALL)
-#: How often a server that is not there is looked for (s).
+#: The period of attempts to reach a server that does not answer (s).
 _RETRY_PERIOD = 0.1
 
 _PREFIX = re.compile(r"^(service cannot process request|error processing request): ", re.DOTALL)
 
 
 class ServicePool:
-    """Calls of one service. Each call has a connection to itself; idle ones are kept and used again.
+    """Calls of one service. Each call uses a connection of its own; idle connections are reused. Thread-safe.
 
-    :param name: the service; a relative name is resolved now.
-    :param timeout: how long a call waits for a server that is not there (s).
+    :param name: the service; a relative name is resolved by the constructor.
+    :param timeout: how long a call waits for a server that does not answer (s).
     """
 
     def __init__(self, name: str, kind: Any, timeout: float = 5.0) -> None:
         self._name = rospy.resolve_name(name)
         self._kind = kind
         self.timeout = timeout
-        self.server = ""  # the address of the server that has answered last; a server started anew has another one
+        self.server = ""  # the address of the server that answered last; a restarted server has a different one
         self._idle: list[Any] = []
         self._lock = threading.Lock()
 
     def call(self, request: Any, repeatable: bool = True) -> Any:
         """Calls the service; blocks until it answers.
 
-        :param repeatable: may be sent again when the connection breaks before the answer.
+        :param repeatable: the request is sent again when the connection breaks before the answer.
         :raises WmException: the server refuses (with its text), or does not answer.
         """
         deadline = time.monotonic() + self.timeout
@@ -50,7 +51,7 @@ class ServicePool:
                 text = _refusal(str(error))
                 if text is not None:
                     self._put_back(proxy)
-                    raise refusal(text) from None
+                    raise read_error(text) from None
                 was_sent = proxy.transport is not None
                 proxy.close()
                 if was_sent and not repeatable:
@@ -59,7 +60,7 @@ class ServicePool:
                     ) from error
                 self._wait(deadline, error)
             except rospy.exceptions.TransportException as error:
-                proxy.close()  # the request was not sent whole
+                proxy.close()  # the request was not sent completely
                 self._wait(deadline, error)
             except (rospy.ROSInterruptException, rospy.ROSSerializationException, UnicodeEncodeError) as error:
                 proxy.close()
@@ -70,7 +71,7 @@ class ServicePool:
                 return response
 
     def is_there(self) -> bool:
-        """Whether a server answers now."""
+        """Whether a server answers."""
         try:
             rospy.wait_for_service(self._name, 0.5)
         except rospy.ROSException:
@@ -99,15 +100,15 @@ class ServicePool:
             self._idle.append(proxy)
 
     def _wait(self, deadline: float, error: Exception) -> None:
-        """Waits a moment for a server to come (again)."""
-        # "requested": already true in the shutdown hooks of nodes, which are not to wait for a server that ends too.
+        """Waits before the next attempt to reach the server."""
+        # "requested": also true in the shutdown hooks of nodes, which must not wait for a server that ends, too.
         if time.monotonic() > deadline or rospy.core.is_shutdown_requested():
             raise WmException(f"service {self._name} does not answer: {error}") from error
         time.sleep(_RETRY_PERIOD)
 
 
 def _was_closed(proxy: Any) -> bool:
-    """Whether the server has closed an idle connection: there is something to read, and that is its end."""
+    """Whether the server has closed an idle connection: then its end can be read."""
     socket = getattr(proxy.transport, "socket", None)
     if socket is None:
         return True
@@ -119,11 +120,11 @@ def _was_closed(proxy: Any) -> bool:
 
 
 def _refusal(text: str) -> str | None:
-    """What the server says in an error answer; None for errors of the transport."""
+    """The text of an error answer of the server; None for errors of the transport."""
     found = _ANSWERED.match(text)
     if found is None:
         return None
     answer = found.group(1)
-    if answer[:2] in ("b'", 'b"'):  # rospy shows the bytes
+    if answer[:2] in ("b'", 'b"'):  # rospy formats the bytes
         answer = ast.literal_eval(answer).decode("utf-8", "replace")
     return _PREFIX.sub("", answer)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import rospy
 
 from skiros2_msgs import msg as msgs
@@ -30,7 +28,7 @@ class ValidationService:
         if self._validates_files:
             self._validator.file_loaded(context)
 
-    def _on_validation(self, request: Any) -> Any:
+    def _on_validation(self, request: srvs.WmValidationRequest) -> srvs.WmValidationResponse:
         context = request.context or SCENE
         report = self._validator.file_report(context) if request.loaded else self._validator.validate_context(context)
         findings = [msgs.WmFinding(f.severity, f.element, f.property, f.file, f.text) for f in report.findings]

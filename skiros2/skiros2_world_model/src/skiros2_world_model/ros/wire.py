@@ -1,19 +1,19 @@
-"""Changes and operations as messages, and back."""
+"""Converts changes and operations to and from messages."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import genpy
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.property import Property
-from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_world_model.core.changes import (
     Add,
+    Apply,
     Change,
     Expect,
     Instantiate,
@@ -25,12 +25,13 @@ from skiros2_world_model.core.changes import (
     relation_dict,
     snapshot_number,
 )
+from skiros2_world_model.core.changeset import ChangeSet
 
 _OP = msgs.WmOperation
 
 
-def change2msg(change: Change) -> Any:
-    """A change as a `WmMonitor`."""
+def change2msg(change: Change) -> msgs.WmMonitor:
+    """Converts a change to a `WmMonitor`."""
     return msgs.WmMonitor(
         change.prev_snapshot_id,
         change.snapshot_id,
@@ -42,8 +43,8 @@ def change2msg(change: Change) -> Any:
     )
 
 
-def msg2change(msg: Any, context: str) -> Change:
-    """A change from a `WmMonitor`."""
+def msg2change(msg: msgs.WmMonitor, context: str) -> Change:
+    """Converts a `WmMonitor` to a change."""
     return Change(
         snapshot_number(msg.snapshot_id),
         msg.prev_snapshot_id,
@@ -57,16 +58,16 @@ def msg2change(msg: Any, context: str) -> Change:
     )
 
 
-def msg2shared_element(msg: Any, version: int) -> Element:
-    """An element as the world model gives it out, from a `WmElement`; `changes` counts from now."""
+def msg2shared_element(msg: msgs.WmElement, version: int) -> Element:
+    """Converts a `WmElement` to an element as the world model returns it: its `changes` start from here."""
     read = msg2element(msg)
     if not read.id:
         return read  # a template
     return Element.shared(read.type, read.label, read.id, read._props, read._rels, version)
 
 
-def operation2msg(operation: Operation) -> Any:
-    """An operation as a `WmOperation`."""
+def operation2msg(operation: Operation) -> msgs.WmOperation:
+    """Converts an operation to a `WmOperation`."""
     if isinstance(operation, Add):
         return _OP(action=_OP.ADD, reference=operation.reference, element=element2msg(operation.element))
     if isinstance(operation, Update):
@@ -75,6 +76,7 @@ def operation2msg(operation: Operation) -> Any:
             element=element2msg(operation.element),
             with_relations=operation.relations,
             keys=sorted(operation.keys or ()),
+            with_keys=operation.keys is not None,
         )
     if isinstance(operation, Patch):
         return _patch2msg(operation)
@@ -92,6 +94,8 @@ def operation2msg(operation: Operation) -> Any:
         return _OP(action=_OP.RELATE if operation.value else _OP.UNRELATE, element=element)
     if isinstance(operation, Expect):
         return _OP(action=_OP.EXPECT, element=msgs.WmElement(id=operation.id), version=operation.version)
+    if isinstance(operation, Apply):
+        return _OP(action=_OP.APPLY, change_set=operation.change_set.to_json())
     relations = [msgs.Relation(r["src"], r["type"], r["dst"]) for r in operation.relations]
     return _OP(
         action=_OP.INSTANTIATE,
@@ -103,21 +107,23 @@ def operation2msg(operation: Operation) -> Any:
     )
 
 
-def msg2operation(msg: Any) -> Operation:
-    """An operation from a `WmOperation`.
+def msg2operation(msg: msgs.WmOperation) -> Operation:
+    """Converts a `WmOperation` to an operation.
 
     :raises WrongValue: the action is unknown, or a part is missing.
     """
     if msg.action == _OP.ADD:
         return Add(msg2element(msg.element), msg.reference)
     if msg.action == _OP.UPDATE:
-        return Update(msg2element(msg.element), msg.with_relations, frozenset(msg.keys) or None)
+        return Update(msg2element(msg.element), msg.with_relations, frozenset(msg.keys) if msg.with_keys else None)
     if msg.action == _OP.PATCH:
         return _msg2patch(msg)
     if msg.action == _OP.REMOVE:
         return Remove(msg.element.id, msg.recursive, msg.relation_filter, msg.type_filter)
     if msg.action == _OP.EXPECT:
         return Expect(msg.element.id, msg.version)
+    if msg.action == _OP.APPLY:
+        return Apply(ChangeSet.from_json(msg.change_set))
     relations = [msg2relation(r) for r in msg.element.relations]
     if msg.action == _OP.INSTANTIATE:
         known = frozenset(msg.relation_filter.split())
@@ -127,11 +133,14 @@ def msg2operation(msg: Any) -> Operation:
             raise WrongValue(f"operation {msg.action!r}: expected one relation in its element, got {len(relations)}")
         relation = relations[0]
         return Relate(relation["src"], relation["type"], relation["dst"], msg.action == _OP.RELATE)
-    known_actions = (_OP.ADD, _OP.INSTANTIATE, _OP.UPDATE, _OP.PATCH, _OP.REMOVE, _OP.RELATE, _OP.UNRELATE, _OP.EXPECT)
+    known_actions = (
+        *(_OP.ADD, _OP.INSTANTIATE, _OP.UPDATE, _OP.PATCH, _OP.REMOVE),
+        *(_OP.RELATE, _OP.UNRELATE, _OP.EXPECT, _OP.APPLY),
+    )
     raise WrongValue(f"unknown operation {msg.action!r}; known: {', '.join(known_actions)}")
 
 
-def _patch2msg(patch: Patch) -> Any:
+def _patch2msg(patch: Patch) -> msgs.WmOperation:
     changes = patch.changes
     element = Element(changes.type or "", changes.label or "", patch.id)
     element._props = changes.properties
@@ -146,7 +155,7 @@ def _patch2msg(patch: Patch) -> Any:
     )
 
 
-def _msg2patch(msg: Any) -> Patch:
+def _msg2patch(msg: msgs.WmOperation) -> Patch:
     element = msg2element(msg.element)
     properties: dict[str, Property] = element._props
     changes = ElementChanges(
@@ -160,5 +169,5 @@ def _msg2patch(msg: Any) -> Patch:
     return Patch(element.id, changes)
 
 
-def _facts(relations: Sequence[Any]) -> list[Any]:
+def _facts(relations: Sequence[RelationDict]) -> list[msgs.Relation]:
     return [relation2msg(r) for r in relations if r["state"] and not r["abstract"]]

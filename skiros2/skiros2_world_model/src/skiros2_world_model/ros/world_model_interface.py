@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import rospy
 
 from skiros2_common.core.discrete_reasoner import reasoners
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.ros.reasoners import available_reasoners
 from skiros2_common.ros.utils import element2msg, msg2relation
@@ -18,14 +17,14 @@ from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import ONTOLOGY, Change, Operation, Outcome, Statement, snapshot_number
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
-from skiros2_world_model.core.reader import SceneReader, no_element
+from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.scene import ROOT, Provenance, Scene
-from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmConflict, WmException
+from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmConflict, WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.history_service import history_request, msg2entry
-from skiros2_world_model.ros.last_will_messages import last_will_request
+from skiros2_world_model.ros.last_will import last_will_request
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
@@ -54,7 +53,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self._validation_service = ServicePool(f"{self._server}/validation", srvs.WmValidation)
         self._last_will_service = ServicePool(f"{self._server}/last_will", srvs.WmLastWill)
         self._listeners: list[Callable[[Change], None]] = []
-        self._monitor_cb: Callable[[Any], None] | None = None
+        self._monitor_cb: Callable[[msgs.WmMonitor], None] | None = None
         self._replica = Replica(self._fetch_scene) if make_cache else None
         self._reader: SceneReader | None = None
         if self._replica is not None:
@@ -96,7 +95,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     def get_scene_name(self) -> str:
         return str(rospy.get_param(f"{self._server}/init_scene", ""))
 
-    def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
+    def set_monitor_cb(self, cb: Callable[[msgs.WmMonitor], None] | None) -> None:
         """Calls `cb(message)` with each `WmMonitor`, in the thread of the subscription. None removes the callback."""
         self._monitor_cb = cb
 
@@ -113,7 +112,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         try:
             return self._get(srvs.WmGetRequest.GET, context_id, msgs.WmElement(id=eid))[0]
         except WmException as error:
-            if str(error) == no_element(eid, context_id):
+            if error.code == UnknownName.code:
                 return None
             raise
 
@@ -213,7 +212,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             try:
                 return reader.branch(eid, relation_filter, type_filter, context)
             except SkirosError as error:
-                raise WmException(str(error)) from None
+                raise refusal(str(error), error.code, error.position) from None
         asked = msgs.WmElement(id=eid)
         return self._get(srvs.WmGetRequest.GET_RECURSIVE, context, asked, relation_filter, type_filter)
 
@@ -242,7 +241,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         try:
             messages = [operation2msg(o) for o in operations]
         except SkirosError as error:
-            raise WmException(str(error)) from None
+            raise refusal(str(error), error.code, error.position) from None
         request = srvs.WmTransactionRequest(self._author_name, context, messages)
         try:
             response = self._transaction_service.call(request, repeatable=False)
@@ -263,7 +262,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         super()._follow()
         load_reasoners(self._server)
 
-    def _on_monitor(self, message: Any) -> None:
+    def _on_monitor(self, message: msgs.WmMonitor) -> None:
         super()._on_monitor(message)
         listeners = self._listeners
         if self._replica is not None or listeners:
@@ -295,13 +294,13 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         return Snapshot(answer.snapshot_id, number, [msg2shared_element(m, number) for m in answer.elements])
 
     def _get(
-        self, action: str, context: str, asked: Any, relation_filter: str = "", type_filter: str = ""
+        self, action: str, context: str, asked: msgs.WmElement, relation_filter: str = "", type_filter: str = ""
     ) -> list[Element]:
         request = srvs.WmGetRequest(action, context, asked, relation_filter, type_filter)
         return _given(self._get_service.call(request))
 
 
-def _given(answer: Any) -> list[Element]:
+def _given(answer: srvs.WmGetResponse) -> list[Element]:
     """The elements in an answer of `WmGet`."""
     number = snapshot_number(answer.snapshot_id)
     return [msg2shared_element(m, number) for m in answer.elements]

@@ -1,11 +1,11 @@
-"""The world model as a node: its services, its monitor topic, its reasoners."""
+"""The world model node: its services, its monitor topic and its reasoners."""
 
 from __future__ import annotations
 
 import logging
 import weakref
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import TypeVar
 
 import rospy
 
@@ -16,14 +16,15 @@ from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
-from skiros2_world_model.core.last_will_store import LastWillStore
+from skiros2_world_model.core.changeset import Relation
+from skiros2_world_model.core.last_will import LastWillStore
 from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.scene import ElementRecord
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.change_publisher import ChangePublisher
 from skiros2_world_model.ros.errors import service_handler
 from skiros2_world_model.ros.history_service import answer_history
-from skiros2_world_model.ros.last_will_service import LastWillService
+from skiros2_world_model.ros.last_will import LastWillService
 from skiros2_world_model.ros.ontology_server import OntologyServices
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.reasoners import Reasoners
@@ -34,16 +35,18 @@ from skiros2_world_model.ros.wire import change2msg, msg2operation
 
 log = logging.getLogger(__name__)
 
+_Message = TypeVar("_Message")
+
 
 class WorldModelServer:
-    """The services and the monitor topic of this node over a world model.
+    """The services and the monitor topic of a world model.
 
-    Handlers run in a thread for each connection; the world model's lock keeps changes one after the other.
+    Each connection has a thread, which runs its handlers; the world model's lock serializes the changes.
     """
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
-        self._messages: weakref.WeakKeyDictionary[Change, Any] = weakref.WeakKeyDictionary()
+        self._messages: weakref.WeakKeyDictionary[Change, msgs.WmMonitor] = weakref.WeakKeyDictionary()
         self._monitor = ChangePublisher()
         with model.lock:
             snapshot, stamp = model.snapshot_id, rospy.Time.now()
@@ -51,7 +54,7 @@ class WorldModelServer:
             model.add_listener(self._on_change)
             wait_for_subscribers(self._monitor.topic)
         self._ontologies = OntologyServices(model, model.advisory_lock)
-        self._validation = ValidationService(model)  # before the services below, which use it as soon as they are there
+        self._validation = ValidationService(model)  # before the services below, which use it
         self._services = [
             rospy.Service("~modify", srvs.WmModify, service_handler(self._on_modify)),
             rospy.Service("~transaction", srvs.WmTransaction, service_handler(self._on_transaction)),
@@ -65,13 +68,13 @@ class WorldModelServer:
 
     # -- reading -----------------------------------------------------------------------------------------------
 
-    def _on_get(self, request: Any) -> Any:
+    def _on_get(self, request: srvs.WmGetRequest) -> srvs.WmGetResponse:
         with self._model.lock:
             snapshot = self._model.snapshot_id
             elements = self._read(request)
         return srvs.WmGetResponse(snapshot, [element2msg(e) for e in elements])
 
-    def _read(self, request: Any) -> list[Element]:
+    def _read(self, request: srvs.WmGetRequest) -> list[Element]:
         reader, asked = self._model.reader, request.element
         if request.action == request.GET:
             found = reader.find(asked.id, request.context)
@@ -87,23 +90,23 @@ class WorldModelServer:
         known = (request.GET, request.GET_TEMPLATE, request.RESOLVE, request.GET_RECURSIVE)
         raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
 
-    def _on_snapshot(self, request: Any) -> Any:
+    def _on_snapshot(self, request: srvs.WmSnapshotRequest) -> srvs.WmSnapshotResponse:
         with self._model.lock:
             scene = self._model.scene(request.context or SCENE)
             snapshot, parts = self._model.snapshot_id, [(n, list(scene.relations(n.id))) for n in scene]
         return srvs.WmSnapshotResponse(snapshot, [_scene_element(*part) for part in parts])
 
-    def _on_query_relations(self, request: Any) -> Any:
+    def _on_query_relations(self, request: srvs.WmQueryRelationsRequest) -> srvs.WmQueryRelationsResponse:
         asked = request.relation
         found = self._model.related(_any(asked.subjectId), _any(asked.predicate), _any(asked.objectId))
         return srvs.WmQueryRelationsResponse([relation2msg(r) for r in found])
 
-    def _on_history(self, request: Any) -> Any:
+    def _on_history(self, request: srvs.WmHistoryRequest) -> srvs.WmHistoryResponse:
         return answer_history(self._model.history, request)
 
     # -- writing -----------------------------------------------------------------------------------------------
 
-    def _on_modify(self, request: Any) -> Any:
+    def _on_modify(self, request: srvs.WmModifyRequest) -> srvs.WmModifyResponse:
         known = (request.ADD, request.UPDATE, request.UPDATE_PROPERTIES, request.REMOVE, request.REMOVE_RECURSIVE)
         if request.action not in known:
             raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
@@ -114,7 +117,7 @@ class WorldModelServer:
         found = (self._model.reader.find(eid, request.context or SCENE) for eid in outcome.ids)
         return srvs.WmModifyResponse([element2msg(e) for e in found if e is not None])
 
-    def _operation(self, request: Any, message: Any) -> Operation:
+    def _operation(self, request: srvs.WmModifyRequest, message: msgs.WmElement) -> Operation:
         if request.action == request.ADD:
             return Add(msg2element(message))
         if request.action == request.UPDATE:
@@ -127,18 +130,18 @@ class WorldModelServer:
         relation_filter = request.relation_filter or "skiros:sceneProperty"
         return Remove(message.id, True, relation_filter, request.type_filter)
 
-    def _on_transaction(self, request: Any) -> Any:
+    def _on_transaction(self, request: srvs.WmTransactionRequest) -> srvs.WmTransactionResponse:
         operations = _all_read(msg2operation, request.operations)
         outcome: Outcome = self._model.transact(operations, request.author, request.context or SCENE)
         return srvs.WmTransactionResponse(outcome.ids, [self._message(c) for c in outcome.changes])
 
-    def _on_set_relation(self, request: Any) -> Any:
+    def _on_set_relation(self, request: srvs.WmSetRelationRequest) -> srvs.WmSetRelationResponse:
         relation = request.relation
         operation = Relate(relation.subjectId, relation.predicate, relation.objectId, request.value)
         self._model.transact([operation], request.author)
         return srvs.WmSetRelationResponse(True)
 
-    def _on_load_and_save(self, request: Any) -> Any:
+    def _on_load_and_save(self, request: srvs.WoLoadAndSaveRequest) -> srvs.WoLoadAndSaveResponse:
         author = request._connection_header.get("callerid", "unknown")
         context = request.context or SCENE
         if request.action == request.LOAD:
@@ -152,19 +155,19 @@ class WorldModelServer:
             raise WrongValue(f"unknown action {request.action!r}; known: {request.LOAD}, {request.SAVE}")
         return srvs.WoLoadAndSaveResponse(True)
 
-    # -- announcing --------------------------------------------------------------------------------------------
+    # -- publishing --------------------------------------------------------------------------------------------
 
     def _on_change(self, change: Change) -> None:
         message = self._message(change)
-        if change.action == RESET:  # whoever has only the messages, as in a bag, begins from here
+        if change.action == RESET:  # a reader that has only the messages, such as a bag, starts from here
             message.elements = self._scene()
         self._monitor.put(message)
 
-    def _scene(self) -> list[Any]:
+    def _scene(self) -> list[msgs.WmElement]:
         scene = self._model.scene()
         return [_scene_element(record, scene.relations(record.id)) for record in scene]
 
-    def _message(self, change: Change) -> Any:
+    def _message(self, change: Change) -> msgs.WmMonitor:
         message = self._messages.get(change)
         if message is None:
             message = self._messages[change] = change2msg(change)
@@ -172,9 +175,9 @@ class WorldModelServer:
 
 
 def serve_world_model() -> None:
-    """The program of the world model node: until shutdown.
+    """Runs the world model node until its shutdown.
 
-    :raises ConfigurationError: a folder or reasoner is missing or cannot be read, or a parameter makes no sense.
+    :raises ConfigurationError: a folder or reasoner is missing or cannot be read, or a parameter is invalid.
     """
     scene = str(rospy.get_param("~init_scene", "")).strip()
     further = (entry.strip().partition(" ") for entry in text_list("~load_contexts"))
@@ -188,7 +191,7 @@ def serve_world_model() -> None:
     _server = WorldModelServer(model)
     _last_wills = LastWillService(LastWillStore(model, journal))
     if model.recovered:
-        log.info("to start from the files instead: end the world model in order, or set journal_recover to never")
+        log.info("to start from the files instead: shut the world model down, or set journal_recover to never")
     origin = "its journal" if model.recovered else scene or "a blank scene"
     log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
     spin()
@@ -197,17 +200,17 @@ def serve_world_model() -> None:
         journal.close()
 
 
-def _scene_element(record: ElementRecord, outgoing: Iterable[tuple[str, str, str]]) -> Any:
-    """An element of a whole scene, with the relations that go out from it: each is told once."""
+def _scene_element(record: ElementRecord, outgoing: Iterable[Relation]) -> msgs.WmElement:
+    """An element of a whole scene with its outgoing relations, so that each relation occurs once."""
     message = element2msg(Element.shared(record.type, record.label, record.id, record.properties, ()))
     message.relations = [msgs.Relation("-1", pred, dst) for _, pred, dst in outgoing]
     return message
 
 
-def _all_read(read: Callable[[Any], Operation], messages: Iterable[Any]) -> list[Operation]:
-    """The operations that messages tell.
+def _all_read(read: Callable[[_Message], Operation], messages: Iterable[_Message]) -> list[Operation]:
+    """Converts messages to operations.
 
-    :raises SkirosError: some cannot be read; the text has all problems.
+    :raises SkirosError: some are invalid; the text has all problems.
     """
     operations: list[Operation] = []
     errors: list[SkirosError] = []
@@ -224,5 +227,5 @@ def _all_read(read: Callable[[Any], Operation], messages: Iterable[Any]) -> list
 
 
 def _any(name: str) -> str:
-    """In questions "-1" means any, as "" does."""
+    """In queries, "-1" means any, like ""."""
     return "" if name == "-1" else name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import rospy
@@ -13,8 +13,7 @@ import rospy
 from skiros2_common.core.errors import SkirosError
 from skiros2_gui.app.events import TaskProgress
 from skiros2_gui.app.ros.progress import QuickTreeProgress
-from skiros2_msgs import msg as msgs
-from skiros2_skill.command_line.connection import Manager
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 
@@ -22,14 +21,6 @@ log = logging.getLogger(__name__)
 
 #: Messages queued for each manager; older ones are dropped.
 _QUEUE = 200
-
-
-class RosManager(Manager):
-    """Implements `app.system.Manager`."""
-
-    def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
-        messages = [msgs.ResourceDescription(s.type, s.label, [msgs.Param(p) for p in s.params]) for s in skills]
-        return super().command(action, task_id, messages)
 
 
 class ManagerConnections(DiscoveryInterface):
@@ -44,14 +35,14 @@ class ManagerConnections(DiscoveryInterface):
         self._author = author
         self._report = on_progress
         self._on_change = on_change
-        self._up: dict[str, RosManager] = {}
+        self._up: dict[str, ManagerClient] = {}
         self._since: dict[str, float] = {}
         self._subscribers: dict[str, Any] = {}
         self._connected: set[str] = set()  # managers whose publisher has connected
         self.init_discovery(NAMESPACE, self._on_up, self._on_down)
 
     @property
-    def managers(self) -> dict[str, RosManager]:
+    def managers(self) -> dict[str, ManagerClient]:
         """The connected managers, by node name."""
         with self._discovery_lock:
             return dict(sorted(self._up.items()))
@@ -80,7 +71,7 @@ class ManagerConnections(DiscoveryInterface):
             subscriber.unregister()
 
     def _on_up(self, name: str) -> None:
-        self._up[name] = manager = RosManager(name, self._author)
+        self._up[name] = manager = ManagerClient(name, self._author)
         self._since[name] = time.time()
         self._subscribers[name] = rospy.Subscriber(
             f"{name}/monitor", QuickTreeProgress, self._on_progress, name, queue_size=_QUEUE
@@ -89,7 +80,7 @@ class ManagerConnections(DiscoveryInterface):
         self._on_change()
 
     def _on_down(self, name: str) -> None:
-        del self._up[name]
+        self._up.pop(name).close()
         self._since[name] = time.time()
         self._connected.discard(name)
         self._subscribers.pop(name).unregister()
@@ -99,10 +90,10 @@ class ManagerConnections(DiscoveryInterface):
         if message.progress:
             self._report(TaskProgress(name, message.progress, time.time()))
 
-    def _catch_up(self, manager: RosManager) -> None:
+    def _catch_up(self, manager: ManagerClient) -> None:
         """Reports the tasks that exist already; a paused task publishes nothing."""
         try:
-            tasks = manager.tasks()
+            tasks = manager.read_tasks()
         except SkirosError as error:
             log.info("%s: reading the tasks failed: %s", manager.name, error)
             return

@@ -39,12 +39,25 @@ class TaskManagerConnection:
         :raises Refused: another goal of this window is running.
         :raises TimedOut: the task manager does not answer.
         """
+        return self._request(
+            lambda client: client.achieve(goals, feedback_cb=on_feedback, quality=quality, seconds=seconds)
+        )
+
+    def plan(self, goals: str) -> Any:
+        """See `app.system.Planner`.
+
+        :raises Refused, TimedOut: see `achieve`.
+        """
+        return self._request(lambda client: client.make_plan(goals))
+
+    def _request(self, send: Callable[[TaskManagerInterface], None]) -> Any:
+        """Sends a request and returns its result."""
         if not self._goal_lock.acquire(blocking=False):
             raise Refused("a goal of this window is running; cancel it, or wait for its end")
         try:
             if self._client is None:
                 self._client = TaskManagerInterface()
-            self._client.achieve(goals, feedback_cb=on_feedback, quality=quality, seconds=seconds)
+            send(self._client)
             return self._client.wait_for_result()
         finally:
             self._goal_lock.release()

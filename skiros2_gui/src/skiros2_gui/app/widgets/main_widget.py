@@ -19,6 +19,7 @@ from python_qt_binding.QtWidgets import (
     QLabel,
     QLineEdit,
     QPlainTextEdit,
+    QPushButton,
     QShortcut,
     QTabWidget,
     QTextEdit,
@@ -34,6 +35,7 @@ from skiros2_gui.app.events import (
     ManagersChanged,
     NodeShutdown,
     ProblemReported,
+    StopRequested,
     TaskStarted,
     WorldChanged,
 )
@@ -112,6 +114,12 @@ class MainWidget(QWidget):
             self.tabs.addTab(page, page.tab.title)
             self.tabs.setTabToolTip(number, f"{page.tab.title} (Alt+{number + 1})")
             self._on_keys(QKeySequence(f"Alt+{number + 1}"), partial(self.tabs.setCurrentIndex, number))
+        self.stop = QPushButton("■ Stop all")
+        self.stop.setObjectName("stopAllButton")
+        self.stop.setToolTip("Stops all tasks of all robots, and the goal  (Ctrl+.)")
+        self.stop.clicked.connect(lambda: self.shared.publish(StopRequested()))
+        self.tabs.setCornerWidget(self.stop)
+        self._on_keys(QKeySequence("Ctrl+."), self.stop.click)
         self._on_keys(QKeySequence(QKeySequence.Find), lambda: self.tab.find())
         self.error_bar = ErrorBar(self.shared.problems)
         self.status = StatusLine(self.shared)
@@ -192,6 +200,7 @@ class MainWidget(QWidget):
                 tint(page.banner, background="notice", dark=dark)
             self.error_bar.set_dark(dark)
             self.status.set_dark(dark)
+            tint(self.stop, text="failure", dark=dark)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Lets the space bar toggle the tab's task, unless the user has entered a widget that handles the space bar."""

@@ -94,14 +94,17 @@ def tint(widget: QWidget, background: str = "", text: str = "", dark: bool = Fal
         palette.setColor(QPalette.Window, QColor(_BACKGROUNDS[background][dark]))
         widget.setAutoFillBackground(True)
     if text:
-        palette.setColor(QPalette.WindowText, QColor(_ROLE_COLOURS[text][dark]))
+        for role in (QPalette.WindowText, QPalette.ButtonText):
+            palette.setColor(role, QColor(_ROLE_COLOURS[text][dark]))
     widget.setPalette(palette)
 
 
-_STATE_COLOURS = {
+#: The colour role of each state of a task or step; of other states it is `idle`.
+STATE_COLOURS = {
     "running": "running",
     "paused": "paused",
     "stopped": "paused",
+    "preempted": "paused",
     "succeeded": "success",
     "failed": "failure",
     "lost": "failure",
@@ -110,7 +113,7 @@ _STATE_COLOURS = {
 
 def colour_state(item: QTreeWidgetItem, column: int, state: str, widget: QWidget) -> None:
     """Gives a cell the colour of a state."""
-    colour = role_colour(_STATE_COLOURS.get(state, "idle"), widget)
+    colour = role_colour(STATE_COLOURS.get(state, "idle"), widget)
     if item.foreground(column).color() != colour:
         item.setForeground(column, QBrush(colour))
 

@@ -29,7 +29,6 @@ class GoalLine(QLineEdit):
         self._goals = goals
         self._below = below
         self._start = 0
-        self._words: dict[str, str] = {}
         self.setObjectName("goalLine")
         self.setAccessibleName("Goal")
         self.setPlaceholderText("Goal, such as (skiros:contain box product)    Ctrl+space: completion")
@@ -41,12 +40,13 @@ class GoalLine(QLineEdit):
         self._model = QStandardItemModel(self)
         self._completer = QCompleter(self._model, self)
         self._completer.setWidget(self)
+        self.popup = self._completer.popup()
         self._completer.setCompletionMode(QCompleter.UnfilteredPopupCompletion)
         self._completer.setMaxVisibleItems(12)
         self._completer.activated[QModelIndex].connect(self._insert)
         self.textChanged.connect(goals.write)
         self.textEdited.connect(self._edited)
-        self.cursorPositionChanged.connect(lambda *_: self._completer.popup().isVisible() and self.show_completions())
+        self.cursorPositionChanged.connect(lambda *_: self.popup.isVisible() and self.show_completions())
 
     def _edited(self, text: str) -> None:
         self._goals.write(text)  # `textEdited` comes before `textChanged`
@@ -57,26 +57,24 @@ class GoalLine(QLineEdit):
         found = self._goals.completions(self.cursorPosition())
         typed = self.text()[found.start : self.cursorPosition()]
         completions = [completion for completion in found.items if completion.text != typed]
-        popup = self._completer.popup()
         if not completions or not (typed or even_if_empty or self.text()[: self.cursorPosition()].endswith("(")):
-            popup.hide()
+            self.popup.hide()
             return
         self._start = found.start
         self._model.clear()
         for completion in completions:
             self._model.appendRow(_item(completion))
         self._completer.complete(self._area())
-        popup.setCurrentIndex(self._model.index(0, 0))
+        self.popup.setCurrentIndex(self._model.index(0, 0))
 
     def move_popup(self) -> None:
         """Moves the popup, if it is visible, below the label."""
-        if self._completer.popup().isVisible():
+        if self.popup.isVisible():
             self._completer.complete(self._area())
 
     def _area(self) -> QRect:
         """Returns the rectangle from the cursor to the end of the label; the popup is shown below it."""
-        popup = self._completer.popup()
-        width = popup.sizeHintForColumn(0) + popup.verticalScrollBar().sizeHint().width() + 12
+        width = self.popup.sizeHintForColumn(0) + self.popup.verticalScrollBar().sizeHint().width() + 12
         area = self.cursorRect()
         area.setWidth(min(max(width, 160), max(self.width(), 160)))
         label = max(self._below.heightForWidth(self._below.width()), self.fontMetrics().lineSpacing())
@@ -84,19 +82,18 @@ class GoalLine(QLineEdit):
         return area
 
     def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.KeyPress and event.key() == Qt.Key_Tab and self._completer.popup().isVisible():
-            self._insert(self._completer.popup().currentIndex())
+        if event.type() == QEvent.KeyPress and event.key() == Qt.Key_Tab and self.popup.isVisible():
+            self._insert(self.popup.currentIndex())
             return True
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        popup = self._completer.popup()
         if event.key() == Qt.Key_Space and event.modifiers() == Qt.ControlModifier:
             self.show_completions(even_if_empty=True)
-        elif event.key() not in (Qt.Key_Return, Qt.Key_Enter) or not popup.isVisible():
+        elif event.key() not in (Qt.Key_Return, Qt.Key_Enter) or not self.popup.isVisible():
             super().keyPressEvent(event)
-        elif self._goals.is_complete and popup.currentIndex().row() == 0:
-            popup.hide()
+        elif self._goals.is_complete and self.popup.currentIndex().row() == 0:
+            self.popup.hide()
             super().keyPressEvent(event)
             event.accept()
         else:
@@ -105,7 +102,7 @@ class GoalLine(QLineEdit):
     def _insert(self, index: QModelIndex) -> None:
         """Replaces the word at the cursor with a completion."""
         completion = str(index.data(_TEXT))
-        self._completer.popup().hide()
+        self.popup.hide()
         text, cursor = self.text(), self.cursorPosition()
         after = text[cursor:] if self._start == cursor else _REST_OF_WORD.sub("", text[cursor:], count=1)
         gap = "" if completion == "(" or after.startswith((" ", ")")) else " "

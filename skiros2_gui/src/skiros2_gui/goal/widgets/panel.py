@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import (
-    QAbstractItemView,
     QHBoxLayout,
     QLabel,
     QMenu,
@@ -16,18 +15,16 @@ from python_qt_binding.QtWidgets import (
     QSplitter,
     QTabWidget,
     QToolButton,
-    QTreeWidget,
-    QTreeWidgetItem,
     QVBoxLayout,
     QWidget,
 )
 
-from skiros2_gui.app.widgets.theme import colour_label, colour_state
+from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
+from skiros2_gui.app.widgets.theme import STATE_COLOURS, colour_label
 from skiros2_gui.goal.execution import GoalExecution, StepRow
 from skiros2_gui.goal.plan import GoalPlan
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_gui.goal.widgets.line import GoalLine
-from skiros2_task.core.plan import PlanRow
 
 _HEADS = ("Step", "State", "Start", "End", "Robot", "Skill", "After", "With")
 _STATE = 1
@@ -56,7 +53,6 @@ class GoalBar(QWidget):
         self.earlier.setMenu(self._menu)
         self.plan = QPushButton("Plan")
         self.plan.setObjectName("planButton")
-        self.plan.setToolTip("Plans the goal and shows what would change; nothing moves  (Enter)")
         self.plan.clicked.connect(goals.make_plan)
         self.achieve = QPushButton("▶ Achieve")
         self.achieve.setObjectName("achieveButton")
@@ -94,10 +90,10 @@ class GoalBar(QWidget):
             colour_label(self.mistake, "idle" if is_unfinished else "failure")
         self.line.move_popup()
         self.plan.setEnabled(goals.can_plan)
-        self.achieve.setEnabled(goals.can_achieve)
-        self.achieve.setToolTip(
-            "Has the robots reach the goal" if goals.has_task_manager else "The task manager is not running"
-        )
+        self.achieve.setEnabled(goals.can_plan)
+        missing = "" if goals.has_task_manager else "The task manager is not running"
+        self.plan.setToolTip(missing or "Plans the goal and shows what would change; nothing moves  (Enter)")
+        self.achieve.setToolTip(missing or "Has the robots reach the goal")
         self.cancel.setEnabled(goals.is_busy)
         self.earlier.setEnabled(bool(goals.history))
 
@@ -122,13 +118,9 @@ class GoalView(QWidget):
         self.head.setWordWrap(True)
         self.head.setTextInteractionFlags(Qt.TextSelectableByMouse)
         self.head.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
-        self.steps = QTreeWidget()
+        self.steps = RowsView(RowsModel(_HEADS), len(_HEADS) - 1, wraps=True)
         self.steps.setObjectName("planView")
         self.steps.setAccessibleName("Steps of the plan")
-        self.steps.setHeaderLabels(_HEADS)
-        self.steps.setRootIsDecorated(False)
-        self.steps.setUniformRowHeights(True)
-        self.steps.setSelectionMode(QAbstractItemView.SingleSelection)
         self.changes = _text("planChanges", "What each step would change, simulated on a copy of the scene")
         self.why = _text("planWhy", "What each step is for; without a plan, why there is none")
         self.texts = QTabWidget()
@@ -160,40 +152,18 @@ class GoalView(QWidget):
         self.head.setToolTip(goals.execution.text if goals.execution is not None else "")
         if result is self._shown and result is not None:
             return
-        before = self.steps.topLevelItemCount()
-        new = result is None or self._shown is None or type(result) is not type(self._shown)
         self._shown = result
         if isinstance(result, GoalPlan):
-            self._show_rows([_cells(row, "") for row in result.rows])
+            self.steps.rows.show_rows([_row(row) for row in result.rows])
             self._show_texts(result.changes, result.why)
         elif isinstance(result, GoalExecution):
-            cells = [_cells(row, f"{_SIGNS.get(row.state, '')} {row.state}") for row in result.rows]
-            self._show_rows(cells, [row.state for row in result.rows])
+            self.steps.rows.show_rows([_row(row, row.state) for row in result.rows])
             messages = [f"{row.number}. {row.skill}: {row.message}" for row in result.rows if row.message]
             self._show_texts((), (*result.why, *messages))
         else:
-            self._show_rows([])
+            self.steps.rows.show_rows([])
             self._show_texts((), ())
         self.steps.setColumnHidden(_STATE, not isinstance(result, GoalExecution))
-        is_finished = isinstance(result, GoalExecution) and result.is_finished
-        if new or self.steps.topLevelItemCount() != before or is_finished:
-            for column in range(len(_HEADS)):
-                self.steps.resizeColumnToContents(column)
-
-    def _show_rows(self, rows: Sequence[tuple[str, ...]], states: Sequence[str] = ()) -> None:
-        while self.steps.topLevelItemCount() > len(rows):
-            self.steps.takeTopLevelItem(self.steps.topLevelItemCount() - 1)
-        for index, cells in enumerate(rows):
-            item = self.steps.topLevelItem(index)
-            if item is None:
-                item = QTreeWidgetItem()
-                self.steps.addTopLevelItem(item)
-            for column, text in enumerate(cells):
-                if item.text(column) != text:
-                    item.setText(column, text)
-                    item.setToolTip(column, text)
-            if states:
-                colour_state(item, _STATE, states[index], self.steps)
 
     def _show_texts(self, changes: Sequence[str], why: Sequence[str]) -> None:
         for box, lines in ((self.changes, changes), (self.why, why)):
@@ -217,16 +187,18 @@ def _head(goals: GoalPresenter) -> str:
     if goals.is_busy:
         return goals.activity
     if plan is None:
+        if not goals.has_task_manager:
+            return "Goals are planned by the task manager, which is not running."
         return "Write a goal above: Plan shows the steps, Achieve lets the robots execute them."
-    if plan.verdict == "planned":
+    if plan.state == "planned":
         return f"✓ {plan.head}" if plan.works else f"✕ {plan.head}; it fails in a simulation on a copy of the scene"
-    return f"{'✓' if plan.verdict == 'nothing to do' else '✕'} {plan.head}"
+    return f"{'✓' if plan.state == 'nothing_to_do' else '✕'} {plan.head}"
 
 
-def _cells(row: PlanRow | StepRow, state: str) -> tuple[str, ...]:
-    return (
+def _row(row: StepRow, state: str = "") -> Row:
+    cells = (
         str(row.number),
-        state,
+        f"{_SIGNS.get(state, '')} {state}".strip(),
         f"{row.start:.1f} s",
         f"{row.end:.1f} s",
         row.robot.lstrip("/"),
@@ -234,6 +206,7 @@ def _cells(row: PlanRow | StepRow, state: str) -> tuple[str, ...]:
         ", ".join(map(str, row.after)),
         row.parameters,
     )
+    return Row(cells, colour=STATE_COLOURS.get(state, "idle") if state else "", coloured=_STATE)
 
 
 def _text(name: str, tip: str) -> QPlainTextEdit:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from python_qt_binding.QtCore import QEvent, Qt
 from python_qt_binding.QtWidgets import QLabel, QWidget
 
-from skiros2_gui.app.state_style import FAILURE
 from skiros2_gui.app.widgets.theme import is_dark, tint
-from skiros2_gui.run.frame import Frame
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.states import FAILURE
 from skiros2_skill.core.runtime.history import one_line
 
 #: The most characters shown (of the first line), and in the tooltip.

@@ -9,9 +9,9 @@ from python_qt_binding.QtCore import Signal
 from python_qt_binding.QtGui import QColor, QPalette
 from python_qt_binding.QtWidgets import QTextBrowser, QWidget
 
-from skiros2_gui.app.state_style import FAILURE, SUCCESS, StateStyle, style_of
 from skiros2_gui.app.widgets.theme import role_colour
 from skiros2_gui.run.node_text import ConditionText, NodeText
+from skiros2_runs.core.states import FAILURE, SUCCESS, StateStyle, style_of
 
 #: An element in a text: its id, then its label.
 _ELEMENT = re.compile(r"([A-Za-z_]\w*:\w+-\d+)(?:-|$)")

@@ -12,11 +12,11 @@ from python_qt_binding.QtCore import QLineF, QPointF, QRectF, Qt
 from python_qt_binding.QtGui import QColor, QFontMetricsF, QPainter, QPalette, QPen
 from python_qt_binding.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
 
-from skiros2_gui.app.state_style import RUNNING, style_of
 from skiros2_gui.app.widgets.theme import role_colour
 from skiros2_gui.run.drawing import Column, Drawing
-from skiros2_gui.run.frame import Frame
 from skiros2_gui.run.node_text import short_duration
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.states import RUNNING, style_of
 
 #: Scales below which names, and the details of boxes, are not painted.
 _READABLE, _PLAIN = 0.45, 0.25

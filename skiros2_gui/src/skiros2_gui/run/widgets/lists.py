@@ -8,12 +8,12 @@ from typing import Any
 from python_qt_binding.QtCore import QAbstractListModel, QModelIndex, Qt, Signal
 from python_qt_binding.QtWidgets import QAbstractItemView, QListView, QWidget
 
-from skiros2_gui.app.state_style import style_of
 from skiros2_gui.app.widgets.theme import role_colour
-from skiros2_gui.run.message_log import LogLine
 from skiros2_gui.run.node_text import clock_text, duration_text
 from skiros2_gui.run.presenter import RunPresenter
-from skiros2_gui.run.task_run import TaskRun
+from skiros2_runs.core.message_log import LogLine
+from skiros2_runs.core.states import style_of
+from skiros2_runs.core.task_run import TaskRun
 from skiros2_skill.core.runtime.history import one_line
 
 

@@ -169,11 +169,8 @@ class RunTab(QWidget):
         self._bar.show_running()
 
     def _show_node(self) -> None:
-        frame, index = self.presenter.frame, self.presenter.selected_index()
-        if frame is None or index is None:
-            self._details.show_node(None)
-        else:
-            self._details.show_node(self.presenter.node.text(frame, index))
+        index = self.presenter.selected_index()
+        self._details.show_node(self.presenter.node_text(index) if index is not None else None)
 
     def _follow_running(self) -> None:
         if not self.presenter.follows:

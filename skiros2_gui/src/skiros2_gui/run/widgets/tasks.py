@@ -18,13 +18,13 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.state_style import style_of
+from skiros2_gui.app.tasks import STEP, STOP, message_text
 from skiros2_gui.app.widgets import media_icons
 from skiros2_gui.app.widgets.media_icons import media_icon
 from skiros2_gui.app.widgets.theme import role_colour
-from skiros2_gui.run.live_runs import state_text
-from skiros2_gui.run.presenter import STEP, STOP, RunPresenter
-from skiros2_gui.run.task_run import TaskRun
+from skiros2_gui.run.presenter import RunPresenter
+from skiros2_runs.core.states import style_of
+from skiros2_runs.core.task_run import TaskRun
 
 
 class TaskPanel(QWidget):
@@ -100,25 +100,16 @@ class TaskPanel(QWidget):
         )
 
     def _fill(self, item: QListWidgetItem, run: TaskRun, names_robot: bool) -> None:
-        symbol, word = state_text(run)
-        first = self._first_skill(run)
+        style = style_of(run.state)
         of = f"\n     {run.robot.lstrip('/')}" if names_robot else ""
-        item.setText(f"{symbol} {first}\n     task {run.task_id}, {word}{of}")
+        first = run.latest.shape.skills_text(most=1) or run.latest.shape.name(0)
+        item.setText(f"{style.symbol} {first}\n     task {run.task_id}, {style.word}{of}")
         item.setData(Qt.UserRole, run)
         began = time.strftime("%H:%M:%S", time.localtime(run.start))
-        said = run.latest.message(0)
+        said = message_text(run)
         where = f"task {run.task_id} of {run.robot}, first seen at {began}"
         item.setToolTip(f"{where}\n{said[:300]}" if said else where)
-        item.setForeground(role_colour(style_of(run.latest.state(0)).colour_role, self))
-
-    @staticmethod
-    def _first_skill(run: TaskRun) -> str:
-        """Returns the name of the first skill and the number of others."""
-        shape = run.latest.shape
-        skills = shape.children[0] if len(shape) else []
-        if not skills:
-            return shape.name(0)
-        return shape.name(skills[0]) + (f" and {len(skills) - 1} more" if len(skills) > 1 else "")
+        item.setForeground(role_colour(style.colour_role, self))
 
     def _on_chosen(self, item: QListWidgetItem | None, _: QListWidgetItem | None) -> None:
         if item is not None:

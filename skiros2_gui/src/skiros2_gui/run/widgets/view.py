@@ -6,11 +6,11 @@ from python_qt_binding.QtCore import QEvent, QPoint, QPointF, Qt, Signal
 from python_qt_binding.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QWheelEvent
 from python_qt_binding.QtWidgets import QGraphicsScene, QGraphicsView, QMenu, QToolTip, QWidget
 
-from skiros2_gui.app.state_style import style_of
 from skiros2_gui.run.node_text import CHOSEN_LATER, duration_text, processor_text
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
 from skiros2_gui.run.widgets.graph import TreeItem
+from skiros2_runs.core.states import style_of
 from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START
 
 #: The range of scales.

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-import math
+from collections import Counter
 from collections.abc import Sequence
+from typing import TypeVar
 
 from python_qt_binding.QtCore import QEvent, QObject, QSignalBlocker, Qt
 from python_qt_binding.QtGui import QFontDatabase, QKeyEvent
-from python_qt_binding.QtWidgets import QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
+from python_qt_binding.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
+from skiros2_common.core.names import local_name
+from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.skills.fields import Editor, ElementChoice, Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
+
+E = TypeVar("E", bound="FieldEditor")
 
 _UNSET = "unset"
 
@@ -18,21 +23,31 @@ _UNSET = "unset"
 _MAX_AT_ONCE = 500
 
 
+_editors: list[type[FieldEditor]] = []
+
+
+def register_editor(editor: type[E]) -> type[E]:
+    """Registers a kind of editor; a decorator. Of the kinds that accept a field, the one registered last edits it."""
+    _editors.insert(0, editor)
+    return editor
+
+
 def editor_of(field: Field, skills: SkillsPresenter) -> FieldEditor:
     """Returns the editor for a parameter."""
-    kinds: dict[Editor, type[FieldEditor]] = {
-        Editor.ELEMENT: ElementEditor,
-        Editor.NUMBER: NumberEditor,
-        Editor.TRUTH: ListEditor,
-        Editor.CHOICE: ListEditor,
-        Editor.JSON: JsonEditor,
-        Editor.TEXT: TextEditor,
-    }
-    return kinds[field.editor](field, skills)
+    return next(editor for editor in _editors if editor.accepts(field))(field, skills)
 
 
 class FieldEditor(QWidget):
-    """The base class. `input` is the widget with the focus and the object name."""
+    """The base class. `input` is the widget with the focus and the object name.
+
+    A subclass states which fields it `accepts`, is made with the field and the presenter, and passes what the user
+    enters to the presenter: `write(key, text)`, `choose_value(key, value)` or `set_mode(key, mode)`.
+    """
+
+    @classmethod
+    def accepts(cls, field: Field) -> bool:
+        """Returns whether it can edit a field."""
+        raise NotImplementedError
 
     def __init__(self, field: Field, skills: SkillsPresenter, input: QWidget) -> None:
         super().__init__()
@@ -63,8 +78,13 @@ class FieldEditor(QWidget):
         """Shows the inferred element and the choices."""
 
 
+@register_editor
 class TextEditor(FieldEditor):
     """A line edit."""
+
+    @classmethod
+    def accepts(cls, field: Field) -> bool:
+        return True
 
     def __init__(self, field: Field, skills: SkillsPresenter, line: QLineEdit | None = None) -> None:
         self.line = line or QLineEdit()
@@ -75,19 +95,20 @@ class TextEditor(FieldEditor):
         self.line.textEdited.connect(lambda text: skills.write(field.key, text))
 
 
+@register_editor
 class NumberEditor(TextEditor):
     """A line edit for numbers, with arrow keys."""
 
+    @classmethod
+    def accepts(cls, field: Field) -> bool:
+        return field.editor is Editor.NUMBER
+
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         super().__init__(field, skills, _NumberLine(field))
-        least, most = field.limits
-        hints = [field.declared.description or field.key]
-        if not math.isinf(least) or not math.isinf(most):
-            hints.append(f"from {least:g} to {most:g}".replace("from -inf to", "at most").replace(" to inf", " on"))
-        hints.append("up and down change it")
-        self.line.setToolTip("\n".join(hints))
-        if field.unit:
-            self.row.addWidget(QLabel(field.unit))
+        hints = [field.declared.description or field.key, field.limits.text, "up and down change it"]
+        self.line.setToolTip("\n".join(hint for hint in hints if hint))
+        if field.limits.unit:
+            self.row.addWidget(QLabel(field.limits.unit))
 
 
 class _NumberLine(QLineEdit):
@@ -106,7 +127,7 @@ class _NumberLine(QLineEdit):
 
     def _stepped(self, steps: int) -> str | None:
         """Returns the number changed by some steps, within its limits; None if the text is no number."""
-        least, most = self._field.limits
+        least, most = self._field.limits.lowest, self._field.limits.highest
         try:
             value = float(self.text() or 0.0)
         except ValueError:
@@ -116,8 +137,13 @@ class _NumberLine(QLineEdit):
         return f"{min(max(value + steps * 0.1, least), most):.10g}"
 
 
+@register_editor
 class ListEditor(FieldEditor):
-    """A combo box for a boolean, or for the texts of the description."""
+    """A combo box for a boolean, or for the allowed values."""
+
+    @classmethod
+    def accepts(cls, field: Field) -> bool:
+        return field.editor in (Editor.TRUTH, Editor.CHOICE)
 
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         self.box = QComboBox()
@@ -144,8 +170,13 @@ class ListEditor(FieldEditor):
             self._skills.write(self.field.key, str(self._values[index - self._first]))
 
 
+@register_editor
 class JsonEditor(FieldEditor):
     """A text edit for a list or mapping in JSON."""
+
+    @classmethod
+    def accepts(cls, field: Field) -> bool:
+        return field.editor is Editor.JSON
 
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         self.box = QPlainTextEdit()
@@ -172,49 +203,47 @@ class JsonEditor(FieldEditor):
         self.box.setFixedHeight(self.box.fontMetrics().lineSpacing() * 3 + 12)
 
 
+@register_editor
 class ElementEditor(FieldEditor):
     """A combo box for elements of the scene, "infer" or "unset"; typed text is searched in labels and ids."""
 
+    @classmethod
+    def accepts(cls, field: Field) -> bool:
+        return field.editor is Editor.ELEMENT
+
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
-        self.box = QComboBox()
+        self.box = SearchBox()
         super().__init__(field, skills, self.box)
-        self.box.setEditable(True)
-        self.box.setInsertPolicy(QComboBox.NoInsert)
-        self.box.setSizeAdjustPolicy(QComboBox.AdjustToMinimumContentsLengthWithIcon)
         self.box.setMinimumContentsLength(18)
-        self.box.setMaxVisibleItems(20)
         self.box.setToolTip(f"{field.declared.description or field.key}\n{field.type_name}; type to search")
-        completer: QCompleter = self.box.completer()
-        completer.setFilterMode(Qt.MatchContains)
-        completer.setCompletionMode(QCompleter.PopupCompletion)
-        completer.setCaseSensitivity(Qt.CaseInsensitive)
         self._ids: list[str] = []
+        self._labels: Counter[str] = Counter()
         self._shown: tuple[object, ...] = ()
         self._found: ElementChoice | None = None
         self._choices: Sequence[ElementChoice] = ()
-        self.box.activated.connect(self._chosen)
-        self.box.lineEdit().editingFinished.connect(self._typed)
+        self.box.chosen.connect(self._chosen)
         self.show_inferred(None, ())
 
     def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
         shown = (found, tuple(choices), self.field.mode, self.field.value)
-        view = self.box.view()
-        if shown == self._shown or (view is not None and view.isVisible()) or self.box.lineEdit().isModified():
-            return  # not while the user is choosing
+        if shown == self._shown or self.box.is_in_use:
+            return
         self._shown, self._found, self._choices = shown, found, choices
         self._fill(found, choices if len(choices) <= _MAX_AT_ONCE else ())
 
     def _fill(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
         with QSignalBlocker(self.box):
-            items = [(_words(mode, found), "") for mode in self.field.modes if mode is not ValueMode.GIVEN]
-            items += [(choice.text, choice.id) for choice in choices]
+            self._labels = Counter(choice.label for choice in self._choices)
+            items = [(self._mode_text(mode, found), "") for mode in self.field.modes if mode is not ValueMode.GIVEN]
+            items += [(self._text(choice), choice.id) for choice in choices]
             self._ids = [eid for _, eid in items]
             value = str(self.field.value or "")
             if self.field.mode is ValueMode.GIVEN and value and value not in self._ids:
                 items.append((self._name(value), value))
                 self._ids.append(value)
             self.box.clear()
-            self.box.addItems([text for text, _ in items])
+            for text, eid in items:
+                self.box.addItem(text, eid)
             self._show_current()
 
     def before_use(self) -> None:
@@ -223,44 +252,26 @@ class ElementEditor(FieldEditor):
 
     def _name(self, eid: str) -> str:
         """Returns the text of a chosen element that is not in the list."""
-        known = next((choice.text for choice in self._choices if choice.id == eid), None)
+        known = next((self._text(choice) for choice in self._choices if choice.id == eid), None)
         return known or (f"{eid}  (not in the scene)" if self._choices else eid)
 
     def _show_current(self) -> None:
         value = str(self.field.value or "") if self.field.mode is ValueMode.GIVEN else ""
-        self.box.setCurrentIndex(self._ids.index(value) if value in self._ids else -1)
-        self.box.lineEdit().setModified(False)
-        self.box.lineEdit().setCursorPosition(0)
+        self.box.show_row(self._ids.index(value) if value in self._ids else -1)
 
     def _chosen(self, index: int) -> None:
-        self.box.lineEdit().setModified(False)
-        if not 0 <= index < len(self._ids):
-            return
         if self._ids[index]:
             self._skills.choose_value(self.field.key, self._ids[index])
         else:
             mode = next(mode for mode in self.field.modes if mode is not ValueMode.GIVEN)
             self._skills.set_mode(self.field.key, mode)
 
-    def _typed(self) -> None:
-        """Chooses the item whose text, id or label was typed; otherwise restores the current one."""
-        line = self.box.lineEdit()
-        if not line.isModified():
-            return
-        text = line.text().strip()
-        items = [self.box.itemText(i) for i in range(self.box.count())]
-        names = [(item, eid, item.rpartition("  (")[0]) for item, eid in zip(items, self._ids, strict=True)]
-        found = [i for i, forms in enumerate(names) if text and text.lower() in (form.lower() for form in forms)]
-        line.setModified(False)
-        if len(found) == 1:
-            self.box.setCurrentIndex(found[0])
-            self._chosen(found[0])
-        else:
-            self._shown = ()
-            self._show_current()
+    def _text(self, choice: ElementChoice) -> str:
+        """Returns the label of an element; with the id if other elements have the same label."""
+        label = local_name(choice.label)
+        return choice.id if not label else label if self._labels[choice.label] < 2 else f"{label}  ({choice.id})"
 
-
-def _words(mode: ValueMode, found: ElementChoice | None) -> str:
-    if mode is ValueMode.UNSET:
-        return _UNSET
-    return f"infer: {found.text}" if found is not None else "infer: the robot chooses"
+    def _mode_text(self, mode: ValueMode, found: ElementChoice | None) -> str:
+        if mode is ValueMode.UNSET:
+            return _UNSET
+        return f"infer: {self._text(found)}" if found is not None else "infer: the robot chooses"

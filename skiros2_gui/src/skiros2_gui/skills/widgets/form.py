@@ -166,7 +166,7 @@ class SkillForm(QWidget):
             colour_label(error, "failure")
             error.setVisible(bool(field.error) and bool(field.text))
             if preview is not None and field.declared.is_element:
-                found = preview.values.get(key) if field.mode is ValueMode.INFER else None
+                found = preview.element(key) if field.mode is ValueMode.INFER else None
                 editor.show_inferred(found, preview.choices.get(field.element_class, ()))
 
     def _label(self, field: Field) -> QLabel:

@@ -12,10 +12,11 @@ from skiros2_gui.app.events import TaskStarted
 from skiros2_gui.app.system import MANAGER
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.presenter import GoalPresenter
+from skiros2_gui.goal.widgets.lines import GoalLines
 from skiros2_gui.goal.widgets.panel import GoalBar, GoalView
 from skiros2_gui.skills.presenter import SkillsPresenter
 from skiros2_gui.skills.widgets.form import SkillForm
-from skiros2_gui.skills.widgets.tasks import TaskList
+from skiros2_gui.skills.widgets.tasks import TaskTable
 from skiros2_gui.skills.widgets.tree import SkillTree
 
 #: The period of preview refreshes (ms).
@@ -33,7 +34,7 @@ class SkillsTab(QWidget):
         self.skills = SkillsPresenter(window)
         self.tree = SkillTree(self.skills)
         self.form = SkillForm(self.skills)
-        self.tasks = TaskList(self.skills.tasks)
+        self.tasks = TaskTable(window)
         self.across = QSplitter(Qt.Horizontal)
         self.across.addWidget(self.tree)
         self.across.addWidget(self.form)
@@ -42,11 +43,13 @@ class SkillsTab(QWidget):
         self.across.setSizes([300, 600])
         self.goals = GoalPresenter(window)
         self.goal_bar = GoalBar(self.goals)
+        self.goal_lines = GoalLines(self.goals)
         self.goal_view = GoalView(self.goals)
         self.goals.on_goal = self._show_goal
         self.below = QTabWidget()
         self.below.setDocumentMode(True)
         self.below.addTab(self.tasks, "Tasks")
+        self.below.addTab(self.goal_lines, "Goal")
         self.below.addTab(self.goal_view, "Plan")
         self.down = QSplitter(Qt.Vertical)
         self.down.addWidget(self.across)
@@ -77,6 +80,7 @@ class SkillsTab(QWidget):
     def _show_goal(self) -> None:
         was_busy, self._was_busy = self._was_busy, self.goals.is_busy
         self.goal_bar.show_goal()
+        self.goal_lines.show_goal()
         self.goal_view.show_goal()
         if self._was_busy and not was_busy:
             self.below.setCurrentWidget(self.goal_view)
@@ -109,13 +113,12 @@ class SkillsTab(QWidget):
 
     def close_tab(self) -> None:
         self._refresh_timer.stop()
-        self.goals.close()
         self.tasks.close_timers()
 
     def _refresh(self) -> None:
         if self.isVisible():
             self.skills.refresh_if_ready()
-            if self.goal_bar.line.hasFocus():
+            if self.goal_bar.line.hasFocus() or self.goal_lines.isVisible():
                 self.goals.refresh_if_ready()
 
 

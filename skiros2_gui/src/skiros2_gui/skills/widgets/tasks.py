@@ -17,25 +17,28 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_gui.app.events import FailureExplained, RunRecorded, TasksChanged, TaskStarted
+from skiros2_gui.app.tasks import STEP, STOP, is_silent, message_text
 from skiros2_gui.app.widgets.theme import colour_state
-from skiros2_gui.skills.task_presenter import TaskListPresenter
-from skiros2_gui.skills.task_rows import Key, TaskRow
+from skiros2_gui.app.window import Window
+from skiros2_runs.core.states import TaskState, style_of
+from skiros2_runs.core.task_run import TaskRun
 
-_KEY = Qt.UserRole
+_RUN = Qt.UserRole
 _HEADS = ("Robot", "Task", "Skill", "State", "Time", "Message")
-_SIGNS = {"running": "▶", "paused": "❚❚", "succeeded": "✓", "failed": "✕", "lost": "?", "silent": "…"}
 
 #: The delay that combines updates, and the period of run time updates (ms).
 _UPDATE_DELAY, _TIME_PERIOD = 100, 1000
 
 
-class TaskList(QWidget):
+class TaskTable(QWidget):
     """Shows the tasks of all robots; the buttons act on the selected one."""
 
-    def __init__(self, presenter: TaskListPresenter, parent: QWidget | None = None) -> None:
+    def __init__(self, window: Window, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._presenter = presenter
-        self._items: dict[Key, QTreeWidgetItem] = {}
+        self._window = window
+        self._tasks = window.tasks
+        self._items: dict[TaskRun, QTreeWidgetItem] = {}
         self.list = QTreeWidget()
         self.list.setObjectName("taskList")
         self.list.setAccessibleName("Tasks")
@@ -48,7 +51,7 @@ class TaskList(QWidget):
         self.list.header().setStretchLastSection(True)
         self.list.header().setSectionResizeMode(QHeaderView.Interactive)
         self.list.currentItemChanged.connect(lambda *_: self._selected())
-        self.list.itemDoubleClicked.connect(lambda item, _: presenter.show(item.data(0, _KEY)))
+        self.list.itemDoubleClicked.connect(lambda item, _: self._open(item.data(0, _RUN)))
         self.list.setToolTip("Double-click: shows the task in the tab Running")
         self.why = QPlainTextEdit()
         self.why.setObjectName("taskWhy")
@@ -67,8 +70,9 @@ class TaskList(QWidget):
         self._clock.setInterval(_TIME_PERIOD)
         self._clock.timeout.connect(self._show_times)
         self._clock.start()
-        presenter.on_tasks = lambda: self._update_timer.isActive() or self._update_timer.start()  # type: ignore[func-returns-value]
-        presenter.on_why = self._show_why
+        window.subscribe(TasksChanged, lambda _: self._update_soon())
+        window.subscribe(RunRecorded, lambda _: self._update_soon())
+        window.subscribe(FailureExplained, lambda _: self._show_why())
         self.show_tasks()
         self._fit()
 
@@ -86,28 +90,24 @@ class TaskList(QWidget):
         self.pause = make("❚❚ Pause", "pauseButton", "Pauses the selected task: it is not ticked")
         self.step = make("Step", "stepButton", "Ticks the selected, paused task once")
         self.stop = make("■ Stop", "stopButton", "Ends the selected task  (space or Del in the list)")
-        self.stop_all = make("Stop all", "stopAllButton", "Ends all tasks of all robots")
         self.clear = make("Clear ended", "clearButton", "Removes the tasks that have ended from the list")
         self.pause.clicked.connect(self._pause_or_resume)
-        self.step.clicked.connect(lambda: self._with_selected(self._presenter.step))
-        self.stop.clicked.connect(lambda: self._with_selected(self._presenter.stop))
-        self.stop_all.clicked.connect(self._presenter.stop_all)
-        self.clear.clicked.connect(self._presenter.clear_ended)
+        self.step.clicked.connect(lambda: self._command(STEP))
+        self.stop.clicked.connect(lambda: self._command(STOP))
+        self.clear.clicked.connect(self._tasks.clear_ended)
         return row
 
     # -- commands ---------------------------------------------------------------------------------------------
 
     @property
-    def selected(self) -> TaskRow | None:
+    def selected(self) -> TaskRun | None:
         """The selected task."""
         item = self.list.currentItem()
-        return self._presenter.get(item.data(0, _KEY)) if item is not None else None
+        return item.data(0, _RUN) if item is not None else None
 
     def toggle(self) -> None:
         """Stops the selected task."""
-        row = self.selected
-        if row is not None and not row.is_finished:
-            self._presenter.stop(row.key)
+        self._command(STOP)
 
     def keyPressEvent(self, event: object) -> None:
         if event.key() == Qt.Key_Delete:  # type: ignore[attr-defined]
@@ -115,78 +115,82 @@ class TaskList(QWidget):
         else:
             super().keyPressEvent(event)
 
-    def _with_selected(self, action: object) -> None:
-        row = self.selected
-        if row is not None:
-            action(row.key)  # type: ignore[operator]
+    def _open(self, run: TaskRun) -> None:
+        """Shows a task in the tab "Running"."""
+        self._window.publish(TaskStarted(run.robot, run.task_id, to_front=True))
+
+    def _command(self, action: str) -> None:
+        run = self.selected
+        if run is not None and not run.is_finished:
+            self._tasks.command(action, run.robot, run.task_id)
 
     def _pause_or_resume(self) -> None:
-        row = self.selected
-        if row is not None:
-            (self._presenter.resume if row.state == "paused" else self._presenter.pause)(row.key)
+        if self.selected is not None:
+            self._tasks.toggle(self.selected)
 
     def _selected(self) -> None:
-        row = self.selected
         self._show_buttons()
-        if row is None or row.key != self._presenter.why_of:
-            self._presenter.ask_why(row.key if row is not None else None)
+        if self.selected is None or self.selected is not self._tasks.why_of:
+            self._tasks.ask_why(self.selected)
 
     # -- display ------------------------------------------------------------------------------------------------
 
+    def _update_soon(self) -> None:
+        if not self._update_timer.isActive():
+            self._update_timer.start()
+
     def show_tasks(self) -> None:
         """Updates the list and keeps the selection; a new task is selected unless a running one is."""
-        rows = self._presenter.rows
+        runs = self._tasks.rows
         chosen = self.selected
         with QSignalBlocker(self.list):
-            keys = [row.key for row in rows]
-            if keys != list(self._items):
-                self._rebuild(rows, chosen)
-            for row in rows:
-                self._fill(self._items[row.key], row)
-        self.clear.setEnabled(any(row.is_finished for row in rows))
-        self.stop_all.setEnabled(any(not row.is_finished for row in rows))
+            if runs != list(self._items):
+                self._rebuild(runs, chosen)
+            for run in runs:
+                self._fill(self._items[run], run)
+        self.clear.setEnabled(any(run.is_finished for run in runs))
         now = self.selected
-        if now is not None and now.state == "failed" and self._presenter.why_of != now.key:
-            self._presenter.ask_why(now.key)
+        if now is not None and now.state is TaskState.FAILED and self._tasks.why_of is not now:
+            self._tasks.ask_why(now)
         self._show_buttons()
 
-    def _rebuild(self, rows: list[TaskRow], chosen: TaskRow | None) -> None:
-        new = [row for row in rows if row.key not in self._items]
+    def _rebuild(self, runs: list[TaskRun], chosen: TaskRun | None) -> None:
+        new = [run for run in runs if run not in self._items]
         self.list.clear()
         self._items = {}
-        for row in rows:
+        for run in runs:
             item = QTreeWidgetItem()
-            item.setData(0, _KEY, row.key)
-            self._items[row.key] = item
+            item.setData(0, _RUN, run)
+            self._items[run] = item
             self.list.addTopLevelItem(item)
         if new and (chosen is None or chosen.is_finished):
             chosen = new[0]
-        item = self._items.get(chosen.key) if chosen is not None else None
-        if item is None and rows:
-            item = self._items[rows[0].key]
+        item = self._items.get(chosen) if chosen is not None else None
+        if item is None and runs:
+            item = self._items[runs[0]]
         if item is not None:
             self.list.setCurrentItem(item)
 
-    def _fill(self, item: QTreeWidgetItem, row: TaskRow) -> None:
-        state = row.state_at(time.time())
-        shown = f"{_SIGNS.get(state, '')} {state}"
-        texts = (row.manager.lstrip("/"), str(row.task), row.skill, shown, _duration(row), row.message)
+    def _fill(self, item: QTreeWidgetItem, run: TaskRun) -> None:
+        style = style_of(run.state)
+        state = "… silent" if is_silent(run, time.time()) else f"{style.symbol} {style.word}"
+        skills = run.latest.shape.skills_text(most=3)
+        texts = (run.robot.lstrip("/"), str(run.task_id), skills, state, _duration(run), message_text(run))
         for column, text in enumerate(texts):
             if item.text(column) != text:
                 item.setText(column, text)
                 item.setToolTip(column, text)
-        colour_state(item, 3, state, self.list)
+        colour_state(item, 3, "silent" if is_silent(run, time.time()) else run.state, self.list)
 
     def _show_times(self) -> None:
-        for row in self._presenter.rows:
-            item = self._items.get(row.key)
-            if item is not None and not row.is_finished:
-                self._fill(item, row)
+        for run, item in self._items.items():
+            if not run.is_finished:
+                self._fill(item, run)
 
     def _show_buttons(self) -> None:
-        row = self.selected
-        is_active = row is not None and not row.is_finished
-        is_paused = is_active and row is not None and row.state == "paused"
+        run = self.selected
+        is_active = run is not None and not run.is_finished
+        is_paused = run is not None and run.state is TaskState.PAUSED
         self.pause.setText("▶ Resume" if is_paused else "❚❚ Pause")
         self.pause.setToolTip(
             "Resumes the selected task" if is_paused else "Pauses the selected task: it is not ticked"
@@ -196,8 +200,8 @@ class TaskList(QWidget):
         self.stop.setEnabled(is_active)
 
     def _show_why(self) -> None:
-        self.why.setPlainText("\n".join(self._presenter.why))
-        self.why.setVisible(bool(self._presenter.why))
+        self.why.setPlainText("\n".join(self._tasks.why))
+        self.why.setVisible(bool(self._tasks.why))
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
@@ -216,11 +220,12 @@ class TaskList(QWidget):
         self._clock.stop()
 
 
-def _duration(row: TaskRow) -> str:
+def _duration(run: TaskRun) -> str:
     """Formats the run time."""
-    seconds = max(0.0, (row.updated if row.is_finished else max(time.time(), row.updated)) - row.start)
+    end = run.latest.time if run.is_finished else max(time.time(), run.latest.time)
+    seconds = max(0.0, end - run.start)
     if seconds < 60.0:
-        return f"{seconds:.1f} s" if row.is_finished else f"{seconds:.0f} s"
+        return f"{seconds:.1f} s" if run.is_finished else f"{seconds:.0f} s"
     minutes, rest = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -13,7 +13,8 @@ from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker, MarkerArray
 
-from skiros2_gui.view3d.markers import AXES, BOX, TEXT_HEIGHT, ElementMarker, Visual
+from skiros2_gui.view3d.markers import AXES, BOX, MESH, TEXT_HEIGHT, ElementMarker, Visual
+from skiros2_gui.view3d.robot_model import CYLINDER, SPHERE, RobotPart
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 
 #: The suffix of the namespace of text markers.
@@ -29,6 +30,7 @@ _AXES = (
 _SMALLEST_HANDLES = 0.4  # m; smaller handles are hard to grab
 _TEXT_COLOUR = (1.0, 1.0, 1.0, 1.0)
 _POSE = struct.Struct("<7d")
+_ROBOT_SHAPES = {BOX: Marker.CUBE, CYLINDER: Marker.CYLINDER, SPHERE: Marker.SPHERE, MESH: Marker.MESH_RESOURCE}
 
 
 def pose_message(pose: Pose) -> Any:
@@ -65,6 +67,19 @@ def shape_marker(visual: Visual) -> Any:
     return marker
 
 
+def robot_marker(part: RobotPart, group: str, number: int) -> Any:
+    """Returns the marker of a robot's visual, which follows the tf frame of its link."""
+    marker = Marker(ns=group, id=number, action=Marker.ADD, frame_locked=True)
+    marker.header.frame_id = part.frame
+    marker.pose = pose_message(part.pose)
+    marker.type = _ROBOT_SHAPES[part.shape]
+    marker.scale = Vector3(*part.size)
+    marker.mesh_resource = part.mesh
+    marker.mesh_use_embedded_materials = part.colour is None
+    marker.color = ColorRGBA(*(part.colour or (0.0, 0.0, 0.0, 0.0)))
+    return marker
+
+
 def text_marker(visual: Visual) -> Any:
     """Returns the marker of the text; see `shape_marker`."""
     marker = Marker(ns=visual.group + TEXTS, id=visual.number, action=Marker.ADD, frame_locked=True)
@@ -79,12 +94,14 @@ def text_marker(visual: Visual) -> Any:
 def interactive_marker(name: str, marker: ElementMarker) -> Any:
     """Returns the interactive marker of an element: its shape, and controls for six degrees of freedom.
 
-    The marker of an element that follows a tf frame has no controls.
+    The marker of an element that follows a tf frame has no controls. It has the element's label if that is hidden.
 
     :param name: of the marker, unique in its topic.
     """
     visual = marker.visual
-    message = InteractiveMarker(name=name, description=visual.text, scale=max(1.5 * visual.reach, _SMALLEST_HANDLES))
+    message = InteractiveMarker(name=name, scale=max(1.5 * visual.reach, _SMALLEST_HANDLES))
+    if marker.lift is None:
+        message.description = visual.text
     message.header.frame_id = marker.frame
     message.pose = pose_message(marker.pose)
     shape = shape_marker(visual)
@@ -97,7 +114,7 @@ def interactive_marker(name: str, marker: ElementMarker) -> Any:
     body.interaction_mode = InteractiveMarkerControl.NONE
     message.controls = [body]
     if visual.follows:
-        message.description = f"{visual.text} (follows {visual.follows})"
+        message.description = f"{message.description} follows {visual.follows}".strip()
         return message
     body.interaction_mode = InteractiveMarkerControl.MOVE_PLANE
     body.orientation = _turned_to((0.0, 1.0, 0.0))  # the plane of x and y
@@ -129,15 +146,10 @@ class _Packed:
 
     def at(self, marker: ElementMarker) -> tuple[bytes, ...]:
         (before, after), (text_before, text_after) = self.shape, self.text
-        turned = marker.pose.orientation
-        return (
-            before,
-            _POSE.pack(*marker.pose.position, *turned),
-            after,
-            text_before,
-            _POSE.pack(*marker.text_position, *IDENTITY.orientation),
-            text_after,
-        )
+        shape = (before, _POSE.pack(*marker.pose.position, *marker.pose.orientation), after)
+        if marker.lift is None:
+            return (*shape, _delete_marker(marker.visual.group + TEXTS, marker.visual.number))
+        return (*shape, text_before, _POSE.pack(*marker.text_position, *IDENTITY.orientation), text_after)
 
 
 class PackedMarkers:
@@ -187,7 +199,11 @@ class PackedMarkerArray(MarkerArray):
 
 def _delete_markers(visual: Visual) -> Iterable[bytes]:
     for group in (visual.group, visual.group + TEXTS):
-        yield _bytes(Marker(ns=group, id=visual.number, action=Marker.DELETE))
+        yield _delete_marker(group, visual.number)
+
+
+def _delete_marker(group: str, number: int) -> bytes:
+    return _bytes(Marker(ns=group, id=number, action=Marker.DELETE))
 
 
 def _halves(marker: Any, frame: str) -> tuple[bytes, bytes]:

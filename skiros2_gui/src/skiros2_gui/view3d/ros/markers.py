@@ -12,16 +12,18 @@ from typing import Any
 import rosgraph
 import rospy
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.shutdown import spin
 from skiros2_gui.app.events import ProblemReported
 from skiros2_gui.app.problems import error_text
+from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet, MarkerUpdate
 from skiros2_gui.view3d.markers import ElementMarker, MarkerFactory
-from skiros2_gui.view3d.ros.marker_messages import PackedMarkers
+from skiros2_gui.view3d.robot_model import read_robot
+from skiros2_gui.view3d.ros.marker_messages import PackedMarkers, robot_marker
 from skiros2_gui.view3d.ros.selected_marker import OnProblem, SelectedMarker
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
@@ -33,6 +35,9 @@ TOPIC = "skiros/markers"
 #: The highest rate (Hz), and the largest share of a core.
 RATE = 25.0
 _SHARE = 0.1
+
+#: The period of checks for robot descriptions, and the longest delay of labels (s).
+_ROBOT_PERIOD = 2.0
 
 #: The delay before reading the scene again after a failure (s).
 _RETRY_DELAY = 1.0
@@ -58,11 +63,14 @@ class Markers:
         self._markers = MarkerSet(self._factory.make)
         self._packed = PackedMarkers()
         self._send_lock = threading.Lock()  # guards the marker set and what was sent of it
+        self._are_labels_stale = False
         self._ending = threading.Event()
         self._wanted = threading.Event()
         self._selected = SelectedMarker(world, on_problem)
         self._publisher = rospy.Publisher(TOPIC, MarkerArray, subscriber_listener=_NewSubscriber(self), queue_size=100)
         world.add_listener(self._changed.add)
+        self._robots = RobotMarkers()
+        self._placing = Throttle(_SHARE)  # the labels
         self._thread = threading.Thread(target=self._run, name="markers", daemon=True)
         self._thread.start()
 
@@ -85,6 +93,7 @@ class Markers:
         with self._send_lock:
             if not _has_others(self._publisher.resolved_name):
                 self._send(MarkerUpdate(removed=list(self._markers.all)))
+                self._publisher.publish(MarkerArray(self._robots.removed()))
         self._publisher.unregister()
 
     # -- in the thread of the markers ---------------------------------------------------------------------------
@@ -95,9 +104,13 @@ class Markers:
             if not self._publisher.get_num_connections() and not self._selected.chosen:
                 self._wanted.wait()
             self._wanted.clear()
-            self._changed.waiting.wait()
+            self._changed.waiting.wait(_ROBOT_PERIOD)
             if self._ending.is_set():
                 return
+            self._show_robots()
+            if not self._changed.waiting.is_set():
+                self._place_labels()
+                continue
             begin, spent = time.monotonic(), time.thread_time()
             ids = self._changed.take()
             pause = 1.0 / RATE
@@ -111,6 +124,7 @@ class Markers:
                     log.warning("reading the scene failed; the markers are out of date: %s", error)
                 last_error = str(error)
             pause = max(pause, (time.thread_time() - spent) / _SHARE)
+            self._place_labels()  # has a share of its own
             self._ending.wait(max(0.0, begin + pause - time.monotonic()))
 
     def _update(self, ids: set[str] | None) -> None:
@@ -127,9 +141,26 @@ class Markers:
             found = {eid: self._world.find_element(eid) for eid in ids}
             with self._send_lock:
                 self._send(self._markers.replace(found))
+        self._are_labels_stale = True
         chosen = self._selected.chosen
         if chosen and (ids is None or chosen in ids):
             self._selected.show(self._markers.get(chosen))
+
+    def _place_labels(self) -> None:
+        if self._are_labels_stale and self._placing.is_ready:
+            self._are_labels_stale = False
+            self._placing.begin()
+            with self._send_lock:
+                self._send(self._markers.place_labels())
+            self._placing.end()
+
+    def _show_robots(self) -> None:
+        """Publishes robots whose description was set or has changed."""
+        if self._robots.is_due and self._publisher.get_num_connections():
+            with self._send_lock:
+                changed = self._robots.changed()
+                if changed:
+                    self._publisher.publish(MarkerArray(changed))
 
     def _send(self, update: MarkerUpdate) -> None:
         if update and self._publisher.get_num_connections():
@@ -145,7 +176,68 @@ class Markers:
             everything: list[ElementMarker] = list(self._markers.all)
             if everything:
                 publish(self._packed.message(everything))
+            if self._robots.all:
+                publish(MarkerArray(self._robots.all))
         self._wanted.set()
+
+
+class RobotMarkers:
+    """The robots of all parameters `robot_description` as markers. Used under the lock of `Markers`.
+
+    The parameter `tf_prefix` beside a description is the prefix of its tf frames.
+    """
+
+    def __init__(self) -> None:
+        self._texts: dict[str, tuple[str, str]] = {}  # description and prefix, by name
+        self._markers: dict[str, list[Marker]] = {}
+        self._next_check = 0.0
+
+    @property
+    def all(self) -> list[Marker]:
+        """The markers of all robots."""
+        return [marker for markers in self._markers.values() for marker in markers]
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the parameters should be read again."""
+        return time.monotonic() >= self._next_check
+
+    def changed(self) -> list[Marker]:
+        """Reads the parameters. Returns markers that are new or have changed, and deletions. Calls the master."""
+        self._next_check = time.monotonic() + _ROBOT_PERIOD
+        try:
+            names = [name for name in rospy.get_param_names() if name.rpartition("/")[2] == "robot_description"]
+            texts = {
+                name: (str(rospy.get_param(name)), str(rospy.get_param(f"{name.rpartition('/')[0]}/tf_prefix", "")))
+                for name in names
+            }
+        except (OSError, KeyError, rospy.ROSException):
+            return []  # the master is down, or a parameter was deleted meanwhile
+        changes: list[Marker] = []
+        for name in {*self._texts, *texts}:
+            if texts.get(name) != self._texts.get(name):
+                changes += self._deletions(name)
+                self._markers[name] = _robot_markers(name, *texts[name]) if name in texts else []
+                changes += self._markers[name]
+        self._texts = texts
+        return changes
+
+    def removed(self) -> list[Marker]:
+        """Returns the deletions of all markers."""
+        return [marker for name in self._markers for marker in self._deletions(name)]
+
+    def _deletions(self, name: str) -> list[Marker]:
+        return [Marker(ns=m.ns, id=m.id, action=Marker.DELETE) for m in self._markers.get(name, ())]
+
+
+def _robot_markers(name: str, text: str, prefix: str) -> list[Marker]:
+    try:
+        parts = read_robot(text, prefix)
+    except WrongValue as error:
+        log.warning("%s: %s", name, error)
+        return []
+    group = f"robot {name.rpartition('/')[0].strip('/')}".strip()
+    return [robot_marker(part, group, number) for number, part in enumerate(parts)]
 
 
 class _NewSubscriber(rospy.SubscribeListener):  # type: ignore[misc]

@@ -1,50 +1,21 @@
-"""Selectors with a search: classes and templates, elements."""
+"""The selector of a class or template: a tree with a search."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from python_qt_binding.QtCore import QEvent, QObject, Qt, Signal
-from python_qt_binding.QtGui import QKeyEvent
-from python_qt_binding.QtWidgets import (
-    QApplication,
-    QLineEdit,
-    QListWidget,
-    QListWidgetItem,
-    QTreeWidget,
-    QTreeWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from python_qt_binding.QtCore import QEvent, QModelIndex, QObject, QSortFilterProxyModel, Qt, Signal
+from python_qt_binding.QtGui import QKeyEvent, QStandardItem, QStandardItemModel
+from python_qt_binding.QtWidgets import QAbstractItemView, QApplication, QLineEdit, QTreeView, QVBoxLayout, QWidget
 
-from skiros2_gui.world.choices import TEMPLATE, Choice, element_choices
-from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.choices import TEMPLATE, Choice
 
-_KEYS_FOR_THE_LIST = (Qt.Key_Up, Qt.Key_Down, Qt.Key_PageUp, Qt.Key_PageDown)
-
-
-class SearchLine(QLineEdit):
-    """A search line; arrow keys move the selection in the list.
-
-    :param below: the list or tree.
-    """
-
-    def __init__(self, below: QWidget, text: str) -> None:
-        super().__init__()
-        self._below = below
-        self.setPlaceholderText(text)
-        self.setClearButtonEnabled(True)
-        self.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if isinstance(event, QKeyEvent) and event.type() == QEvent.KeyPress and event.key() in _KEYS_FOR_THE_LIST:
-            QApplication.sendEvent(self._below, event)
-            return True
-        return super().eventFilter(watched, event)
+_CHOICE = Qt.UserRole
+_KEYS_FOR_THE_TREE = (Qt.Key_Up, Qt.Key_Down, Qt.Key_PageUp, Qt.Key_PageDown)
 
 
 class ClassChoice(QWidget):
-    """The tree of classes and templates."""
+    """The tree of classes and templates. Arrow keys in the search line move the selection."""
 
     #: The selection has changed.
     changed = Signal()
@@ -53,121 +24,94 @@ class ClassChoice(QWidget):
 
     def __init__(self, choices: Sequence[Choice], parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.tree = QTreeWidget()
+        model = QStandardItemModel(self)
+        for choice in choices:
+            model.appendRow(_item(choice))
+        self._filter = _Filter(self)
+        self._filter.setSourceModel(model)
+        self.tree = QTreeView()
         self.tree.setHeaderHidden(True)
         self.tree.setObjectName("classTree")
-        self.search = SearchLine(self.tree, "Search classes and templates")
-        self.search.setObjectName("classSearch")
-        self._items: list[tuple[QTreeWidgetItem, Choice]] = []
-        for choice in choices:
-            self._fill(self.tree.invisibleRootItem(), choice)
+        self.tree.setEditTriggers(QAbstractItemView.NoEditTriggers)
+        self.tree.setModel(self._filter)
         self.tree.expandToDepth(1)
-        self.search.textChanged.connect(self._filter)
-        self.tree.currentItemChanged.connect(lambda *_: self.changed.emit())
-        self.tree.itemDoubleClicked.connect(lambda *_: self.accepted.emit())
+        self.search = QLineEdit()
+        self.search.setPlaceholderText("Search classes and templates")
+        self.search.setClearButtonEnabled(True)
+        self.search.setObjectName("classSearch")
+        self.search.installEventFilter(self)
+        self.search.textChanged.connect(self._find)
+        self.tree.selectionModel().currentChanged.connect(lambda *_: self.changed.emit())
+        self.tree.doubleClicked.connect(lambda _: self.accepted.emit())
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self.search)
         column.addWidget(self.tree, 1)
         self.setFocusProxy(self.search)
 
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.KeyPress and event.key() in _KEYS_FOR_THE_TREE:
+            QApplication.sendEvent(self.tree, event)
+            return True
+        return bool(super().eventFilter(watched, event))
+
     def chosen(self) -> Choice | None:
         """Returns the selected choice, or None."""
-        item = self.tree.currentItem()
-        return next((choice for one, choice in self._items if one is item), None)
+        choice: Choice | None = self.tree.currentIndex().data(_CHOICE)
+        return choice
 
     def choose(self, name: str) -> None:
         """Selects the choice of that name."""
-        for item, choice in self._items:
-            if choice.name == name:
-                self.tree.setCurrentItem(item)
-                self.tree.scrollToItem(item)
-                return
+        self._select(index for index in self._rows() if index.data(_CHOICE).name == name)
 
-    def _fill(self, above: QTreeWidgetItem, choice: Choice) -> None:
-        item = QTreeWidgetItem(above, [choice.text])
-        item.setToolTip(0, "\n".join(line for line in (choice.name, choice.description) if line))
-        if choice.kind == TEMPLATE:
-            font = item.font(0)
-            font.setItalic(True)
-            item.setFont(0, font)
-            item.setText(0, f"{choice.text}  (template)")
-        self._items.append((item, choice))
-        for child in choice.children:
-            self._fill(item, child)
-
-    def _filter(self, text: str) -> None:
+    def _find(self, text: str) -> None:
         words = text.lower().split()
-        first: QTreeWidgetItem | None = None
-        for item, choice in reversed(self._items):  # children before their parents
-            is_found = choice.matches(words)
-            has_found = any(not item.child(i).isHidden() for i in range(item.childCount()))
-            item.setHidden(not is_found and not has_found)
-            if words and has_found:
-                item.setExpanded(True)
-            first = item if is_found else first
-        if words and first is not None:
-            best = next((i for i, c in self._items if all(word in c.text.lower() for word in words)), first)
-            self.tree.setCurrentItem(best)
-            self.tree.scrollToItem(best)
+        self._filter.find(words)
+        if words:
+            self.tree.expandAll()
+            by_name = [i for i in self._rows() if all(word in i.data(_CHOICE).text.lower() for word in words)]
+            self._select(by_name or (index for index in self._rows() if index.data(_CHOICE).matches(words)))
+
+    def _select(self, rows: Sequence[QModelIndex] | Iterator[QModelIndex]) -> None:
+        index = next(iter(rows), None)
+        if index is not None:
+            self.tree.setCurrentIndex(index)
+            self.tree.scrollTo(index)
+
+    def _rows(self, parent: QModelIndex | None = None) -> Iterator[QModelIndex]:
+        above = QModelIndex() if parent is None else parent
+        for row in range(self._filter.rowCount(above)):
+            index = self._filter.index(row, 0, above)
+            yield index
+            yield from self._rows(index)
 
 
-class ElementChoice(QWidget):
-    """The list of elements, and of templates that match the search.
+class _Filter(QSortFilterProxyModel):
+    """Accepts the choices that match all words, and their ancestors."""
 
-    :param without: an id to leave out.
-    """
-
-    changed = Signal()
-    accepted = Signal()
-
-    def __init__(self, presenter: WorldPresenter, without: str = "", parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
-        self._presenter = presenter
-        self._without = without
-        self._types: tuple[str, ...] = ()
-        self.list = QListWidget()
-        self.list.setObjectName("elementList")
-        self.list.setUniformItemSizes(True)
-        self.search = SearchLine(self.list, "Search elements")
-        self.search.setObjectName("elementSearch")
-        self.search.textChanged.connect(lambda _: self._fill())
-        self.list.currentItemChanged.connect(lambda *_: self.changed.emit())
-        self.list.itemDoubleClicked.connect(lambda *_: self.accepted.emit())
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.search)
-        column.addWidget(self.list, 1)
-        self.setFocusProxy(self.search)
-        self._fill()
+        self._words: list[str] = []
+        self.setRecursiveFilteringEnabled(True)
 
-    def chosen(self) -> str:
-        """Returns the id of the selected element, or ""."""
-        item = self.list.currentItem()
-        return str(item.data(Qt.UserRole)) if item is not None else ""
+    def find(self, words: list[str]) -> None:
+        self._words = words
+        self.invalidateFilter()
 
-    def choose(self, eid: str) -> None:
-        """Selects an element."""
-        for row in range(self.list.count()):
-            if self.list.item(row).data(Qt.UserRole) == eid:
-                self.list.setCurrentRow(row)
+    def filterAcceptsRow(self, row: int, parent: QModelIndex) -> bool:
+        choice: Choice = self.sourceModel().index(row, 0, parent).data(_CHOICE)
+        return choice.matches(self._words)
 
-    def prefer(self, types: Sequence[str]) -> None:
-        """Lists instances of these classes first."""
-        if self._types != tuple(types):
-            self._types = tuple(types)
-            self._fill()
 
-    def _fill(self) -> None:
-        hierarchy, vocabulary = self._presenter.hierarchy, self._presenter.vocabulary
-        if hierarchy is None or vocabulary is None:
-            return
-        before = self.chosen()
-        self.list.clear()
-        for eid, name in element_choices(hierarchy, vocabulary, self._types, self.search.text(), self._without):
-            item = QListWidgetItem(name, self.list)
-            item.setData(Qt.UserRole, eid)
-            item.setToolTip(eid)
-        self.choose(before)
-        if self.list.currentRow() < 0:
-            self.list.setCurrentRow(0)
+def _item(choice: Choice) -> QStandardItem:
+    item = QStandardItem(choice.text)
+    item.setData(choice, _CHOICE)
+    item.setToolTip("\n".join(line for line in (choice.name, choice.description) if line))
+    if choice.kind == TEMPLATE:
+        font = item.font()
+        font.setItalic(True)
+        item.setFont(font)
+        item.setText(f"{choice.text}  (template)")
+    for child in choice.children:
+        item.appendRow(_item(child))
+    return item

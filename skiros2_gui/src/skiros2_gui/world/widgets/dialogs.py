@@ -11,7 +11,6 @@ from python_qt_binding.QtWidgets import (
     QCompleter,
     QDialog,
     QDialogButtonBox,
-    QDoubleSpinBox,
     QFormLayout,
     QLabel,
     QLineEdit,
@@ -22,12 +21,13 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name, local_name
-from skiros2_gui.world.choices import CLASS, class_choices, predicate_choices
-from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, display_name
+from skiros2_gui.app.widgets.search_box import SearchBox
+from skiros2_gui.world.choices import CLASS, class_choices, element_choices, predicate_choices
+from skiros2_gui.world.details import Details, PropertyRow, display_name
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.requests import CONTAINS
 from skiros2_gui.world.vocabulary import Vocabulary
-from skiros2_gui.world.widgets.choice import ClassChoice, ElementChoice
+from skiros2_gui.world.widgets.choice import ClassChoice
 
 #: The most elements named.
 _MAX_NAMED = 12
@@ -186,38 +186,38 @@ class RelationDialog(_Dialog):
         assert hierarchy is not None and vocabulary is not None
         self._vocabulary = vocabulary
         record = hierarchy.scene.record(eid)
-        self.predicate = QComboBox()
+        self.predicate = SearchBox()
         self.predicate.setObjectName("relationChoice")
         for predicate, matches in predicate_choices(vocabulary, record.type if record is not None else ""):
             text = local_name(predicate.name)
             self.predicate.addItem(text if matches else f"{text}  (other domain)", predicate.name)
             tip = "\n".join(line for line in (predicate.name, predicate.description) if line)
             self.predicate.setItemData(self.predicate.count() - 1, tip, Qt.ToolTipRole)
-        self.predicate.setEditable(True)
-        self.predicate.setInsertPolicy(QComboBox.NoInsert)
-        self.predicate.completer().setCompletionMode(QCompleter.PopupCompletion)
-        self.predicate.completer().setFilterMode(Qt.MatchContains)
+        self.predicate.show_row(0)
         self.direction = QComboBox()
         self.direction.setObjectName("relationDirection")
         name = display_name(hierarchy, eid)
         self.direction.addItems((f"from {name}", f"to {name}"))
-        self.other = ElementChoice(presenter, eid)
+        self.other = SearchBox()
+        self.other.setObjectName("relationElement")
+        self.other.lineEdit().setPlaceholderText("an element or a template")
+        self._types: tuple[str, ...] | None = None  # listed first
         form = QFormLayout()
         form.addRow("Relation", self.predicate)
         form.addRow("Direction", self.direction)
+        form.addRow("Element", self.other)
         self.content.addLayout(form)
-        self.content.addWidget(self.other, 1)
-        self.predicate.currentIndexChanged.connect(lambda _: self._show())
+        self.content.addStretch(1)
+        self.predicate.chosen.connect(lambda _: self._show())
         self.direction.currentIndexChanged.connect(lambda _: self._show())
-        self.other.changed.connect(self._show)
-        self.other.accepted.connect(self.accept)
-        self.size_to(28, 30)
+        self.other.chosen.connect(lambda _: self._show())
+        self.size_to(28, 14)
         self._show()
 
     @property
     def relation(self) -> tuple[str, str, str]:
         """The selected subject, relation and object."""
-        predicate, other = str(self.predicate.currentData() or ""), self.other.chosen()
+        predicate, other = self.predicate.value, self.other.value
         return (self._eid, predicate, other) if self.direction.currentIndex() == 0 else (other, predicate, self._eid)
 
     def accept(self) -> None:
@@ -230,11 +230,24 @@ class RelationDialog(_Dialog):
     def _show(self) -> None:
         src, predicate, dst = self.relation
         known = self._vocabulary.predicate(predicate)
-        self.other.prefer(known.range if self.direction.currentIndex() == 0 else known.domain)
+        self._prefer(known.range if self.direction.currentIndex() == 0 else known.domain)
         requests = self._presenter.requests
         mismatch = requests.mismatch(src, predicate, dst) if requests is not None and src and dst else ""
         self.ok.setEnabled(bool(src and predicate and dst))
         self.note.setText(f"⚠ {mismatch}" if mismatch else known.description or predicate)
+
+
+    def _prefer(self, types: tuple[str, ...]) -> None:
+        """Lists instances of these classes first."""
+        hierarchy = self._presenter.hierarchy
+        if types == self._types or hierarchy is None:
+            return
+        self._types = types
+        other = self.other.value
+        self.other.clear()
+        for eid, name in element_choices(hierarchy, self._vocabulary, types, self._eid):
+            self.other.addItem(name, eid)
+        self.other.show_value(other)
 
 
 class PropertyDialog(_Dialog):
@@ -322,36 +335,6 @@ class ValuesDialog(_Dialog):
         super().accept()
 
 
-class PoseDialog(_Dialog):
-    """Edits the pose."""
-
-    #: Emits position (m) and angles (degrees), three numbers each.
-    chosen = Signal(list, list)
-
-    def __init__(self, details: Details, parent: QWidget | None = None) -> None:
-        super().__init__(f"Pose of {local_name(details.id)}", "Write", parent)
-        self._pose = pose = details.pose or PoseDetails((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
-        self.position = [_spin_box(number, " m", 1000.0, 0.01, 4) for number in pose.position]
-        self.angles = [_spin_box(number, " °", 360.0, 5.0, 3) for number in pose.angles]
-        form = QFormLayout()
-        for name, box in zip(("x", "y", "z"), self.position, strict=True):
-            form.addRow(name, box)
-        for name, tip, box in zip(
-            ("Roll", "Pitch", "Yaw"), ("about x", "then about y", "then about z"), self.angles, strict=True
-        ):
-            box.setToolTip(f"The rotation {tip}")
-            form.addRow(name, box)
-        self.content.addLayout(form)
-        self.content.addStretch(1)
-        frame = f"In the frame of {pose.frame}" if pose.frame else "In the frame of its parent"
-        self.note.setText(frame if details.pose is not None else "It has no pose yet.")
-        self.size_to(20, 16)
-
-    def accept(self) -> None:
-        self.chosen.emit(_numbers(self.position, self._pose.position), _numbers(self.angles, self._pose.angles))
-        super().accept()
-
-
 class FileDialog(_Dialog):
     """Asks for a file in the workspace of the world model, which may be on another machine."""
 
@@ -372,23 +355,6 @@ class FileDialog(_Dialog):
     def accept(self) -> None:
         self.chosen.emit(self.name.text().strip())
         super().accept()
-
-
-def _spin_box(number: float, unit: str, most: float, step: float, decimals: int) -> QDoubleSpinBox:
-    box = QDoubleSpinBox()
-    box.setDecimals(decimals)
-    box.setRange(min(-most, number), max(most, number))
-    box.setSingleStep(step)
-    box.setSuffix(unit)
-    box.setValue(number)
-    box.setAccelerated(True)
-    return box
-
-
-def _numbers(boxes: Sequence[QDoubleSpinBox], before: Sequence[float]) -> list[float]:
-    """Returns the values of the boxes; unchanged values are not rounded."""
-    pairs = zip(boxes, before, strict=True)
-    return [was if box.value() == round(was, box.decimals()) else box.value() for box, was in pairs]
 
 
 def _counted(number: int) -> str:

@@ -20,10 +20,11 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.world.details import ANGLES, Details, PropertyRow, RelationRow
+from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
+from skiros2_gui.world.details import Details, PropertyRow, RelationRow
 from skiros2_gui.world.presenter import WorldPresenter
-from skiros2_gui.world.widgets.dialogs import PoseDialog, PropertyDialog, RelationDialog, ValuesDialog
-from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView
+from skiros2_gui.world.widgets.dialogs import PropertyDialog, RelationDialog, ValuesDialog
+from skiros2_gui.world.widgets.pose import PoseEditor
 from skiros2_world_model.core.formatting import format_time
 
 _VALUE = 1
@@ -47,6 +48,7 @@ class ElementPanel(QWidget):
         self.label_edit.setPlaceholderText("no label")
         self.label_edit.setToolTip("The label: the template it was made from, or a free name. Enter writes it")
         self.label_edit.editingFinished.connect(self._write_label)
+        self.pose = PoseEditor(self._write_pose)
         self.properties = RowsView(
             RowsModel(("Property", "Value", "Unit"), _VALUE, self._write_value, lambda row: _in_place(row)), _VALUE
         )
@@ -72,9 +74,6 @@ class ElementPanel(QWidget):
         self.remove_property_button = _button(
             "Remove property", "Removes the selected property (Delete)", self.remove_property
         )
-        tip = "Edits position (m) and angles (degrees)"
-        self.pose_button = _button("Pose…", tip, self.edit_pose)
-        self.pose_button.setObjectName("poseButton")
         self.add_relation_button = _button("Add relation…", "Adds a relation to another element", self.add_relation)
         self.remove_relation_button = _button(
             "Remove relation", "Removes the selected relation (Delete)", self.remove_relation
@@ -88,9 +87,9 @@ class ElementPanel(QWidget):
         row.addWidget(QLabel("Label"))
         row.addWidget(self.label_edit, 1)
         top.addLayout(row)
+        top.addWidget(self.pose)
         splitter = QSplitter(Qt.Vertical)
-        buttons = self.pose_button, self.add_property_button, self.remove_property_button
-        splitter.addWidget(_with_buttons(self.properties, *buttons))
+        splitter.addWidget(_with_buttons(self.properties, self.add_property_button, self.remove_property_button))
         splitter.addWidget(_with_buttons(self.relations, self.add_relation_button, self.remove_relation_button))
         splitter.setStretchFactor(0, 5)
         splitter.setStretchFactor(1, 2)
@@ -122,12 +121,16 @@ class ElementPanel(QWidget):
         if not self.isVisible():
             return  # see `showEvent`
         details = self._presenter.details()
-        before, self._shown = self._shown, details
+        before = self._shown
+        is_different = before is None or details is None or before.id != details.id
+        if is_different:
+            self.pose.flush()
+        self._shown = details
         for widget in (
             self.label_edit,
             self.properties,
             self.relations,
-            self.pose_button,
+            self.pose,
             self.add_property_button,
             self.remove_property_button,
             self.add_relation_button,
@@ -140,13 +143,15 @@ class ElementPanel(QWidget):
             self.label_edit.clear()
             self.properties.rows.show_rows(())
             self.relations.rows.show_rows(())
+            self.pose.hide()
             return
-        is_different = before is None or before.id != details.id
-        self.heading.setText(local_name(details.id))
+        self.heading.setText(local_name(details.label) or local_name(details.id))
         self.about.setText(_about(details, self._presenter.author()))
         self.about.setToolTip(details.type_description)
         if is_different or not self.label_edit.isModified():  # not while it is being edited
             self.label_edit.setText(details.label)
+        self.pose.show()
+        self.pose.show_pose(details.pose)
         if is_different:  # reset the selection
             self.properties.rows.show_rows(())
             self.relations.rows.show_rows(())
@@ -164,6 +169,12 @@ class ElementPanel(QWidget):
             name = local_name(details.id)
             self._presenter.change(f"label of {name}", lambda r: r.set_label(details.id, label))
 
+    def _write_pose(self, position: list[float], angles: list[float]) -> None:
+        details = self._shown
+        if details is not None:
+            what = f"pose of {local_name(details.id)}"
+            self._presenter.change(what, lambda r: r.set_pose(details.id, position, angles))
+
     def _write_value(self, row: PropertyRow, text: str) -> None:
         self._write_values(row.key, [text] if text or row.kind is str else [])
 
@@ -172,10 +183,7 @@ class ElementPanel(QWidget):
         if details is None:
             return
         what = f"{local_name(key)} of {local_name(details.id)}"
-        if key in ANGLES:
-            self._presenter.change(what, lambda r: r.set_angle(details.id, key, "".join(texts)))
-        else:
-            self._presenter.change(what, lambda r: r.set_values(details.id, key, texts))
+        self._presenter.change(what, lambda r: r.set_values(details.id, key, texts))
 
     def _edit_whole(self, index: Any) -> None:
         row = self.properties.rows.rows[index.row()].item
@@ -200,21 +208,6 @@ class ElementPanel(QWidget):
         if details is not None and rows:
             what = f"remove {', '.join(row.name for row in rows)} of {local_name(details.id)}"
             self._presenter.change(what, lambda r: [o for row in rows for o in r.remove_property(details.id, row.key)])
-
-    def edit_pose(self) -> None:
-        """Opens the pose dialog."""
-        details = self._shown
-        if details is None:
-            return
-
-        def chosen(position: list[float], angles: list[float]) -> None:
-            what = f"pose of {local_name(details.id)}"
-            self._presenter.change(what, lambda r: r.set_pose(details.id, position, angles))
-
-        dialog = PoseDialog(details, self)
-        dialog.setAttribute(Qt.WA_DeleteOnClose)
-        dialog.chosen.connect(chosen)
-        dialog.open()
 
     def add_relation(self) -> None:
         """Opens the relation dialog."""
@@ -290,11 +283,11 @@ def _relation_cells(row: RelationRow) -> Row:
 
 
 def _about(details: Details, own: str) -> str:
-    words = f"{details.type}"
+    words = f"{details.id}  ·  {details.type}"
     if details.author:
         who = "this window" if details.author == own else details.author.strip("/")
         words += f"  ·  last changed by {who}, {format_time(details.stamp)}"
-    return f"{words}\n{details.pose.text}" if details.pose is not None else words
+    return words
 
 
 def _button(text: str, tip: str, clicked: Any) -> QPushButton:

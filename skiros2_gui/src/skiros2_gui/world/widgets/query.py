@@ -18,9 +18,9 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_gui.app.widgets import theme
+from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView, fixed_font
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import CONTEXTS, WorldQueries
-from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView, fixed_font
 from skiros2_world_model.core.formatting import format_value
 
 _CONTEXT_TEXTS = ("the scene and the ontologies", "the scene", "the ontologies")
@@ -104,8 +104,7 @@ class QueryPanel(QWidget):
         self.table.resizeColumnsToContents()
         self._highlight_line(diagnostic.line if diagnostic is not None else 0)
         if diagnostic is not None:
-            position = f"Line {diagnostic.line}, column {diagnostic.column}: " if diagnostic.line else ""
-            self.message.setText(f"⚠ {position}{diagnostic.text}")
+            self.message.setText(f"⚠ {diagnostic.text}")
         else:
             self.message.setText("1 row" if len(rows) == 1 else f"{len(rows)} rows" if rows else "No rows")
         self._fill_examples()

@@ -7,9 +7,9 @@ from typing import Any
 from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from skiros2_common.core.names import local_name
+from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import WorldQueries
-from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView
 from skiros2_world_model.core.formatting import format_time
 from skiros2_world_model.core.report import VIOLATION, WARNING
 

@@ -9,9 +9,9 @@ from dataclasses import asdict
 from skiros2_bags.core.diff import Difference, Kind, diff_runs
 from skiros2_bags.core.message import PROGRESS
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.tolerance import Tolerance
 from skiros2_common.command_line.command import REFUSED, CommandResult, UsageError
 from skiros2_common.command_line.layout import Screen, table
+from skiros2_runs.core.tolerance import Tolerance
 
 #: Maximum number of differences to print without `--all`.
 _MAX_ROWS = 20

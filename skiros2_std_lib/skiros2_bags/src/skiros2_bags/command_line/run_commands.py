@@ -10,13 +10,13 @@ from typing import Any
 from skiros2_bags.core.checking import check
 from skiros2_bags.core.message import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.task_run import FAILURE, STATES, SUCCESS, SkillRun, TaskRun
 from skiros2_bags.core.times import local_time, relative_time
 from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.names import local_name
-
-_SYMBOLS = {SUCCESS: ("✓", "+"), FAILURE: ("✗", "x")}
+from skiros2_runs.core.history import NodeHistory, SkillRun, node_histories
+from skiros2_runs.core.states import ENDS, FAILURE, IDLE, state_name, style_of
+from skiros2_runs.core.task_run import TaskRun
 
 
 def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
@@ -54,10 +54,12 @@ def _goal_rows(run: Run) -> Iterable[tuple[str, ...]]:
 
 
 def _task_row(task: TaskRun, run: Run) -> tuple[str, ...]:
-    skills = ", ".join(node.name for node in task.nodes.values() if node.depth == 1)
-    state = STATES.get(task.root.state, "") if task.has_ended else "not ended"
-    outcome = state if task.message == state or not task.message else f"{state}: {task.message}"
-    return relative_time(task.start, run), f"{task.end - task.start:.2f}", task.robot, str(task.id), skills, outcome
+    latest = task.latest
+    state = style_of(task.state).word if latest.has_ended else "not ended"
+    message = latest.message(0) if task.state.has_ended and latest.state(0) == FAILURE else ""
+    outcome = f"{state}: {message}" if message else state
+    times = relative_time(task.start, run), f"{latest.time - task.start:.2f}"
+    return *times, task.robot, str(task.task_id), latest.shape.skills_text(), outcome
 
 
 def _action_rows(run: Run) -> Iterable[tuple[str, ...]]:
@@ -91,8 +93,8 @@ def _run_json(run: Run, tasks: list[TaskRun], counts: Counter[str]) -> dict[str,
             for g in run.goals()
         ],
         "tasks": [
-            {"robot": t.robot, "task": t.id, "start": t.start, "end": t.end, "ended": t.has_ended,
-             "state": STATES.get(t.root.state), "message": t.message}
+            {"robot": t.robot, "task": t.task_id, "start": t.start, "end": t.latest.time, "ended": t.latest.has_ended,
+             "state": t.state, "message": t.latest.message(0)}
             for t in tasks
         ],
         "topics": [
@@ -115,14 +117,15 @@ def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandRes
     selected = [
         task
         for task in run.tasks()
-        if _matches_robot(task.robot, arguments.robot) and arguments.task in (None, task.id)
+        if _matches_robot(task.robot, arguments.robot) and arguments.task in (None, task.task_id)
     ]
     lines: list[str] = []
     for task in selected:
-        title = f"{task.robot}, task {task.id}: {relative_time(task.start, run)} to {relative_time(task.end, run)} s"
+        span = f"{relative_time(task.start, run)} to {relative_time(task.latest.time, run)} s"
+        title = f"{task.robot}, task {task.task_id}: {span}"
         lines += [
             "",
-            screen.fitted(f"{title}{'' if task.has_ended else ', not ended'}"),
+            screen.fitted(f"{title}{'' if task.latest.has_ended else ', not ended'}"),
             *_task_tree(task, run, screen),
         ]
     return CommandResult(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in selected])
@@ -130,43 +133,41 @@ def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandRes
 
 def _task_tree(task: TaskRun, run: Run, screen: Screen) -> list[str]:
     branches: dict[int, Branch] = {}
-    for node in task.nodes.values():
+    for node in node_histories(task).values():
         states = node.state_changes()
-        marks = " ".join(_symbol(s.state, screen) for s in states)
-        began = next((s.time for s in states if STATES.get(s.state) != "Idle"), None)
-        ended = next((s.time for s in reversed(states) if s.state in (SUCCESS, FAILURE)), None)
+        marks = " ".join(style_of(s.state).symbol if screen.fancy else style_of(s.state).ascii for s in states)
+        began = next((s.time for s in states if s.state != IDLE), None)
+        ended = next((s.time for s in reversed(states) if s.state in ENDS), None)
         times = [relative_time(t, run) if t is not None else "" for t in (began, ended)]
-        branch = Branch([f"{node.name} {node.processor}".strip(), marks, *times, node.states[-1].message])
+        branch = Branch([_title(node), marks, *times, node.reports[-1].message])
         branches[node.id] = branch
         parent = branches.get(node.parent_id)
-        if parent is not None and node.depth:
+        if parent is not None:
             parent.branches.append(branch)
-    return tree(screen, [branches[task.id]])
+    return tree(screen, [next(iter(branches.values()))])
 
 
-def _symbol(state: int, screen: Screen) -> str:
-    known = _SYMBOLS.get(state)
-    if known is not None:
-        return known[not screen.fancy]
-    return {"Running": "r", "Idle": "."}.get(STATES.get(state, ""), "?")
+def _title(node: NodeHistory) -> str:
+    shows_processor = node.processor and not node.name.endswith(node.processor)  # the names of groups contain it
+    return f"{node.name} {node.processor}" if shows_processor else node.name
 
 
 def _task_json(task: TaskRun) -> dict[str, Any]:
     return {
         "robot": task.robot,
-        "task": task.id,
+        "task": task.task_id,
         "start": task.start,
-        "end": task.end,
+        "end": task.latest.time,
         "nodes": [
             {
                 "id": node.id, "parent": node.parent_id, "type": node.type, "label": node.label,
                 "processor": node.processor,
                 "states": [
-                    {"time": s.time, "state": STATES.get(s.state, s.state), "code": s.code, "message": s.message}
-                    for s in node.states
+                    {"time": s.time, "state": state_name(s.state), "code": s.code, "message": s.message}
+                    for s in node.reports
                 ],
             }
-            for node in task.nodes.values()
+            for node in node_histories(task).values()
         ],
     }  # fmt: skip
 
@@ -189,7 +190,7 @@ def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandRe
 def _skill_row(skill: SkillRun, run: Run) -> tuple[str, ...]:
     name = "  " * (skill.depth - 1) + skill.label
     times = relative_time(skill.start, run), f"{skill.duration:.2f}"
-    return name, skill.robot, str(skill.task_id), *times, skill.state_name, skill.message
+    return name, skill.robot, str(skill.task_id), *times, style_of(skill.state).word, skill.message
 
 
 def _total_rows(selected: Iterable[SkillRun]) -> Iterable[tuple[str, ...]]:
@@ -206,8 +207,8 @@ def _total_rows(selected: Iterable[SkillRun]) -> Iterable[tuple[str, ...]]:
 def _skill_json(skill: SkillRun) -> dict[str, Any]:
     return {
         "robot": skill.robot, "task": skill.task_id, "node": skill.node_id, "depth": skill.depth, "label": skill.label,
-        "type": skill.type, "start": skill.start, "end": skill.end, "state": skill.state_name, "code": skill.code,
-        "message": skill.message,
+        "type": skill.type, "start": skill.start, "end": skill.end, "state": state_name(skill.state),
+        "code": skill.code, "message": skill.message,
     }  # fmt: skip
 
 

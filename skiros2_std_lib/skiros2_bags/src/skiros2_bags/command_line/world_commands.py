@@ -11,7 +11,7 @@ from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.restore import restore as restore_scene
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.times import parse_time, relative_time
-from skiros2_bags.core.tolerance import summary
+from skiros2_bags.core.world_diff import summary
 from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.command_line.command import CommandResult, user
 from skiros2_common.command_line.layout import Screen

@@ -54,9 +54,9 @@ def _check_tasks(run: Run) -> Iterator[Finding]:
     tasks = run.tasks()
     late = [task for task in tasks if not task.is_complete]
     for task in late:
-        yield Finding(False, f"{task.robot}, task {task.id}: it was running before {_time(run, task.start)}")
+        yield Finding(False, f"{task.robot}, task {task.task_id}: it was running before {_time(run, task.start)}")
     if not late:
-        running = [f"task {task.id} of {task.robot}" for task in tasks if not task.has_ended]
+        running = [f"task {task.task_id} of {task.robot}" for task in tasks if not task.latest.has_ended]
         ended = f"; not ended: {', '.join(running)}" if running else ""
         yield Finding(True, f"{len(tasks)} tasks are complete from their start{ended}")
 

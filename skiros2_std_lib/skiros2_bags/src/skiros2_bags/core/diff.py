@@ -15,11 +15,13 @@ from enum import StrEnum
 
 from skiros2_bags.core.message import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.task_run import FAILURE, STATES, SUCCESS, NodeRun, NodeState, TaskRun
-from skiros2_bags.core.tolerance import NARROW, Tolerance, diff_changes, diff_elements, same_text, summary
+from skiros2_bags.core.world_diff import diff_changes, diff_elements, summary
 from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.core.names import id_order
 from skiros2_common.core.world_element import Element
+from skiros2_runs.core.compare import compare_task_runs
+from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.tolerance import NARROW, Tolerance
 from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import UPDATE, Change
 from skiros2_world_model.core.scene import Scene
@@ -65,7 +67,7 @@ def diff_runs(run: Run, other: Run, tolerance: Tolerance = NARROW) -> list[Diffe
     :param tolerance: of measured numbers.
     :raises BagError: a bag cannot be read, or lacks changes of the world model.
     """
-    found = [*_goals(run, other), *_tasks(run, other), *_changes(run, other, tolerance)]
+    found = [*_goals(run, other), *_tasks(run, other, tolerance), *_changes(run, other, tolerance)]
     return sorted(found, key=lambda d: (d.time, _ORDER[d.kind])) + list(_scene(run, other, tolerance))
 
 
@@ -94,14 +96,17 @@ def _outcomes(run: Run) -> list[tuple[float, str]]:
 # -- tasks ------------------------------------------------------------------------------------------------------------
 
 
-def _tasks(run: Run, other: Run) -> Iterator[Difference]:
+def _tasks(run: Run, other: Run, tolerance: Tolerance) -> Iterator[Difference]:
     expected, got = (_by_robot(r) for r in (run, other))
     for robot in sorted({*expected, *got}):
-        tasks = [[(t.start - r.start, _task_text(t)) for t in found[robot]] for r, found in
+        tasks = [[(t.start - r.start, t.latest.shape.skills_text()) for t in found[robot]] for r, found in
                  ((run, expected), (other, got))]  # fmt: skip
         first = _first_difference([text for _, text in tasks[0]], [text for _, text in tasks[1]])
         for number, (one, two) in enumerate(zip(expected[robot][:first], got[robot][:first], strict=False), 1):
-            yield from _nodes(f"{robot}, task {number}", one, two, run.start, other.start)
+            found = compare_task_runs(one, two, tolerance)
+            if found is not None:
+                where = f"{robot}, task {number}: {found.what}"
+                yield Difference(Kind.NODE, one.start - run.start + found.time, where, found.expected, found.got)
         if first is not None:
             yield _difference(Kind.TASK, f"{robot}, task {first + 1}", first, *tasks)
 
@@ -111,62 +116,6 @@ def _by_robot(run: Run) -> dict[str, list[TaskRun]]:
     for task in run.tasks() if PROGRESS in run.topics.values() else []:
         tasks[task.robot].append(task)
     return tasks
-
-
-def _task_text(task: TaskRun) -> str:
-    return ", ".join(node.name for node in task.nodes.values() if node.depth == 1) or "an empty task"
-
-
-def _nodes(where: str, one: TaskRun, two: TaskRun, start: float, other_start: float) -> Iterator[Difference]:
-    """Yields the first node, by time, whose states differ; of several at that time, the deepest."""
-    expected, got = _nodes_by_path(one), _nodes_by_path(two)
-    found = []
-    for path in dict.fromkeys([*expected, *got]):
-        sides = [
-            [(s.time - begin, _state_text(s)) for s in _ends(nodes.get(path))]
-            for nodes, begin in ((expected, start), (got, other_start))
-        ]
-        number = _first_different_end(_ends(expected.get(path)), _ends(got.get(path)))
-        if number is not None:
-            name = " / ".join(path)
-            found.append((len(path), _difference(Kind.NODE, f"{where}: {name}", number, *sides)))
-    if found:
-        yield min(found, key=lambda entry: (round(entry[1].time, 3), -entry[0]))[1]
-
-
-def _nodes_by_path(task: TaskRun) -> dict[tuple[str, ...], NodeRun]:
-    """Returns the nodes by the names from the root to them; siblings with the same name are numbered."""
-    paths: dict[int, tuple[str, ...]] = {}
-    found: dict[tuple[str, ...], NodeRun] = {}
-    for node in task.nodes.values():
-        parent = paths.get(node.parent_id, ()) if node.depth else ()
-        path, number = (*parent, node.name), 1
-        while path in found:
-            number += 1
-            path = (*parent, f"{node.name} ({number})")
-        paths[node.id] = path
-        found[path] = node
-    return found
-
-
-def _ends(node: NodeRun | None) -> list[NodeState]:
-    """Returns the end states of a node and its last state; when it was seen running depends on timing."""
-    if node is None:
-        return []
-    states = node.state_changes()
-    return [s for s in states if s.state in (SUCCESS, FAILURE) or s is states[-1]]
-
-
-def _first_different_end(expected: Sequence[NodeState], got: Sequence[NodeState]) -> int | None:
-    for number, (one, two) in enumerate(zip(expected, got, strict=False)):
-        if one.state != two.state or (one.state == FAILURE and not same_text(one.message, two.message, NARROW)):
-            return number
-    return None if len(expected) == len(got) else min(len(expected), len(got))
-
-
-def _state_text(state: NodeState) -> str:
-    text = STATES.get(state.state, str(state.state))
-    return f"{text}: {state.message}" if state.message else text
 
 
 # -- the world --------------------------------------------------------------------------------------------------------

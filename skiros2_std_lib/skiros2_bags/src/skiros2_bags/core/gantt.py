@@ -16,12 +16,13 @@ from skiros2_bags.core.action_call import Goal
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.task_run import FAILURE, IDLE, RUNNING, SUCCESS, SkillRun
 from skiros2_bags.core.world_history import TimedChange
+from skiros2_runs.core.history import SkillRun
+from skiros2_runs.core.states import FAILURE, IDLE, RUNNING, SUCCESS
 
 #: Colours of the final states; distinguishable by colour-blind people (Okabe and Ito's palette).
-COLOURS = {SUCCESS: "#009E73", FAILURE: "#D55E00", RUNNING: "#56B4E9", IDLE: "#999999"}
-_WORDS = {SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "not ended", IDLE: "stopped"}
+COLOURS: dict[int, str] = {SUCCESS: "#009E73", FAILURE: "#D55E00", RUNNING: "#56B4E9", IDLE: "#999999"}
+_WORDS: dict[int, str] = {SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "not ended", IDLE: "stopped"}
 _CHANGE, _GOAL, _TEXT, _GRID = "#333333", "#CC79A7", "#222222", "#E4E4E4"
 
 #: Inches.

@@ -18,9 +18,14 @@ from skiros2_bags.core.action_call import (
 from skiros2_bags.core.bag_file import BagFile
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import MONITOR, PROGRESS, Message
-from skiros2_bags.core.task_run import SkillRun, TaskRun, skill_runs, task_runs
 from skiros2_bags.core.world_history import TimedChange, timed_changes, world_at
+from skiros2_runs.core.history import SkillRun, skill_runs
+from skiros2_runs.core.runs import Runs
+from skiros2_runs.core.task_run import Recorded, TaskRun
 from skiros2_world_model.core.scene import Scene
+
+#: The most memory for ticks of tasks (bytes), and the most tasks; older ones are discarded.
+_MAX_KEPT, _MAX_TASKS = 1_000_000_000, 100_000
 
 
 class Run:
@@ -92,14 +97,21 @@ class Run:
 
         :raises BagError: the bag has no progress of tasks, or a message cannot be read.
         """
-        return self._tasks
+        return list(self.runs())
+
+    def runs(self) -> Runs:
+        """Returns the tasks as `tasks` does.
+
+        :raises BagError: the bag has no progress of tasks, or a message cannot be read.
+        """
+        return self._runs
 
     def skills(self) -> list[SkillRun]:
         """Returns the runs of all skills, ordered by start.
 
         :raises BagError: as for `tasks`.
         """
-        return skill_runs(self._tasks)
+        return skill_runs(self._runs)
 
     def actions(self) -> list[ActionCall]:
         """Returns the goals of all actions, in the order of their first message.
@@ -121,9 +133,12 @@ class Run:
         return timed_changes(self.messages(MONITOR))
 
     @cached_property
-    def _tasks(self) -> list[TaskRun]:
+    def _runs(self) -> Runs:
         self._need(PROGRESS, "progress of tasks")
-        return task_runs(self.messages(PROGRESS))
+        runs = Runs(most_bytes=_MAX_KEPT, most_tasks=_MAX_TASKS)
+        for message in self.messages(PROGRESS):
+            add_progress(runs, message)
+        return runs
 
     @cached_property
     def _actions(self) -> list[ActionCall]:
@@ -133,3 +148,16 @@ class Run:
     def _need(self, message_type: str, what: str) -> None:
         if message_type not in self.topics.values():
             raise BagError(f"{self.path}: the bag holds no {what}: expected a topic of the type {message_type}")
+
+
+def add_progress(runs: Runs, message: Message) -> Recorded | None:
+    """Records a message with the progress of a task.
+
+    :returns: see `Runs.record`.
+    :raises BagError: it cannot be read, or does not begin with the root of a task.
+    """
+    nodes = message.content.progress
+    if nodes and nodes[0].id != nodes[0].task_id:
+        begin = f"begins with node {nodes[0].id}, expected its root"
+        raise BagError(f"{message.location}: the progress of task {nodes[0].task_id} {begin}")
+    return runs.record(nodes[0].robot or message.topic.removesuffix("/monitor") if nodes else "", nodes, message.time)

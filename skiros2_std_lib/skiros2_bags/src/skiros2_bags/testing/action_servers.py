@@ -9,9 +9,9 @@ from typing import Any
 import actionlib
 import roslib.message
 
-from skiros2_bags.core.tolerance import Tolerance
 from skiros2_bags.testing.fake_action_clients import diff_messages
 from skiros2_bags.testing.recording import ActionMessage, Recording
+from skiros2_runs.core.tolerance import Tolerance
 
 log = logging.getLogger(__name__)
 

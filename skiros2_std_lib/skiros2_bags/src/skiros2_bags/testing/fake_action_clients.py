@@ -10,8 +10,10 @@ import genpy
 from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
-from skiros2_bags.core.tolerance import Tolerance, same_text
-from skiros2_bags.testing.recording import ActionMessage, NodeProgress, Recording, TaskProgress
+from skiros2_bags.testing.recording import ActionMessage, Recording, TaskProgress
+from skiros2_runs.core.frame import NodeProgress
+from skiros2_runs.core.states import ENDS, RUNNING, SUCCESS
+from skiros2_runs.core.tolerance import Tolerance, same_text
 
 #: Largest time in the bag between a message of an action and the progress message of its tick (s). Recorders and nodes
 #: on a busy machine lag; the progress of the node determines the tick.
@@ -64,9 +66,10 @@ class RecordedActions:
         :param states_of: returns the recorded node of a skill in `before` and in `progress`.
         """
         self._now = progress.time
-        old = {node.index_path for node in before.nodes if _reports_goal(node)} if before is not progress else set()
-        self._messages = {node.message for node in progress.nodes if node.state == "R"}
-        self._sends_goal = any(_reports_goal(node) and node.index_path not in old for node in progress.nodes)
+        then, now = before.frame.nodes, progress.frame.nodes
+        old = {path for path, node in then.items() if _reports_goal(node)} if before is not progress else set()
+        self._messages = {node.message for node in now.values() if node.state == RUNNING}
+        self._sends_goal = any(_reports_goal(node) and path not in old for path, node in now.items())
         for client in self._sent.values():
             client.deliver(progress, states_of)
 
@@ -159,11 +162,11 @@ class FakeActionClient:
         at_most = sum(event.time <= progress.time + LAG for event in self.awaited)
         number = sum(event.order < progress.order for event in self.awaited)
         before, now = states_of(getattr(self._feedback_cb or self._done_cb, "__self__", None))
-        if now is not None and now.state in "SF":
+        if now is not None and now.state in ENDS:
             number = at_most
-            if now.state == "S" and before is not None and before.state == "R":
+            if now.state == SUCCESS and before is not None and before.state == RUNNING:
                 number -= self._drop_late_feedback(at_most, now.code - before.code - 1)
-        elif now is not None and before is not None and before.state == now.state == "R":
+        elif now is not None and before is not None and before.state == now.state == RUNNING:
             number = now.code - before.code - 1
             if number == 0 and now.message != before.message:
                 # the result; the primitive then continues with another goal
@@ -223,7 +226,7 @@ class FakeActionClient:
 
 
 def _reports_goal(node: NodeProgress) -> bool:
-    return node.message == GOAL_SENT and node.state == "R"
+    return node.message == GOAL_SENT and node.state == RUNNING
 
 
 def diff_messages(expected: Any, got: Any, tolerance: Tolerance, at: str = "") -> Iterator[tuple[str, str, str]]:

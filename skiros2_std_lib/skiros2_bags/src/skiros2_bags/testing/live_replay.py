@@ -20,13 +20,13 @@ from skiros2_bags.testing.recording import (
     Recording,
     TaskProgress,
     WorldChange,
-    nodes_from_message,
 )
 from skiros2_bags.testing.replay_system import ReplaySystem
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_runs.core.runs import Runs
 from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change, snapshot_number
 from skiros2_world_model.core.scene import Scene
@@ -46,6 +46,7 @@ class RunObserver:
         self._lock = threading.Lock()
         self._orders = itertools.count()
         self._events: list[Event] = []
+        self._runs = Runs()
         self._subscribers = [rospy.Subscriber("/wm/monitor", msgs.WmMonitor, self._on_change, queue_size=1000)]
         for name in managers:
             self._subscribers.append(
@@ -74,10 +75,11 @@ class RunObserver:
             self._events.append(WorldChange(next(self._orders), time.time(), msg2change(message, "scene")))
 
     def _on_progress(self, message: Any, manager: str) -> None:
-        if message.progress:
-            nodes, task = nodes_from_message(message.progress), message.progress[0].task_id
-            with self._lock:
-                self._events.append(TaskProgress(next(self._orders), time.time(), manager, task, nodes))
+        now = time.time()
+        with self._lock:
+            recorded = self._runs.record(manager, message.progress, now)
+            if recorded is not None and recorded.is_new_tick:
+                self._events.append(TaskProgress(next(self._orders), now, recorded.run, recorded.run.latest))
 
 
 class Player:
@@ -181,16 +183,11 @@ class WorldModelWriter:
 
     def scene(self) -> Scene:
         """Fetches the current scene."""
-        return fetch_scene(self._node)
-
-
-def fetch_scene(node: str) -> Scene:
-    """Fetches the scene of a world model node."""
-    answer = rospy.ServiceProxy(f"{node}/snapshot", srvs.WmSnapshot)("")
-    elements = tuple(msg2shared_element(m, 0) for m in answer.elements)
-    scene = Scene()
-    apply_change(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
-    return scene
+        answer = rospy.ServiceProxy(f"{self._node}/snapshot", srvs.WmSnapshot)("")
+        elements = tuple(msg2shared_element(m, 0) for m in answer.elements)
+        scene = Scene()
+        apply_change(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
+        return scene
 
 
 def _action_of(goal: ActionMessage) -> Any:

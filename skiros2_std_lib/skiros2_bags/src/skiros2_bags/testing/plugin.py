@@ -23,10 +23,10 @@ from typing import Any
 
 import pytest
 
-from skiros2_bags.core.tolerance import NARROW, Tolerance
 from skiros2_bags.testing.replay import KINDS, RERUN, replay
 from skiros2_bags.testing.replay_program import WHILE_STDIN
 from skiros2_bags.testing.replay_settings import Settings
+from skiros2_runs.core.tolerance import NARROW, Tolerance
 
 #: Exit status of the replay program after a divergence.
 _DIVERGED = 1
@@ -102,14 +102,14 @@ def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
 def replay_bag(bag: Path, kind: str, settings: Settings) -> str | None:
     """Replays a bag. Returns the first divergence as text; None without one.
 
-    Kinds with nodes run in a separate process, since rospy can be initialised only once.
+    A trace runs in a separate process, since rospy can be initialised only once.
 
     :raises SkirosError: a re-run fails.
     :raises RuntimeError: a replay in a separate process fails.
     """
     if kind == RERUN:
         found = replay(bag, kind, settings)
-        return None if found is None else str(found)
+        return None if found.divergence is None else str(found)
     program = (sys.executable, "-m", "skiros2_bags.testing.replay_program", WHILE_STDIN)
     status, output, errors = _run_bound_to_stdin([*program, str(bag), kind, *_arguments(settings)])
     if status not in (0, _DIVERGED):

@@ -7,7 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_bags.testing.recording import ActionMessage, Events, NodeProgress, TaskProgress, WorldChange
+from skiros2_bags.testing.recording import ActionMessage, Events, TaskProgress, WorldChange
+from skiros2_runs.core.frame import NodeProgress
+from skiros2_runs.core.states import IDLE
+from skiros2_runs.core.task_run import TaskRun
 
 #: A property of registered skills.
 _MODULE = "skiros:PythonModule"
@@ -20,16 +23,19 @@ _MAX_START_DELAY = 0.5
 class RecordedTask:
     """A task from start to end.
 
-    :param progress: oldest first, without repetitions.
+    :param progress: the messages with its ticks, oldest first.
     :param goal: the request; None for a request by service, which bags do not contain.
     :param begin: order of the first message that the task may have caused.
     """
 
-    manager: str
-    task: int
+    run: TaskRun
     progress: list[TaskProgress] = field(default_factory=list)
     goal: ActionMessage | None = None
     begin: int = 0
+
+    @property
+    def manager(self) -> str:
+        return self.run.robot
 
     @property
     def end(self) -> int:
@@ -37,52 +43,36 @@ class RecordedTask:
         return self.progress[-1].order
 
     @property
-    def ended(self) -> bool:
-        """Whether its end is in the bag."""
-        return abs(self.progress[-1].nodes[0].code) == 1
-
-    @property
     def skills(self) -> Sequence[Any]:
         """The requested skills as `ResourceDescription`s; empty without a recorded goal."""
         return self.goal.content.skills if self.goal is not None else ()
 
     def __str__(self) -> str:
-        labels = ", ".join(n.name for n in self.progress[0].nodes if len(n.index_path) == 1)
-        return f"task {self.task} of {self.manager} ({labels})"
+        return f"task {self.run.task_id} of {self.manager} ({self.progress[0].frame.shape.skills_text()})"
 
 
 def recorded_tasks(recording: Events) -> list[RecordedTask]:
     """Returns the tasks of all managers, ordered by their first progress message."""
-    runs: list[RecordedTask] = []
-    open_runs: dict[tuple[str, int], RecordedTask] = {}
+    found: dict[int, RecordedTask] = {}
     for message in recording.progress:
-        key = message.manager, message.task
-        run = open_runs.get(key)
-        if run is None:
-            run = open_runs[key] = RecordedTask(*key)
-            runs.append(run)
-        last = run.progress[-1] if run.progress else None
-        if last is None or last.nodes != message.nodes or _seconds(last) != _seconds(message):
-            run.progress.append(message)
-        if abs(message.nodes[0].code) == 1 and message.nodes[0].state in "SF":
-            del open_runs[key]
-    goals = _goals_of(recording, runs)
-    for run in runs:
-        first = run.progress[0]
-        run.goal = goals.get(id(run))
+        found.setdefault(id(message.run), RecordedTask(message.run)).progress.append(message)
+    tasks = list(found.values())
+    for task in tasks:
+        first = task.progress[0]
+        task.goal = _goal_of(recording, task)
         earliest = first.time - _MAX_START_DELAY
-        before = run.goal.order if run.goal is not None else _first_order_after(recording, earliest)
-        ended = max((r.end + 1 for r in runs if r.manager == run.manager and r.end < first.order), default=0)
-        run.begin = max(before, ended)
-    return runs
+        before = task.goal.order if task.goal is not None else _first_order_after(recording, earliest)
+        ended = max((t.end + 1 for t in tasks if t.manager == task.manager and t.end < first.order), default=0)
+        task.begin = max(before, ended)
+    return tasks
 
 
-def task_changes(events: Events, runs: Sequence[RecordedTask]) -> list[WorldChange]:
+def task_changes(events: Events, tasks: Sequence[RecordedTask]) -> list[WorldChange]:
     """Returns the changes that the managers of tasks have made since the first task, without registrations of skills.
 
     Includes changes after the last progress message, as the world model may publish later than the manager.
     """
-    begin = {run.manager: min(r.begin for r in runs if r.manager == run.manager) for run in runs}
+    begin = {task.manager: min(t.begin for t in tasks if t.manager == task.manager) for task in tasks}
     return [
         event
         for event in events.changes
@@ -92,27 +82,21 @@ def task_changes(events: Events, runs: Sequence[RecordedTask]) -> list[WorldChan
     ]
 
 
-def _goals_of(recording: Events, runs: Sequence[RecordedTask]) -> dict[int, ActionMessage]:
-    """Returns the goal of each task, by `id(task)`. Feedback and result name the task."""
-    found: dict[int, ActionMessage] = {}
-    for event in recording.action_messages:
-        if event.part not in ("feedback", "result") or not event.action.endswith("/execute"):
+def _goal_of(recording: Events, task: RecordedTask) -> ActionMessage | None:
+    """Returns the goal of a task; None without one. Feedback and result of the goal name the task."""
+    action = f"{task.manager}/execute"
+    answers = (e for e in recording.action_messages if e.action == action and e.part in ("feedback", "result"))
+    for event in answers:
+        if getattr(event.content, "task_id", -1) != task.run.task_id:
             continue
-        manager = event.action.removesuffix("/execute")
-        same = [r for r in runs if (r.manager, r.task) == (manager, getattr(event.content, "task_id", -1))]
-        goals = [g for g in recording.goals(event.action) if g.goal_id == event.goal_id]
-        for run in same:
-            if goals and goals[0].time <= run.progress[0].time + _MAX_START_DELAY:
-                found.setdefault(id(run), goals[0])
-    return found
+        goal = next((g for g in recording.goals(action) if g.goal_id == event.goal_id), None)
+        if goal is not None and goal.time <= task.run.start + _MAX_START_DELAY:
+            return goal
+    return None
 
 
 def _first_order_after(recording: Events, time: float) -> int:
     return next((e.order for e in recording.events if e.time >= time), 0)
-
-
-def _seconds(message: TaskProgress) -> list[float]:
-    return [node.seconds for node in message.nodes]
 
 
 #: Shortest time between the end of a tick and its progress message (s).
@@ -129,19 +113,20 @@ def tick_times(progress: Sequence[TaskProgress]) -> list[float]:
     begun: dict[tuple[int, ...], float] = {}  # start of the current run of a node
     before: dict[tuple[int, ...], NodeProgress] = {}
     for message in progress:
-        now = {node.index_path: node for node in message.nodes}
-        fresh = [n for path, n in now.items() if path not in before or before[path].seconds != n.seconds]
+        now = message.frame.nodes
+        fresh = {path: n for path, n in now.items() if path not in before or before[path].run_time != n.run_time}
         known = [
-            begun[n.index_path] + n.seconds
-            for n in fresh
-            if n.index_path in begun and n.seconds >= before[n.index_path].seconds > 0.0
+            begun[path] + n.run_time
+            for path, n in fresh.items()
+            if path in begun and path in before and n.run_time >= before[path].run_time > 0.0
         ]
         latest = message.time - _MIN_DELAY
         time = min(max(known), latest + 0.05) if known else latest
         times.append(max(time, times[-1]) if times else time)
-        for node in fresh:
-            path = node.index_path
-            if path not in begun or node.seconds < before[path].seconds or before[path].state == ".":
-                begun[path] = times[-1] - node.seconds
+        for path, node in fresh.items():
+            if path not in begun or path not in before or node.run_time < before[path].run_time or (
+                before[path].state == IDLE
+            ):  # fmt: skip
+                begun[path] = times[-1] - node.run_time
         before = now
     return times

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,50 +14,20 @@ import roslib.message
 
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import MONITOR, PROGRESS, Message
-from skiros2_bags.core.run import Run
+from skiros2_bags.core.run import Run, add_progress
 from skiros2_bags.core.selection import PARAMETERS
-from skiros2_bags.core.tolerance import GROUP_TYPE, ROOT_TYPE
 from skiros2_bags.core.world_history import read_change
 from skiros2_common.core.errors import WrongValue
-from skiros2_msgs.msg import SkillProgress
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.runs import Runs
+from skiros2_runs.core.task_run import TaskRun
 from skiros2_world_model.core.changes import Change
+
+#: The most memory for ticks of tasks (bytes).
+_MAX_KEPT = 1_000_000_000
 
 #: Topic suffixes of an action, and suffixes of their types.
 _PARTS = {"goal": "Goal", "feedback": "Feedback", "result": "Result"}
-
-STATES = {
-    SkillProgress.SUCCESS: "S",
-    SkillProgress.FAILURE: "F",
-    SkillProgress.RUNNING: "R",
-    SkillProgress.IDLE: ".",
-}
-
-
-@dataclass(frozen=True)
-class NodeProgress:
-    """The progress of a node.
-
-    :param index_path: child indices from the root to the node; () for the root.
-    :param state: `R`unning, `S`uccess, `F`ailure, `.` idle.
-    :param seconds: time from its start to its last report.
-    """
-
-    index_path: tuple[int, ...]
-    type: str
-    label: str
-    processor: str
-    state: str
-    code: int
-    message: str
-    seconds: float = field(compare=False)
-    params: tuple[str, ...] = field(compare=False, default=())
-
-    @property
-    def name(self) -> str:
-        if self.type == ROOT_TYPE:
-            return "root"
-        return self.label if self.label and self.type != GROUP_TYPE else self.type.rpartition(":")[2] or self.processor
-
 
 @dataclass(frozen=True)
 class Event:
@@ -73,11 +43,13 @@ class Event:
 
 @dataclass(frozen=True)
 class TaskProgress(Event):
-    """The progress of a task, each node before its children."""
+    """A tick of a task.
 
-    manager: str
-    task: int
-    nodes: tuple[NodeProgress, ...]
+    :param frame: the tree after it.
+    """
+
+    run: TaskRun
+    frame: Frame
 
 
 @dataclass(frozen=True)
@@ -142,7 +114,7 @@ class Events:
     @functools.cached_property
     def managers(self) -> list[str]:
         """The names of the skill managers with recorded tasks."""
-        return sorted({e.manager for e in self.progress})
+        return sorted({e.run.robot for e in self.progress})
 
     @functools.cached_property
     def parameters(self) -> dict[str, Any]:
@@ -171,16 +143,17 @@ class Recording(Events):
         self.run = Run.open(path)
         if self.run.damage:
             raise BagError(f"{self.run.damage}; a replay needs a complete bag")
+        runs = Runs(most_bytes=_MAX_KEPT)
         messages = enumerate(self.run.messages())
-        super().__init__(event for order, message in messages for event in _events(order, message))
+        super().__init__(event for order, message in messages for event in _events(order, message, runs))
 
 
-def _events(order: int, message: Message) -> Iterator[Event]:
+def _events(order: int, message: Message, runs: Runs) -> Iterator[Event]:
     topic, kind, time = message.topic, message.type, message.time
     if kind == PROGRESS and topic.endswith("/monitor"):
-        nodes = message.content.progress
-        if nodes:
-            yield TaskProgress(order, time, topic.removesuffix("/monitor"), nodes[0].task_id, nodes_from_message(nodes))
+        recorded = add_progress(runs, message)
+        if recorded is not None and recorded.is_new_tick:
+            yield TaskProgress(order, time, recorded.run, recorded.run.latest)
     elif kind == MONITOR and topic.endswith("wm/monitor"):
         yield WorldChange(order, time, read_change(message))
     elif kind == "rosgraph_msgs/Clock":
@@ -235,30 +208,6 @@ def _action_message(at: Event, action: str, part: str, message: Any, caller: str
     status, content = message.status, getattr(message, part)
     goal_id = status.goal_id.id
     return ActionMessage(at.order, at.time, action, part, goal_id, content, caller, status.status, status.text)
-
-
-def nodes_from_message(nodes: list[Any]) -> tuple[NodeProgress, ...]:
-    """Returns the nodes of a progress message with their index paths, each before its children."""
-    index_paths: dict[int, tuple[int, ...]] = {}
-    children: dict[int, int] = {}
-    found = []
-    for node in nodes:
-        if node.parent_id in index_paths:
-            index = children.get(node.parent_id, 0)
-            children[node.parent_id] = index + 1
-            index_path = (*index_paths[node.parent_id], index)
-        else:
-            index_path = ()
-        index_paths[node.id] = index_path
-        params = tuple(p.param for p in node.params)
-        state = STATES.get(node.state, "?")
-        found.append(
-            NodeProgress(
-                index_path, node.type, node.label, node.processor, state, node.progress_code, node.progress_message,
-                node.progress_time, params,
-            )
-        )  # fmt: skip
-    return tuple(found)
 
 
 def _flat(values: Any, prefix: str = "") -> dict[str, Any]:

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from skiros2_bags.testing.replay_settings import Settings
-
-if TYPE_CHECKING:
-    from skiros2_bags.testing.divergence import Divergence
+from skiros2_bags.testing.replay_settings import ReplayResult, Settings
 
 RERUN, TRACE = "rerun", "trace"
-WORLD_MODEL, SKILL_MANAGER, TASK_MANAGER = "world_model", "skill_manager", "task_manager"
 
 KINDS = {
     RERUN: "the trees, ticked again in one process",
     TRACE: "the whole system again, with the recorded scene and goals",
-    WORLD_MODEL: "the world model alone, with the recorded changes as requests",
-    SKILL_MANAGER: "each skill manager alone, with actions that answer as recorded",
-    TASK_MANAGER: "the task manager alone, with the recorded goals and scenes",
 }
 
 
-def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
-    """Replays a bag. Returns the first divergence; None without one. Kinds with nodes can run once per process.
+def replay(bag: Path, kind: str, settings: Settings) -> ReplayResult:
+    """Replays a bag. A trace can run once per process.
 
     :raises BagError: the bag lacks required messages.
     :raises SkirosError: the replay fails.
@@ -41,16 +33,8 @@ def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
 
         return rerun(recording, settings)
     from skiros2_bags.testing.replay_system import ReplaySystem
-    from skiros2_bags.testing.system_replay import replay_skill_managers, replay_trace
-    from skiros2_bags.testing.task_manager_replay import replay_task_manager
-    from skiros2_bags.testing.world_model_replay import replay_world_model
+    from skiros2_bags.testing.trace import replay_trace
 
-    players = {
-        TRACE: replay_trace,
-        WORLD_MODEL: replay_world_model,
-        SKILL_MANAGER: replay_skill_managers,
-        TASK_MANAGER: replay_task_manager,
-    }
     with ReplaySystem() as system:
         system.init_node("replay")
-        return players[kind](recording, settings, system)
+        return ReplayResult(replay_trace(recording, settings, system))

@@ -12,12 +12,11 @@ import sys
 import threading
 from pathlib import Path
 
-from skiros2_bags.core.tolerance import NARROW, Tolerance
-from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.replay import KINDS, replay
-from skiros2_bags.testing.replay_settings import Settings
+from skiros2_bags.testing.replay_settings import MAX_ORDERS, Settings
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.termination import exit_status
+from skiros2_runs.core.tolerance import NARROW, Tolerance
 
 #: Option for a calling program: the replay exits when the caller, the other end of the pipe, exits.
 WHILE_STDIN = "--while-stdin"
@@ -36,6 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--launch", default="", help="trace: what else to start: 'PACKAGE FILE ARGUMENTS'")
     parser.add_argument("--relative", type=float, default=NARROW.relative, help="relative tolerance of numbers")
     parser.add_argument("--absolute", type=float, default=NARROW.absolute, help="absolute tolerance of numbers")
+    parser.add_argument("--orders", type=int, default=MAX_ORDERS, help="rerun: the most event orders to try")
     parser.add_argument(WHILE_STDIN, action="store_true", help="exit when the standard input ends")
     given = parser.parse_args(arguments)
     if given.while_stdin:
@@ -45,17 +45,18 @@ def main(arguments: list[str] | None = None) -> int:
         frozenset(filter(None, given.played.split(","))),
         Tolerance(given.relative, given.absolute),
         tuple(given.launch.split()),
+        given.orders,
     )
     try:
-        found: Divergence | None = replay(given.bag, given.kind, settings)
+        found = replay(given.bag, given.kind, settings)
     except SkirosError as error:
         print(f"replay: {error}", file=sys.stderr)  # noqa: T201 - a program
         return 2
     except KeyboardInterrupt as interrupt:
         print("replay: stopped; everything that it started has ended", file=sys.stderr)  # noqa: T201
         return exit_status(interrupt)
-    print(found if found is not None else "as recorded")  # noqa: T201
-    return 0 if found is None else 1
+    print(found)  # noqa: T201
+    return 0 if found.divergence is None else 1
 
 
 def _end_with_stdin() -> None:

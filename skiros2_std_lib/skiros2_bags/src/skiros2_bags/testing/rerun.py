@@ -24,16 +24,17 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.tolerance import Tolerance, diff_changes, summary
-from skiros2_bags.testing.divergence import Divergence
+from skiros2_bags.core.world_diff import diff_changes, summary
 from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.recorded_task import RecordedTask, recorded_tasks, task_changes, tick_times
 from skiros2_bags.testing.recorded_world import add_reasoners, input_operations, scene_before, world_model_with
 from skiros2_bags.testing.recording import ActionMessage, ClockTick, Event, Recording, TaskProgress, WorldChange
-from skiros2_bags.testing.replay_settings import Settings
+from skiros2_bags.testing.replay_settings import ReplayResult, Settings
 from skiros2_bags.testing.rerun_manager import RerunManager
 from skiros2_bags.testing.rerun_task import RerunTask
 from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_runs.core.compare import Divergence
+from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.changes import Change
@@ -43,9 +44,6 @@ WINDOW = 0.02
 
 #: Uncertainty of the time of a tick (s); plus one clock step in simulated time.
 JITTER = 0.005
-
-#: Maximum number of passes.
-ATTEMPTS = 60
 
 
 @dataclass(frozen=True)
@@ -60,8 +58,11 @@ class Ordering:
     time_shifts: tuple[tuple[int, float], ...] = ()
 
 
-def rerun(recording: Recording, settings: Settings) -> Divergence | None:
-    """Re-runs all tasks of a recording. Returns the first divergence; None without one.
+def rerun(recording: Recording, settings: Settings) -> ReplayResult:
+    """Re-runs all tasks of a recording.
+
+    After a divergence, orders that get further are kept and varied, until there is no divergence, no alternative, or
+    `settings.max_orders` have been tried.
 
     :raises BagError: the bag lacks required messages.
     """
@@ -70,21 +71,15 @@ def rerun(recording: Recording, settings: Settings) -> Divergence | None:
         raise BagError(f"{recording.path}: no progress of tasks; expected a topic /MANAGER/monitor")
     ordering = Ordering()
     best = _attempt(recording, runs, settings, ordering)
-    attempts = 1
-    while best is not None and attempts < ATTEMPTS:
-        for other in _alternatives(recording, ordering, best[0]):
-            attempts += 1
-            found = _attempt(recording, runs, settings, other)
-            if found is None:
-                return None
-            if found[0].order > best[0].order:
-                best, ordering = found, other
-                break
-            if attempts >= ATTEMPTS:
-                break
-        else:
-            break
-    return best[1] if best is not None else None
+    orders = 1
+    alternatives = _alternatives(recording, ordering, best[0]) if best is not None else iter(())
+    while best is not None and orders < settings.max_orders and (other := next(alternatives, None)) is not None:
+        orders += 1
+        found = _attempt(recording, runs, settings, other)
+        if found is None or found[0].order > best[0].order:
+            best, ordering = found, other
+            alternatives = _alternatives(recording, ordering, best[0]) if best is not None else iter(())
+    return ReplayResult(best[1] if best is not None else None, orders)
 
 
 def _attempt(

@@ -12,12 +12,13 @@ from typing import Any
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.recorded_world import change_operations
-from skiros2_bags.testing.recording import NodeProgress
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.manager_names import runs_on
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_runs.core.frame import NodeProgress
+from skiros2_runs.core.states import FAILURE, RUNNING, SUCCESS
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel
@@ -109,7 +110,7 @@ def _label_of(cls: type) -> str:
     return str(getattr(skill, "_label", ""))
 
 
-_STATES = {"R": State.Running, "S": State.Success, "F": State.Failure}
+_STATES: dict[int, State] = {RUNNING: State.Running, SUCCESS: State.Success, FAILURE: State.Failure}
 
 
 def is_replaced(cls: type, label: str, labels: frozenset[str]) -> bool:
@@ -134,7 +135,7 @@ def replay_primitive(cls: type, manager: Any) -> type:
         recorded = recorded_node(self)
         if recorded is None or recorded.state not in _STATES:
             return self.step()  # type: ignore[no-any-return]
-        if recorded.state != "R":
+        if recorded.state != RUNNING:
             for change in manager.ticked.take_due_changes():
                 manager.wmi._transact(change_operations(change, manager.wmi.model.scene()), "scene")
         self._setProgress(recorded.message, recorded.code)

@@ -6,27 +6,24 @@ from collections.abc import Sequence
 from typing import Any
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.tolerance import Tolerance
-from skiros2_bags.testing.divergence import CONTEXT, first_difference, node_text, path_of
 from skiros2_bags.testing.fake_action_clients import StatesOf
 from skiros2_bags.testing.recorded_task import RecordedTask
-from skiros2_bags.testing.recording import NodeProgress, TaskProgress
-from skiros2_common.core.abstract_skill import State
+from skiros2_bags.testing.recording import TaskProgress
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros import utils
+from skiros2_runs.core.compare import CONTEXT, first_difference, path_text, report_text
+from skiros2_runs.core.frame import NodeProgress
+from skiros2_runs.core.states import TaskState
+from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.ros.progress import wire_code, wire_text
+from skiros2_skill.ros.progress import progress_messages
 from skiros2_world_model.core.changes import Change
-
-_LETTERS = {State.Success: "S", State.Failure: "F", State.Running: "R"}
 
 #: Period of a manager's ticks (s); most ticks publish no progress.
 _PERIOD = 0.04
-
-#: Starts of the messages of a paused task's root.
-_PAUSED = ("paused", "breakpoint")
 
 
 class RerunTask:
@@ -48,7 +45,7 @@ class RerunTask:
             nodes = make_nodes(_requests(run), manager.library, manager.wmi)
         except Refused as error:
             nodes, self._rejection = [], str(error)
-        self._task = Task(run.task, manager.wmi, run.manager)
+        self._task = Task(run.run.task_id, manager.wmi, run.manager)
         self._task.root.params.addParam("Robot", manager.robot, ParamTypes.Inferred, "The manager's robot")
         self._task.root(*nodes)
 
@@ -65,9 +62,10 @@ class RerunTask:
         if self._rejection:
             return "the task is refused", "it runs", self._rejection
         before, self.progress, self._due_changes = self.progress, progress, list(due_changes)
-        if progress.nodes[0].state == "R" and progress.nodes[0].message.startswith(_PAUSED):
+        state = progress.frame.task_state
+        if state is TaskState.PAUSED:
             return None
-        if progress.nodes[0].message.startswith("Preempted") and self._task.preempted_at is None:
+        if state is TaskState.PREEMPTED and self._task.preempted_at is None:
             self._task.preempt()  # requested by a command, which bags do not contain
         self._manager.ticked = self
         try:
@@ -81,8 +79,8 @@ class RerunTask:
 
     def states_between(self, progress: TaskProgress) -> StatesOf:
         """Returns a function that returns the recorded nodes of a skill instance before and after a tick."""
-        before, now = ({node.index_path: node for node in message.nodes} for message in (self.progress, progress))
-        paths = {id(getattr(node, "_instance", None)): path for path, node in _index_paths(self._task.root)}
+        before, now = self.progress.frame.nodes, progress.frame.nodes
+        paths = {id(getattr(node, "instance", None)): path for path, node in _index_paths(self._task.root)}
 
         def nodes(skill: Any) -> tuple[NodeProgress | None, NodeProgress | None]:
             path = paths.get(id(skill)) if skill is not None else None
@@ -93,8 +91,8 @@ class RerunTask:
     def recorded_node(self, skill: Any) -> NodeProgress | None:
         """Returns the recorded node of a skill instance in the current tick."""
         for path, node in _index_paths(self._task.root):
-            if getattr(node, "_instance", None) is skill:
-                return next((recorded for recorded in self.progress.nodes if recorded.index_path == path), None)
+            if getattr(node, "instance", None) is skill:
+                return self.progress.frame.nodes.get(path)
         return None
 
     def take_due_changes(self) -> list[Change]:
@@ -107,35 +105,32 @@ class RerunTask:
         index = self.run.progress.index(progress)
         lines: list[str] = []
         for number in range(max(1, index - CONTEXT), index):
-            before, now = self.run.progress[number - 1], self.run.progress[number]
-            known = {node.index_path: node for node in before.nodes}
-            changed = [node for node in now.nodes if known.get(node.index_path) != node]
-            lines += [f"tick {number + 1}: {path_of(now.nodes, n.index_path)}: {node_text(n)}" for n in changed]
+            before, now = self.run.progress[number - 1].frame.nodes, self.run.progress[number].frame.nodes
+            changed = [n for path, n in now.items() if path not in before or _report(before[path]) != _report(n)]
+            lines += [f"tick {number + 1}: {path_text(n.path)}: {report_text(*_report(n))}" for n in changed]
         return tuple(lines[-2 * CONTEXT :])
 
     def _diff(self, progress: TaskProgress) -> tuple[str, str, str] | None:
-        got = self._current_nodes()
-        path = first_difference(progress.nodes, got, self._tolerance)
+        now = TaskRun(self.run.manager, self.run.run.task_id)
+        now.record(progress_messages(self._task, self.run.manager), progress.time)
+        wanted, found = progress.frame.nodes, now.latest.nodes
+        path = first_difference(wanted, found, self._tolerance)
         if path is None:
             return None
-        wanted, found = (next((n for n in nodes if n.index_path == path), None) for nodes in (progress.nodes, got))
-        named = wanted is not None and found is not None and wanted.name != found.name
-        texts = [f"{n.name}: {node_text(n)}" if n is not None and named else node_text(n) for n in (wanted, found)]
-        return path_of(progress.nodes if wanted is not None else got, path), texts[0], texts[1]
+        nodes = [tree.get(path) for tree in (wanted, found)]
+        there = [node for node in nodes if node is not None]
+        has_other_name = len({node.name for node in there}) > 1
+        texts = ["no such node" if node is None else _node_text(node, has_other_name) for node in nodes]
+        return path_text(there[0].path), texts[0], texts[1]
 
-    def _current_nodes(self) -> list[NodeProgress]:
-        paths = {id(node): path for path, node in _index_paths(self._task.root)}
-        by_id = {node._id: paths[id(node)] for _, node in _index_paths(self._task.root)}
-        progress = self._task.progress()
-        by_id.update({node._id: paths[id(node)] for _, node in _index_paths(self._task.root)})
-        return [
-            NodeProgress(
-                by_id[node.id], wire_text(node.type), wire_text(node.label), node.processor,
-                _LETTERS.get(node.state, "."), wire_code(node.progress_code), wire_text(node.progress_message),
-                node.progress_time,
-            )
-            for node in progress
-        ]  # fmt: skip
+
+def _node_text(node: NodeProgress, with_name: bool) -> str:
+    text = report_text(*_report(node))
+    return f"{node.name}: {text}" if with_name else text
+
+
+def _report(node: NodeProgress) -> tuple[int, int, str]:
+    return node.state, node.code, node.message
 
 
 def _requests(run: RecordedTask) -> list[SkillRequest]:
@@ -145,8 +140,10 @@ def _requests(run: RecordedTask) -> list[SkillRequest]:
     """
     if run.skills:
         return [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in run.skills]
-    roots = [node for node in run.progress[0].nodes if len(node.index_path) == 1]
-    if not any(node.params for node in roots):
+    shape = run.progress[0].frame.shape
+    recorded = {index: run.run.params.get(shape.id(index)) for index in shape.children[0]}
+    params = {index: history[0][1] if history else () for index, history in recorded.items()}
+    if not any(params.values()):
         raise BagError(
             f"{run}: the bag has neither the goal that requested it nor its parameters; expected a goal on "
             f"{run.manager}/execute or, for a task that was started by service, progress with parameters "
@@ -154,8 +151,8 @@ def _requests(run: RecordedTask) -> list[SkillRequest]:
         )
     try:
         return [
-            SkillRequest(node.type, node.label, utils.deserializeParamMap([_Text(text) for text in node.params]))
-            for node in roots
+            SkillRequest(shape.type(index), shape.label(index), utils.deserializeParamMap(list(map(_Text, texts))))
+            for index, texts in params.items()
         ]
     except SkirosError as error:
         raise BagError(f"{run}: its recorded parameters cannot be read: {error}") from error

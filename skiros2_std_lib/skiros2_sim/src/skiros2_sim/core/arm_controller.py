@@ -17,15 +17,16 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core.arm import Arm
-from skiros2_sim.core.arm_kinematics import ArmKinematics, difference, kinematics_from_model, matrix
+from skiros2_sim.core.arm_kinematics import ArmKinematics, ChainJoint, difference
 from skiros2_sim.core.joint import finite
 from skiros2_sim.core.motion import Outcome
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, rotated
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted, rotated
 
 Array = npt.NDArray[np.float64]
 
@@ -62,7 +63,7 @@ class ArmController:
         self.outcome: Outcome | None = None
         self.compliant = False
         self._stiffness = np.array(STIFFNESS)
-        self._drawn_to = np.eye(4)
+        self._drawn_to = IDENTITY
         self._gains = _Gains(np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(len(arm.joints)))
         self._updates = 0
         self._posture = np.array(arm.rest)
@@ -73,6 +74,11 @@ class ArmController:
     def names(self) -> tuple[str, str]:
         """Names of the position controller and the compliant controller."""
         return self.arm.spec.position_controller, self.arm.spec.compliant_controller
+
+    @property
+    def arm_prefix(self) -> str:
+        """Name prefix of the links of the arm, as in contacts: ROBOT/ARM/."""
+        return f"{self.robot.name}/{self.arm.name}/"
 
     @property
     def active(self) -> str:
@@ -128,7 +134,7 @@ class ArmController:
     def draw(self, tool: Pose, posture: Array, velocities: Array) -> None:
         """Sets the targets of the compliant controller: tool pose in the robot's frame, posture of the joints (in the
         nullspace) and joint velocities."""
-        self._drawn_to, self._posture, self._velocities = matrix(tool), posture, velocities
+        self._drawn_to, self._posture, self._velocities = tool, posture, velocities
 
     def tool_pose(self) -> Pose:
         """Pose of the tool in the robot's frame."""
@@ -139,10 +145,11 @@ class ArmController:
         if not self.compliant:
             return
         q, dq = np.array(self.arm.positions()), np.array(self.arm.velocities())
-        jacobian, tool = self.kinematics.jacobian_and_tool(q)
+        tool = self.kinematics.forward(q)
+        jacobian = self.kinematics.jacobian(q)
         # computed in the tool frame, where the stiffness is diagonal
         into = np.zeros((6, 6))
-        into[:3, :3] = into[3:, 3:] = tool[:3, :3].T
+        into[:3, :3] = into[3:, 3:] = Rotation.from_quat(tool.orientation).inv().as_matrix()
         in_tool = into @ jacobian
         if self._updates % _DAMPING_PERIOD == 0:
             self._gains = _gains(self._stiffness, in_tool, np.array(self.arm.masses()), dt)
@@ -211,5 +218,7 @@ def _kinematics(world: World, robot: Robot, arm: Arm) -> ArmKinematics:
         state = bullet.getLinkState(robot.body, joint.index, computeForwardKinematics=1)
         axis = bullet.getJointInfo(robot.body, joint.index)[13]
         lower, upper = max(joint.lower, -2 * np.pi), min(joint.upper, 2 * np.pi)
-        joints.append((position, Pose(state[4], state[5]), axis, joint.kind == "prismatic", lower, upper))
-    return kinematics_from_model(joints, robot.pose(), arm.tool_pose(), arm.rest)
+        joints.append(
+            ChainJoint(position, Pose(state[4], state[5]), axis, joint.kind == "prismatic", lower, upper)
+        )
+    return ArmKinematics(joints, robot.pose(), arm.tool_pose(), arm.rest)

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from enum import Enum, auto
+from typing import NamedTuple
 
 from skiros2_common.core.errors import Refused
+from skiros2_sim.core.computation import Pieces, advance
+from skiros2_sim.core.contacts import PartContacts, contacts_of_part, format_contacts
 from skiros2_sim.core.drive_path import Floor, Leg, Pose2D, heading, wrapped
 from skiros2_sim.core.floor_plan import fixed_obstacles, footprint, obstacles, outside, pose2d_of, predicted_robots
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.part_contacts import contacts_of_part, format_contacts, new_contacts
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, to_euler
@@ -37,6 +39,8 @@ _AHEAD, _LOOK_EVERY = 1.5, 0.1
 #: Maximum total time of waiting for obstacles (s), period of planning attempts (s), and waiting time for a robot with
 #: priority (s).
 BLOCKED_TIMEOUT, _TRY_EVERY, _GIVE_WAY = 15.0, 1.0, 3.0
+#: Pieces of path planning in a step (about 0.5 ms each).
+_PIECES = 3
 #: Maximum number of corrections of the final pose.
 _CORRECTIONS = 3
 #: Contact force (N) of a collision.
@@ -52,6 +56,14 @@ class _Phase(Enum):
     WAITING = auto()  # for an obstacle to leave
 
 
+class _Plan(NamedTuple):
+    """A path, or why there is none. `is_possible`: there is one without the movable obstacles."""
+
+    legs: list[Leg]
+    fault: str = ""
+    is_possible: bool = True
+
+
 class BaseMotion:
     """A motion of a robot's base to a pose in the map."""
 
@@ -60,6 +72,7 @@ class BaseMotion:
         self._world, self._robot, self._goal = world, robot, goal
         self._phase = _Phase.STOPPING
         self._legs: list[Leg] = []
+        self._planning: Pieces[_Plan] | None = None
         self._line = 0.0  # yaw on the current leg (rad)
         self._speed, _, self._turn = robot.velocity()  # commanded velocity
         self._since_look = 0.0  # time since the last look ahead (s)
@@ -70,7 +83,7 @@ class BaseMotion:
         self._still_time = _STANDS_AFTER  # time since then (s)
         self._stuck_time = 0.0  # time without motion, although commanded (s)
         self._final_outcome: Outcome | None = None  # outcome once the base is at rest
-        self._initial_contacts = contacts_of_part(world, robot.name + "/")
+        self._contacts = PartContacts(world, robot.name + "/")
         rejection = self._rejection()
         if rejection:
             self.outcome = Outcome(State.REJECTED, rejection)
@@ -83,7 +96,7 @@ class BaseMotion:
         roll, pitch, _ = to_euler(pose.orientation)
         motion = cls(world, robot, pose2d_of(pose))
         if max(abs(roll), abs(pitch)) > 0.1 and motion.outcome is None:
-            text = f"the goal is tilted by {max(abs(roll), abs(pitch)):.2f} rad, the base drives upright"
+            text = f"the goal is tilted by {max(abs(roll), abs(pitch)):.2f} rad, the base stays upright"
             motion.outcome = Outcome(State.REJECTED, text)
         return motion
 
@@ -130,25 +143,31 @@ class BaseMotion:
             self._final_outcome = Outcome(State.PREEMPTED, "cancelled")
 
     def _plan(self, pose: Pose2D) -> None:
-        things = obstacles(self._world, self._robot)
-        try:
-            self._legs = Floor(footprint(self._robot), things).find_path(pose, self._goal)
-        except Refused as error:
-            self._block(str(error), _TRY_EVERY)
-            self._phase = _Phase.WAITING
-            if self._blocked <= BLOCKED_TIMEOUT and not self._is_reachable(pose):
-                self._final_outcome = Outcome(State.ABORTED, str(error))
+        """Plans for one step of the world. Then drives; without a path, waits and tries again, or aborts."""
+        if self._planning is None:
+            self._planning = self._planned(pose)
+        plan = advance(self._planning, _PIECES)
+        if plan is None:
             return
-        self._phase = _Phase.TURNING
+        self._planning = None
+        self._legs, self._phase = plan.legs, _Phase.TURNING
+        if plan.fault:
+            self._block(plan.fault, _TRY_EVERY)
+            self._phase = _Phase.WAITING
+            if self._blocked <= BLOCKED_TIMEOUT and not plan.is_possible:
+                self._final_outcome = Outcome(State.ABORTED, plan.fault)
 
-    def _is_reachable(self, pose: Pose2D) -> bool:
-        """Whether there is a path without the movable obstacles."""
-        fixed = Floor(footprint(self._robot), fixed_obstacles(self._world, self._robot))
+    def _planned(self, pose: Pose2D) -> Pieces[_Plan]:
+        base, world, robot = footprint(self._robot), self._world, self._robot
         try:
-            fixed.find_path(pose, self._goal)
+            return _Plan((yield from Floor(base, obstacles(world, robot)).plan(pose, self._goal)))
+        except Refused as error:
+            fault = str(error)
+        try:
+            yield from Floor(base, fixed_obstacles(world, robot)).plan(pose, self._goal)
         except Refused:
-            return False
-        return True
+            return _Plan([], fault, is_possible=False)
+        return _Plan([], fault)
 
     def _block(self, reason: str, how_long: float) -> None:
         """Waits for an obstacle; aborts after `BLOCKED_TIMEOUT` in total."""
@@ -163,9 +182,9 @@ class BaseMotion:
         if self._since_look < _LOOK_EVERY or self._final_outcome is not None:
             return
         self._since_look = 0.0
-        hits = new_contacts(self._world, self._robot.name + "/", self._initial_contacts)
+        hits = self._contacts.new()
         if any(force > _BUMP for force in hits.values()):
-            self._final_outcome = Outcome(State.ABORTED, f"the robot has run into something{format_contacts(hits)}")
+            self._final_outcome = Outcome(State.ABORTED, f"the robot has collided{format_contacts(hits)}")
         elif self._phase is _Phase.DRIVING:
             things = obstacles(self._world, self._robot) + predicted_robots(self._world, self._robot)
             hit = Floor(footprint(self._robot), things).first_collision(pose, self._legs, _AHEAD)
@@ -184,8 +203,8 @@ class BaseMotion:
         drives = self._phase in (_Phase.TURNING, _Phase.DRIVING) and self._final_outcome is None
         self._stuck_time = self._stuck_time + dt if drives else 0.0
         if self._stuck_time > _STUCK_AFTER:
-            touches = new_contacts(self._world, self._robot.name + "/", {})
-            self._final_outcome = Outcome(State.ABORTED, f"the base does not get on{format_contacts(touches)}")
+            touches = contacts_of_part(self._world, self._robot.name + "/")
+            self._final_outcome = Outcome(State.ABORTED, f"the base makes no progress{format_contacts(touches)}")
 
     def _turn_to_heading(self, pose: Pose2D, dt: float) -> None:
         yaw = heading(pose, self._legs[0]) if self._legs else self._goal.yaw
@@ -221,7 +240,7 @@ class BaseMotion:
         if off <= POSITION_TOLERANCE and turned <= ANGLE_TOLERANCE:
             self._final_outcome = Outcome(State.SUCCEEDED)
         elif self._corrections == _CORRECTIONS:
-            self._final_outcome = Outcome(State.ABORTED, f"it came to {off:.3f} m and {turned:.3f} rad beside its goal")
+            self._final_outcome = Outcome(State.ABORTED, f"the base is {off:.3f} m and {turned:.3f} rad off its goal")
         else:
             self._corrections += 1
             self._phase = _Phase.PLANNING
@@ -239,9 +258,9 @@ class BaseMotion:
     def _rejection(self) -> str:
         """Returns why the goal is rejected; "" if it is not."""
         if not self._robot.mobile:
-            return f"robot {self._robot.id} has no base that drives"
+            return f"robot {self._robot.id} has no mobile base"
         if not all(map(math.isfinite, self._goal)):
-            return f"the goal {tuple(self._goal)} has numbers that are none"
+            return f"the goal {tuple(self._goal)} has numbers that are not finite"
         beyond = outside(self._world, self._goal)
         if beyond:
             return beyond

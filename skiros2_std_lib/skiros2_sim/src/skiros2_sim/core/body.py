@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.load_test import load_error
-from skiros2_sim.core.model_files import MESHES, check_mesh, find_model
+from skiros2_sim.core.model_files import MESHES, find_model
 from skiros2_sim.core.robot import load_urdf, place_root, root_pose
 from skiros2_sim.core.scene_spec import BodySpec, Colour
 from skiros2_sim.core.urdf import read_urdf
@@ -92,7 +92,6 @@ class Body:
             return load_urdf(self._bullet, read_urdf(file).text(), self.spec.pose, not self.movable)
         if file.suffix.lower() not in MESHES:
             raise ConfigurationError(f"{file}: expected a .urdf, {' or '.join(MESHES)} file")
-        check_mesh(file)
         fault = load_error(file)
         if fault:
             raise ConfigurationError(f"{file}: {fault}")

@@ -65,7 +65,7 @@ def _display() -> Iterator[None]:
     except OSError:
         display = None
     if not display:
-        raise Refused(f"PyBullet cannot open a window: there is no X display {os.environ.get('DISPLAY', '')!r}")
+        raise Refused(f"PyBullet cannot open a window: no X display {os.environ.get('DISPLAY', '')!r}")
     try:
         yield
     finally:

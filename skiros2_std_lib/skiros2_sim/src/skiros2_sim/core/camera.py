@@ -47,10 +47,10 @@ class Lens:
     def __post_init__(self) -> None:
         if not (0 < self.width <= MAX_PIXELS and 0 < self.height <= MAX_PIXELS):
             raise WrongValue(
-                f"a picture of {self.width} x {self.height} pixels: expected 1 to {MAX_PIXELS} along each edge"
+                f"picture of {self.width} x {self.height} pixels: expected 1 to {MAX_PIXELS} along each edge"
             )
         if not 0.01 <= self.field_of_view <= 3.0:
-            raise WrongValue(f"a field of view of {self.field_of_view:g} rad: expected 0.01 to 3")
+            raise WrongValue(f"field of view of {self.field_of_view:g} rad: expected 0.01 to 3")
 
     @property
     def focal_length(self) -> float:
@@ -167,7 +167,7 @@ def looking_at(eye: Sequence[float], target: Sequence[float]) -> Pose:
     forward = np.asarray(target, float) - np.asarray(eye, float)
     length = float(np.linalg.norm(forward))
     if not (np.isfinite(forward).all() and 1e-6 < length < 1e6):
-        raise WrongValue(f"a picture from {tuple(eye)} towards {tuple(target)}: expected two points apart")
+        raise WrongValue(f"picture from {tuple(eye)} towards {tuple(target)}: the points are equal")
     z = forward / length
     right = np.cross(z, (0.0, 0.0, 1.0))
     # vertical view: image x is the map's x

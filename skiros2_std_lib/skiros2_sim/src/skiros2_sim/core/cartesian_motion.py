@@ -15,8 +15,9 @@ from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_sim.core.arm_controller import ArmController, checked_stiffness
 from skiros2_sim.core.arm_kinematics import distances
 from skiros2_sim.core.cartesian_path import CartesianPath, PathPoint
+from skiros2_sim.core.computation import advance
+from skiros2_sim.core.contacts import PartContacts
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.part_contacts import contacts_of_part, format_contacts, new_contacts
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, rotated
 
 Array = npt.NDArray[np.float64]
@@ -31,6 +32,9 @@ TIMED_OUT = -5
 BLOCKED = -6
 PREEMPTED = -7
 _RAN_INTO = (FORCE_LIMIT, BLOCKED)
+
+#: Pieces of planning in a step: joint positions of a pose each, 0.05 ms, or at most 1 ms if there are none.
+_PIECES = 5
 
 #: Defaults for 0 in a goal: speeds (m/s, rad/s), maximum force and torque (N, Nm).
 SPEED, ANGULAR_SPEED = 0.25, 1.0
@@ -82,43 +86,36 @@ class ToolState(NamedTuple):
 
 
 class CartesianMotion:
-    """A motion on a straight line in the frame of the robot, which may drive meanwhile."""
+    """A motion on a straight line in the frame of the robot, which may drive meanwhile.
+
+    The path is planned in the first steps; the arm does not move until then, nor if there is none (`UNREACHABLE`).
+    """
 
     def __init__(self, controller: ArmController, goal: CartesianGoal) -> None:
         self.outcome: Outcome | None = None
         self._controller, self._arm, self._world = controller, controller.arm, controller.world
         self._goal = goal
-        self._part = f"{controller.robot.name}/{self._arm.name}/"
+        self._contacts = PartContacts(self._world, controller.arm_prefix)
         self._time = self._spent = 0.0
         self._speed = 1.0  # rate of time along the path; less while braking
         self._final_outcome: Outcome | None = None  # outcome after braking or retreat
         self._nearest, self._since = math.inf, 0.0
         self._retreat_time = 0.0  # s
         self._wrench = np.array(self._arm.wrench())
-        # the initial force must not prevent a retreat from a contact
-        self._initial_forces = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
-        # contact force is measured relative to the weight of a carried object, in the map
-        self._carried = np.array(rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3]))
-        self._initial_contacts = contacts_of_part(self._world, self._part)
+        self._is_planned = False
         try:
             self._check()
-            self._target = composed(inverted(controller.robot.pose()), goal.target)
-            self._path = CartesianPath(
-                controller.kinematics,
-                self._arm.joints,
-                np.array(self._arm.positions()),
-                self._target,
-                goal.speed or SPEED,
-                goal.angular_speed or ANGULAR_SPEED,
-            )
-            controller.switch(goal.controller or controller.active)
-            controller.carry()
-            if goal.stiffness:
-                controller.stiffness = tuple(goal.stiffness)
-        except Refused as error:
-            self._end(State.REJECTED, UNREACHABLE, str(error))
         except SkirosError as error:
             self._end(State.REJECTED, INVALID_GOAL, str(error))
+            return
+        self._target = composed(inverted(controller.robot.pose()), goal.target)
+        positions = np.array(self._arm.positions())
+        speeds = goal.speed or SPEED, goal.angular_speed or ANGULAR_SPEED
+        self._planning = CartesianPath.plan(
+            controller.kinematics, self._arm.joints, positions, self._target, *speeds
+        )
+        if not self._is_at_rest():
+            controller.hold()
 
     def feedback(self) -> ToolState:
         """Returns the current state."""
@@ -128,6 +125,9 @@ class CartesianMotion:
     def update(self, dt: float) -> None:
         """Advances by `dt` seconds."""
         if self.outcome is not None:
+            return
+        if not self._is_planned:
+            self._plan()
             return
         self._wrench += (np.array(self._arm.wrench()) - self._wrench) * min(1.0, dt / _FELT_OVER)
         self._spent += dt
@@ -147,8 +147,34 @@ class CartesianMotion:
 
     def cancel(self) -> None:
         """Brakes along the line."""
-        if self._final_outcome is None:
+        if not self._is_planned:
+            self._end(State.PREEMPTED, PREEMPTED, "cancelled")
+        elif self._final_outcome is None:
             self._final_outcome = Outcome(State.PREEMPTED, "cancelled", PREEMPTED)
+
+    def _plan(self) -> None:
+        """Plans for one step of the world, and starts the motion at the end."""
+        try:
+            path = advance(self._planning, _PIECES)
+        except Refused as error:
+            self._end(State.ABORTED, UNREACHABLE, str(error))
+            return
+        if path is None:
+            return
+        self._path, self._is_planned = path, True
+        self._wrench = np.array(self._arm.wrench())
+        # the initial force must not prevent a retreat from a contact
+        self._initial_forces = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
+        # contact force is measured relative to the weight of a carried object, in the map
+        self._carried = np.array(rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3]))
+        self._contacts.restart()
+        self._controller.switch(self._goal.controller or self._controller.active)
+        self._controller.carry()
+        if self._goal.stiffness:
+            self._controller.stiffness = tuple(self._goal.stiffness)
+
+    def _is_at_rest(self) -> bool:
+        return math.hypot(*self._arm.tool_velocity()[0]) < _AT_REST
 
     def _go_on(self, dt: float) -> None:
         self._time += self._speed * dt
@@ -158,7 +184,7 @@ class CartesianMotion:
         """Whether to retreat farther. A compliant arm yields by itself."""
         if self._controller.compliant or self._retreat_time >= _MAX_RETREAT or self._time <= 0.0:
             return False
-        return sum(new_contacts(self._world, self._part, self._initial_contacts).values()) > _PRESSED
+        return sum(self._contacts.new().values()) > _PRESSED
 
     def _command(self, point: PathPoint) -> None:
         if self._controller.compliant:
@@ -172,13 +198,13 @@ class CartesianMotion:
         in_map = np.array(rotated(self._arm.tool_pose().orientation, self._wrench[:3].tolist()))
         contact = float(np.linalg.norm(in_map - self._carried))
         if 0.0 < self._goal.contact_force <= contact:
-            return self._stop(State.SUCCEEDED, SUCCESSFUL, f"contact of {contact:.1f} N{self._reason()}")
+            return self._stop(State.SUCCEEDED, SUCCESSFUL, f"contact of {contact:.1f} N{self._contacts.describe()}")
         for felt, at_first, limit, what in (
             (force, self._initial_forces[0], self._goal.max_force or MAX_FORCE, "N"),
             (torque, self._initial_forces[1], self._goal.max_torque or MAX_TORQUE, "Nm"),
         ):
             if felt > max(limit, _GROWN * at_first):
-                text = f"felt {felt:.1f} {what}, {limit:g} {what} are allowed{self._reason()}"
+                text = f"felt {felt:.1f} {what}, {limit:g} {what} are allowed{self._contacts.describe()}"
                 return self._stop(State.ABORTED, FORCE_LIMIT, text)
         return None
 
@@ -188,11 +214,12 @@ class CartesianMotion:
         if not self._controller.compliant:
             behind, turned_behind = distances(pose, self._path.at(self._time).tool)
             if behind > _BEHIND or turned_behind > _TURNED_BEHIND:
-                text = f"the tool is {behind:.3f} m and {turned_behind:.3f} rad behind{self._reason()}"
+                text = f"the tool is {behind:.3f} m and {turned_behind:.3f} rad behind{self._contacts.describe()}"
                 return self._stop(State.ABORTED, BLOCKED, text)
         if self._spent > (self._goal.timeout or 2 * self._path.duration + 2.0):
             left = distances(pose, self._target)
-            text = f"not there after {self._spent:.2f} s: {left[0]:.3f} m and {left[1]:.3f} rad to go{self._reason()}"
+            remaining = f"{left[0]:.3f} m and {left[1]:.3f} rad remain"
+            text = f"not at the target after {self._spent:.2f} s: {remaining}{self._contacts.describe()}"
             return self._stop(State.ABORTED, TIMED_OUT, text)
         if self._time < self._path.duration:
             return None
@@ -207,14 +234,14 @@ class CartesianMotion:
         near = off <= (self._goal.position_tolerance or own[0])
         if near and turned <= (self._goal.orientation_tolerance or own[1]) and speed < _AT_REST:
             if self._goal.contact_force > 0.0:
-                text = f"at its end without a contact of {self._goal.contact_force:g} N"
+                text = f"at the end of the line without a contact of {self._goal.contact_force:g} N"
                 return self._stop(State.ABORTED, NO_CONTACT, text)
             return self._stop(State.SUCCEEDED, SUCCESSFUL, "")
         if off + turned < self._nearest - _NEARER:
             self._nearest, self._since = off + turned, 0.0
         self._since += dt
         if self._since > _NO_NEARER:
-            text = f"the tool stays {off:.3f} m and {turned:.3f} rad from its target{self._reason()}"
+            text = f"the tool stays {off:.3f} m and {turned:.3f} rad from its target{self._contacts.describe()}"
             return self._stop(State.ABORTED, BLOCKED, text)
         return None
 
@@ -223,9 +250,6 @@ class CartesianMotion:
         if code in (*_RAN_INTO, TIMED_OUT) or self._time < self._path.duration:
             self._controller.hold()
         return Outcome(state, text, code)
-
-    def _reason(self) -> str:
-        return format_contacts(new_contacts(self._world, self._part, self._initial_contacts))
 
     def _end(self, state: State, code: int, text: str) -> None:
         self.outcome = Outcome(state, text, code)
@@ -238,7 +262,7 @@ class CartesianMotion:
         """
         goal = self._goal
         if not all(map(math.isfinite, (*goal.target.position, *goal.target.orientation))):
-            raise WrongValue(f"target {goal.target} has numbers that are none")
+            raise WrongValue(f"target {goal.target} has numbers that are not finite")
         if max(map(abs, goal.target.position)) > _MAX_DISTANCE:
             raise WrongValue(f"target at {goal.target.position} is farther than {_MAX_DISTANCE:g} m away")
         length = math.hypot(*goal.target.orientation)

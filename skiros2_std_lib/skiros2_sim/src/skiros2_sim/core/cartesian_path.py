@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused
-from skiros2_sim.core.arm_kinematics import ArmKinematics, distances
+from skiros2_sim.core.arm_kinematics import ArmKinematics, between, distances
+from skiros2_sim.core.computation import Pieces
 from skiros2_sim.core.joint import Joint
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion, normalized
+from skiros2_std_reasoners.core.geometry import Pose, normalized
 
 Array = npt.NDArray[np.float64]
 
@@ -35,27 +36,63 @@ class PathPoint(NamedTuple):
 
 
 class CartesianPath:
-    """A straight path from the current pose to a target, with even rotation and a trapezoidal speed profile.
+    """A straight path between two poses of the tool, with even rotation and a trapezoidal speed profile.
 
-    :param start: joint positions.
+    :param positions: joint positions at equal distances along the path.
     :param speed: maximum speed of the tool (m/s), `angular_speed` (rad/s); reduced to respect joint limits.
-    :raises Refused: the target, or a pose on the path, is not reachable.
     """
 
     def __init__(
         self,
+        joints: Sequence[Joint],
+        start: Pose,
+        target: Pose,
+        positions: Array,
+        speed: float,
+        angular_speed: float,
+    ) -> None:
+        self._from, self._to = start, target
+        self._length, self._angle = distances(start, target)
+        self._positions = positions
+        self._rate, self._ramp = self._profile(joints, speed, angular_speed)
+
+    @classmethod
+    def plan(
+        cls,
         kinematics: ArmKinematics,
         joints: Sequence[Joint],
         start: Array,
         target: Pose,
         speed: float,
         angular_speed: float,
-    ) -> None:
-        self._from = kinematics.forward(start)
-        self._to = Pose(target.position, normalized(target.orientation))
-        self._length, self._angle = distances(self._from, self._to)
-        self._positions = self._solved(kinematics, joints, start)
-        self._rate, self._ramp = self._profile(joints, speed, angular_speed)
+    ) -> Pieces[CartesianPath]:
+        """Plans a path from the current pose to a target, in pieces of at most 1 ms.
+
+        :param start: joint positions.
+        :raises Refused: the target, or a pose on the path, is not reachable.
+        """
+        first, last = kinematics.forward(start), Pose(target.position, normalized(target.orientation))
+        best = yield from kinematics.search(last, start)
+        if not best.converged:
+            raise Refused(
+                f"no joint positions reach the target: the nearest are off by {best.off:.3f} m "
+                f"and {best.turned:.3f} rad"
+            )
+        length, angle = distances(first, last)
+        cells = max(1, math.ceil(length / _STEP), math.ceil(angle / _TURN_STEP))
+        solved = [start]
+        for k in range(1, cells + 1):
+            yield
+            found = kinematics.inverse(between(first, last, k / cells), solved[-1], restarts=0)
+            jumps = np.abs(found.positions - solved[-1])
+            if not found.converged or float(jumps.max()) > _LARGEST_JUMP:
+                reason = _at_limits(kinematics, joints, found.positions) or "the arm would have to change its posture"
+                raise Refused(
+                    f"the straight path is not reachable beyond {k / cells * length:.3f} m of {length:.3f} m "
+                    f"({reason}), though its target is"
+                )
+            solved.append(found.positions)
+        return cls(joints, first, last, np.array(solved), speed, angular_speed)
 
     @property
     def duration(self) -> float:
@@ -69,7 +106,7 @@ class CartesianPath:
         i = min(int(s * cells), cells - 1)
         before, step = self._positions[i], self._positions[i + 1] - self._positions[i]
         positions = before + (s * cells - i) * step
-        tool = Pose(_between(self._from, self._to, s), slerp(self._from.orientation, self._to.orientation, s))
+        tool = between(self._from, self._to, s)
         return PathPoint(tool, positions, step * cells * rate * speed, (1 - s) * self._length)
 
     def _along(self, time: float) -> tuple[float, float]:
@@ -108,46 +145,6 @@ class CartesianPath:
         # a short path ends before the full speed is reached
         rate = min(*rates, math.sqrt(acceleration)) if len(rates) > 1 else min(rates[0], math.sqrt(acceleration))
         return rate, rate / acceleration
-
-    def _solved(self, kinematics: ArmKinematics, joints: Sequence[Joint], start: Array) -> Array:
-        """Returns joint positions along the path."""
-        best = kinematics.inverse(self._to, start)
-        if not best.converged:
-            raise Refused(
-                f"no joint positions put the tool there: it comes within {best.off:.3f} m and {best.turned:.3f} rad"
-            )
-        cells = max(1, math.ceil(self._length / _STEP), math.ceil(self._angle / _TURN_STEP))
-        solved = [start]
-        for k in range(1, cells + 1):
-            part = k / cells
-            tool = Pose(_between(self._from, self._to, part), slerp(self._from.orientation, self._to.orientation, part))
-            found = kinematics.inverse(tool, solved[-1], restarts=0)
-            jumps = np.abs(found.positions - solved[-1])
-            if not found.converged or float(jumps.max()) > _LARGEST_JUMP:
-                why = _at_limits(kinematics, joints, found.positions) or "the arm would have to change its posture"
-                raise Refused(
-                    f"the straight way leaves what the arm reaches after {part * self._length:.3f} m of "
-                    f"{self._length:.3f} m ({why}), though the target itself is reachable"
-                )
-            solved.append(found.positions)
-        return np.array(solved)
-
-
-def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
-    """Interpolates between two orientations in the shorter direction (Shoemake, Animating Rotation with Quaternion
-    Curves, 1985)."""
-    dot = sum(x * y for x, y in zip(a, b, strict=True))
-    sign = -1.0 if dot < 0.0 else 1.0
-    angle = math.acos(min(1.0, abs(dot)))
-    if angle < 1e-6:
-        return normalized(b)
-    first, second = math.sin((1 - part) * angle), sign * math.sin(part * angle)
-    return normalized([first * x + second * y for x, y in zip(a, b, strict=True)])
-
-
-def _between(a: Pose, b: Pose, part: float) -> tuple[float, float, float]:
-    x, y, z = (p + part * (q - p) for p, q in zip(a.position, b.position, strict=True))
-    return x, y, z
 
 
 def _at_limits(kinematics: ArmKinematics, joints: Sequence[Joint], positions: Array) -> str:

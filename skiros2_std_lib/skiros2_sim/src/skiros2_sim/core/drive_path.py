@@ -3,33 +3,41 @@
 The base is a rectangle that turns in place and drives forward or backward. Between two poses it is planned as its
 circumscribed circle, so that it can turn everywhere. Near start and goal, where it stands at a workstation, it is
 planned as the rectangle and drives straight in and out.
+
+A path is planned in pieces (`computation`). The longest piece is SciPy's search in the grid map: 13 ms for the largest
+map, of 12.5 m, where a search in Python would take 0.4 s.
 """
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from skiros2_common.core.errors import Refused
+from skiros2_sim.core.computation import Pieces, complete
 
-Array = npt.NDArray[np.floating[Any]]
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.integer]
 
 #: Cell size of the grid map (m), and its border around the relevant area (m).
 _CELL = 0.05
 _AROUND = 2.0
 #: Maximum number of cells per side; larger maps have larger cells.
-_MAX_CELLS = 400
+_MAX_CELLS = 250
 #: Maximum length of a straight exit from a narrow pose (m).
 _WAY_OUT = 2.0
 #: Clearance to obstacles on the path (m), and in narrow poses.
 _MARGIN = 0.05
 _TIGHT = 0.01
+#: Number of rows of the grid map in one piece of the search.
+_ROWS = 25
 #: Part of the clearance that a straight line between cells may use (m).
 _CUT = 0.04
 
@@ -127,23 +135,29 @@ class Floor:
 
         :raises Refused: there is no path; names the obstacle.
         """
+        return complete(self.plan(start, goal))
+
+    def plan(self, start: Pose2D, goal: Pose2D) -> Pieces[list[Leg]]:
+        """Same as `find_path`, in pieces of about 1 ms."""
         hit = self.collision_at(goal)
         if hit is not None:
             raise Refused(f"the goal is inside {hit!r}")
-        direct = self._direct(start, goal)
+        yield
+        direct = yield from self._direct(start, goal)
         if direct is not None:
             return direct
-        out = self._way_out(start, "start")
-        into = self._way_out(goal, "goal")
+        out = yield from self._way_out(start, "start")
+        into = yield from self._way_out(goal, "goal")
         # exit from the start, path to the exit of the goal, and the exit of the goal in reverse
-        points = self._search(out.pose, into.pose)
+        grid = _Grid(self._obstacles, out.pose, into.pose, self._free_radius)
+        points = yield from grid.search(out.pose, into.pose)
         legs = [Leg(out.pose.x, out.pose.y, out.backward)] if out.length else []
         legs += [Leg(x, y, False) for x, y in points]
         if into.length:
             legs.append(Leg(goal.x, goal.y, not into.backward))
         return legs
 
-    def _direct(self, start: Pose2D, goal: Pose2D) -> list[Leg] | None:
+    def _direct(self, start: Pose2D, goal: Pose2D) -> Pieces[list[Leg] | None]:
         """Returns a single straight leg without obstacles, if there is one; backward only on short distances."""
         length = math.hypot(goal.x - start.x, goal.y - start.y)
         for backward in (False, True):
@@ -161,9 +175,10 @@ class Floor:
                 leg_list = [leg]
             if all(_hit(self._outline, self._obstacles, way) is None for way in ways):
                 return leg_list
+            yield
         return None
 
-    def _way_out(self, pose: Pose2D, what: str) -> _WayOut:
+    def _way_out(self, pose: Pose2D, what: str) -> Pieces[_WayOut]:
         """Returns the nearest pose straight ahead or behind where the base can turn."""
         blocking = None
         others = self._not_touched(pose)
@@ -177,8 +192,9 @@ class Floor:
                 blocking = _hit(self._outline, others, _between(pose, free))
                 if blocking is None:
                     return _WayOut(free, backward, length)
+            yield
         blocking = blocking or self._near(pose.x, pose.y)
-        raise Refused(f"no way out of the {what}, {blocking!r} is in the way")
+        raise Refused(f"no way out of the {what}: {blocking!r} is in the way")
 
     def _near(self, x: float, y: float) -> str | None:
         """Returns the id of an obstacle that prevents a turn at a point; None without one."""
@@ -191,11 +207,6 @@ class Floor:
     def _not_touched(self, pose: Pose2D) -> list[Obstacle]:
         """Returns the obstacles that the base does not touch at a pose."""
         return [obstacle for obstacle in self._obstacles if _hit(self._outline, [obstacle], [pose]) is None]
-
-    def _search(self, start: Pose2D, goal: Pose2D) -> list[tuple[float, float]]:
-        """Returns the corners of the shortest path of the circle, without the start (A* on a grid, simplified)."""
-        grid = _Grid(self._obstacles, start, goal, self._free_radius)
-        return grid.search(start, goal)
 
 
 class _WayOut(NamedTuple):
@@ -219,81 +230,96 @@ class _Grid:
         width, height = max(xs) + reach - self._x0, max(ys) + reach - self._y0
         self._cell = max(_CELL, width / _MAX_CELLS, height / _MAX_CELLS)
         self._columns, self._rows = math.ceil(width / self._cell) + 1, math.ceil(height / self._cell) + 1
-        x = self._x0 + np.arange(self._columns)[None, :] * self._cell
-        y = self._y0 + np.arange(self._rows)[:, None] * self._cell
         self._blocked = np.zeros((self._rows, self._columns), dtype=bool)
-        for obstacle in obstacles:
-            # no obstacle fits between neighbouring free cells: coarse maps need more clearance
-            self._blocked |= obstacle.distance(x, y) < radius + self._cell - _CELL
         self._obstacles, self._radius = tuple(obstacles), radius
 
-    def search(self, start: Pose2D, goal: Pose2D) -> list[tuple[float, float]]:
-        """Returns the corners of a path from start to goal.
+    def search(self, start: Pose2D, goal: Pose2D) -> Pieces[list[tuple[float, float]]]:
+        """Returns the corners of the shortest path of the circle, without the start.
 
         :raises Refused: there is none.
         """
+        for obstacle in self._obstacles:
+            self._block(obstacle)
+            yield
         first, last = self._square(start), self._square(goal)
         for square in (first, last):
             # the pose is free, its cell may not be
             self._blocked[square] = False
         if self._sees((start.x, start.y), (goal.x, goal.y)):
             return [(goal.x, goal.y)]
-        came_from = self._expanded(first, last)
-        squares = [last]
-        while squares[-1] != first:
-            squares.append(came_from[squares[-1]])
-        points = [self._point(square) for square in reversed(squares)]
+        graph = yield from self._graph()
+        source, target = self._node(first), self._node(last)
+        lengths, before = dijkstra(graph, indices=source, return_predecessors=True)
+        yield
+        if not math.isfinite(lengths[target]):
+            reached = np.flatnonzero(np.isfinite(lengths))
+            raise Refused(f"no path to the goal: {self._enclosing(reached, goal)} in the way")
+        nodes = [target]
+        while nodes[-1] != source:
+            nodes.append(int(before[nodes[-1]]))
+        corners = [a for a, b, c in zip(nodes[1:], nodes, nodes[2:], strict=False) if a - b != c - a]
+        xs, ys = self._points(np.array([source, *corners[::-1], target]))
+        points = list(zip(xs.tolist(), ys.tolist(), strict=True))
         points[0], points[-1] = (start.x, start.y), (goal.x, goal.y)
-        return self._cut(points)[1:]
+        return (yield from self._cut(points))
 
-    def _expanded(self, first: tuple[int, int], last: tuple[int, int]) -> dict[tuple[int, int], tuple[int, int]]:
-        """Searches with A*; the heuristic is the length of diagonal and straight steps."""
-        came_from: dict[tuple[int, int], tuple[int, int]] = {}
-        cost = {first: 0.0}
-        queue = [(0.0, first)]
-        done: set[tuple[int, int]] = set()
-        blocked = self._blocked
-        while queue:
-            _, here = heapq.heappop(queue)
-            if here == last:
-                return came_from
-            if here in done:
-                continue
-            done.add(here)
-            for dr, dc, length in _STEPS:
-                there = here[0] + dr, here[1] + dc
-                if not (0 <= there[0] < self._rows and 0 <= there[1] < self._columns) or blocked[there]:
-                    continue
-                new = cost[here] + length
-                if new < cost.get(there, math.inf):
-                    cost[there] = new
-                    came_from[there] = here
-                    across, along = abs(there[0] - last[0]), abs(there[1] - last[1])
-                    estimate = max(across, along) + (math.sqrt(2) - 1) * min(across, along)
-                    heapq.heappush(queue, (new + estimate, there))
-        raise Refused(f"no way there, {self._enclosing(done, self._point(last))} in the way")
+    def _block(self, obstacle: Obstacle) -> None:
+        """Marks the cells near an obstacle."""
+        # no obstacle fits between neighbouring free cells: coarse maps need more clearance
+        cell, clearance = self._cell, self._radius + self._cell - _CELL
+        reach = math.hypot(obstacle.half_x, obstacle.half_y) + clearance
+        rows, columns = (
+            slice(max(0, math.floor((at - reach - low) / cell)), max(0, math.ceil((at + reach - low) / cell) + 1))
+            for at, low in ((obstacle.y, self._y0), (obstacle.x, self._x0))
+        )
+        x = self._x0 + np.arange(self._columns, dtype=np.float64)[None, columns] * cell
+        y = self._y0 + np.arange(self._rows, dtype=np.float64)[rows, None] * cell
+        self._blocked[rows, columns] |= obstacle.distance(x, y) < clearance
 
-    def _enclosing(self, seen: set[tuple[int, int]], goal: tuple[float, float]) -> str:
+    def _graph(self) -> Pieces[csr_array]:
+        """Returns the steps between free cells as a graph, in pieces of some rows. A border of blocked cells makes all
+        neighbours exist."""
+        free = np.pad(~self._blocked, ((1, 2), (1, 1))).ravel()
+        width = self._columns + 2
+        ways = [(dr, dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if (dr, dc) != (0, 0)]
+        offsets = np.array([dr * width + dc for dr, dc in ways])
+        lengths = np.array([math.hypot(*way) for way in ways])
+        counts = [np.zeros(width + 1, dtype=np.int64)]
+        neighbours, weights = [], []
+        for row in range(1, self._rows + 1, _ROWS):
+            nodes = np.arange(row * width, min(row + _ROWS, self._rows + 1) * width)
+            around = nodes[:, None] + offsets
+            are_steps = free[nodes, None] & free[around]
+            counts.append(are_steps.sum(axis=1))
+            neighbours.append(around[are_steps])
+            weights.append(np.broadcast_to(lengths, around.shape)[are_steps])
+            yield
+        counts.append(np.zeros(2 * width, dtype=np.int64))
+        ends = np.cumsum(np.concatenate(counts))
+        return csr_array((np.concatenate(weights), np.concatenate(neighbours), ends), shape=(len(free), len(free)))
+
+    def _enclosing(self, seen: Indices, goal: Pose2D) -> str:
         """Names the obstacles around the reachable cells, the nearest to the goal first."""
-        points = np.array([self._point(square) for square in seen])
+        x, y = self._points(seen)
         reach = self._radius + 2 * self._cell
-        around = [o for o in self._obstacles if o.distance(points[:, 0], points[:, 1]).min() < reach]
-        at = np.array([goal[0]]), np.array([goal[1]])
+        around = [o for o in self._obstacles if o.distance(x, y).min() < reach]
+        at = np.array([goal.x]), np.array([goal.y])
         names = [repr(o.id) for o in sorted(around, key=lambda o: float(o.distance(*at)[0]))]
         rest = f" and {len(names) - 3} more" if len(names) > 3 else ""
         return f"{', '.join(names[:3])}{rest} {'is' if len(names) == 1 else 'are'}"
 
-    def _cut(self, points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        """Removes corners that are not needed: connects each one to the last visible one."""
+    def _cut(self, points: list[tuple[float, float]]) -> Pieces[list[tuple[float, float]]]:
+        """Removes corners that are not needed: connects each one to the last visible one. Returns all but the first."""
         kept = [points[0]]
         i = 0
         while i < len(points) - 1:
             j = len(points) - 1
             while j > i + 1 and not self._sees(points[i], points[j]):
                 j -= 1
+                yield
             kept.append(points[j])
             i = j
-        return kept
+        return kept[1:]
 
     def _sees(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
         """Whether the straight line between two points is free."""
@@ -304,22 +330,27 @@ class _Grid:
     def _square(self, pose: Pose2D) -> tuple[int, int]:
         return round((pose.y - self._y0) / self._cell), round((pose.x - self._x0) / self._cell)
 
-    def _point(self, square: tuple[int, int]) -> tuple[float, float]:
-        return self._x0 + square[1] * self._cell, self._y0 + square[0] * self._cell
+    def _node(self, square: tuple[int, int]) -> int:
+        """Returns the index of a cell in the graph."""
+        return (square[0] + 1) * (self._columns + 2) + square[1] + 1
 
-
-_STEPS = tuple((dr, dc, math.hypot(dr, dc)) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if (dr, dc) != (0, 0))
+    def _points(self, nodes: Indices) -> tuple[Array, Array]:
+        """Returns the positions of cells, by their indices in the graph."""
+        rows, columns = np.divmod(nodes, self._columns + 2)
+        return self._x0 + (columns - 1) * self._cell, self._y0 + (rows - 1) * self._cell
 
 
 def _hit(outline: tuple[Array, Array], obstacles: Sequence[Obstacle], poses: Sequence[Pose2D]) -> str | None:
     """Returns the id of the first obstacle that the base's rectangle touches in one of the poses."""
     at = np.array(poses)
-    c, s = np.cos(at[:, 2])[:, None], np.sin(at[:, 2])[:, None]
-    x = at[:, 0][:, None] + c * outline[0] - s * outline[1]
-    y = at[:, 1][:, None] + s * outline[0] + c * outline[1]
+    reach = float(np.hypot(*outline).max()) + _TIGHT
     first: tuple[int, str] | None = None
     for obstacle in obstacles:
-        touched = np.flatnonzero((obstacle.distance(x, y) < _TIGHT).any(axis=1))
+        near = np.flatnonzero(obstacle.distance(at[:, 0], at[:, 1]) < reach)
+        c, s = np.cos(at[near, 2])[:, None], np.sin(at[near, 2])[:, None]
+        x = at[near, 0][:, None] + c * outline[0] - s * outline[1]
+        y = at[near, 1][:, None] + s * outline[0] + c * outline[1]
+        touched = near[(obstacle.distance(x, y) < _TIGHT).any(axis=1)]
         if len(touched) and (first is None or touched[0] < first[0]):
             first = int(touched[0]), obstacle.id
     return first[1] if first else None

@@ -71,7 +71,7 @@ class Faults:
             ),
             BLOCKED_PATH: _Kind(
                 lambda: {eid for eid, robot in world.robots.items() if robot.mobile},
-                "a robot that drives",
+                "a mobile robot",
                 1.0,
                 _MAX_DISTANCE,
                 self._block,
@@ -139,7 +139,7 @@ class Faults:
         known = self._kinds[kind]
         targets = known.targets()
         if target not in targets:
-            expected = ", ".join(sorted(targets)) or "none is there"
+            expected = ", ".join(sorted(targets)) or "none"
             raise UnknownName(f"{kind} of {target!r}: expected {known.what}: {expected}")
         return known
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from skiros2_sim.core.body import Body
+from skiros2_sim.core.contacts import contacts_of_part
 from skiros2_sim.core.drive_path import Footprint, Obstacle, Pose2D
-from skiros2_sim.core.part_contacts import contacts_of_part
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, rotated, to_euler

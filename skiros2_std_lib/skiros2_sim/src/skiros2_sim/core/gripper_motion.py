@@ -6,7 +6,6 @@ import math
 
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.world import World
 
 #: Tolerance of the width (m).
 _NEAR = 0.001
@@ -18,7 +17,7 @@ class GripperMotion:
     """A motion to a finger distance with a maximum force. It succeeds at the target, or when an object stops the
     fingers. Afterwards the fingers keep pressing: they hold the object, and close further if it slips out."""
 
-    def __init__(self, world: World, gripper: Gripper, width: float, effort: float = 0.0) -> None:
+    def __init__(self, gripper: Gripper, width: float, effort: float = 0.0) -> None:
         """Starts the motion: `width` in m, `effort` in N; 0 for the maximum."""
         self.outcome: Outcome | None = None
         self.stalled = False
@@ -54,10 +53,10 @@ class GripperMotion:
         if self._spent - self._stood_since >= _STOOD:
             self.reached_goal = abs(width - self._width) <= _NEAR
             self.stalled = not self.reached_goal
-            what = f"something keeps the fingers {width:.4f} m apart" if self.stalled else ""
+            what = f"an object holds the fingers {width:.4f} m apart" if self.stalled else ""
             self.outcome = Outcome(State.SUCCEEDED, what)
         elif self._spent > _MAX_DURATION:
-            self.outcome = Outcome(State.ABORTED, f"the fingers do not come to rest, they are {width:.4f} m apart")
+            self.outcome = Outcome(State.ABORTED, f"the fingers do not come to rest; they are {width:.4f} m apart")
 
     def cancel(self) -> None:
         """Stops the fingers; a gripper that holds an object keeps holding it."""

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.contacts import PartContacts
 from skiros2_sim.core.joint_path import JointGoal, JointPath, JointTolerance
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.part_contacts import contacts_of_part, format_contacts, new_contacts
 
 Array = npt.NDArray[np.float64]
 
@@ -53,8 +53,7 @@ class JointMotion:
         self._brakes = False
         self._final_outcome: Outcome | None = None  # outcome after the retreat
         self._retreat_time = 0.0  # s
-        self._initial_contacts: dict[str, float] = {}
-        self._part = f"{controller.robot.name}/{self._arm.name}/"
+        self._contacts = PartContacts(controller.world, controller.arm_prefix)
         self._actual = self._state()
         #: Time on the path (s); negative before the start.
         self._time = min(0.0, controller.world.time - goal.start) if _is_finite(goal.start) else 0.0
@@ -83,12 +82,12 @@ class JointMotion:
             return
         self._actual = self._state()
         if self._controller.compliant:
-            self._end(State.ABORTED, INVALID_GOAL, f"controller {self._controller.active!r} was switched on meanwhile")
+            self._end(State.ABORTED, INVALID_GOAL, f"controller {self._controller.active!r} was activated meanwhile")
         elif self._final_outcome is not None:
             self._retreat(dt)
         elif self._time >= 0.0 and (reason := self._off_the_path()):
             self._controller.hold()
-            text = reason + format_contacts(self._new_contacts())
+            text = reason + self._contacts.describe()
             self._final_outcome = Outcome(State.ABORTED, text, PATH_TOLERANCE_VIOLATED)
         elif self._brakes:
             self._brake(dt)
@@ -96,7 +95,7 @@ class JointMotion:
             self._arrive(dt)
         else:
             if self._time <= 0.0:
-                self._initial_contacts = contacts_of_part(self._controller.world, self._part)
+                self._contacts.restart()
             self._go_on(dt)
 
     def cancel(self) -> None:
@@ -128,20 +127,17 @@ class JointMotion:
         if not off:
             self._end(State.SUCCEEDED, SUCCESSFUL, "")
         elif late > (self._goal.goal_time_tolerance or _GOAL_TIME):
-            off += format_contacts(self._new_contacts())
+            off += self._contacts.describe()
             self._end(State.ABORTED, GOAL_TOLERANCE_VIOLATED, f"{late:.2f} s after the trajectory's end: {off}")
 
     def _retreat(self, dt: float) -> None:
         """Moves back along the path until the contact force is low, then holds."""
-        if self._retreat_time < _MAX_RETREAT and self._time > 0.0 and sum(self._new_contacts().values()) > _PRESSED:
+        if self._retreat_time < _MAX_RETREAT and self._time > 0.0 and sum(self._contacts.new().values()) > _PRESSED:
             self._retreat_time += dt
             self._time = max(0.0, self._time - dt)
             self._controller.follow(self._desired().positions, np.zeros(len(self._arm.joints)))
         else:
             self.outcome = self._final_outcome
-
-    def _new_contacts(self) -> dict[str, float]:
-        return new_contacts(self._controller.world, self._part, self._initial_contacts)
 
     def _off_the_path(self) -> str:
         """Returns a description of a violated path tolerance; "" without one."""
@@ -187,31 +183,31 @@ class JointMotion:
         controller, goal = self._controller, self._goal
         if controller.compliant:
             raise WrongValue(
-                f"controller {controller.active!r} of arm {self._arm.name} is on; a trajectory needs "
+                f"controller {controller.active!r} of arm {self._arm.name} is active; a trajectory needs "
                 f"{controller.names[0]!r}: switch to it first"
             )
         for kind, tolerances in (("path", goal.path_tolerance), ("goal", goal.goal_tolerance)):
             for name, tolerance in tolerances.items():
                 if not all(map(math.isfinite, (tolerance.position, tolerance.velocity))):
-                    raise WrongValue(f"{kind} tolerance of {name} is {tolerance}, which is no number")
+                    raise WrongValue(f"{kind} tolerance of {name} is {tolerance}, which is not finite")
         if not _is_finite(goal.goal_time_tolerance) or goal.goal_time_tolerance < 0.0:
             raise WrongValue(f"goal time tolerance {goal.goal_time_tolerance}: expected seconds, 0 or more")
         if goal.start is not None and not math.isfinite(goal.start):
-            raise WrongValue(f"start {goal.start} is no time")
+            raise WrongValue(f"start {goal.start} is not a finite time")
         # the whole trajectory is checked, including points in the past
         path = JointPath(goal, self._arm.joints, *self._actual)
         over = controller.world.time - goal.start if goal.start is not None else 0.0
         if over > 0.0:
             left = tuple(replace(p, time=p.time - over) for p in goal.points if p.time > over)
             if not left:
-                text = f"the trajectory was to begin {over:.3f} s ago and to end {over - path.duration:.3f} s ago"
+                text = f"the trajectory began {over:.3f} s ago and ended {over - path.duration:.3f} s ago"
                 self._end(State.REJECTED, OLD_HEADER_TIMESTAMP, text)
                 return None
             path = JointPath(replace(goal, points=left), self._arm.joints, *self._actual)
         for joint, start, actual in zip(self._arm.joints, path.start, self._actual.positions, strict=True):
             if abs(start - actual) > _PATH:
                 raise WrongValue(
-                    f"the trajectory begins at once with {joint.name} at {start:.4f}, which is at {actual:.4f}"
+                    f"the trajectory begins immediately with {joint.name} at {start:.4f}, but it is at {actual:.4f}"
                 )
         return path
 

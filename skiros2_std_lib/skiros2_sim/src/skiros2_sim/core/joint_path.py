@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import PPoly
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core.joint import Joint
@@ -104,9 +105,10 @@ class JointPath:
         self._times = np.array(times)
         self._q = np.array([row[0] for row in rows])
         self._qd = self._velocities([row[1] for row in rows])
-        self._qdd = [row[2] for row in rows]
-        self._polynomials = np.array([self._polynomial(i) for i in range(len(times) - 1)])
-        self._check_between()
+        if len(rows) > 1:  # else it begins and ends at once
+            self._path = self._spline([row[2] for row in rows])
+            self._speed = self._path.derivative()
+            self._check_between()
 
     @property
     def duration(self) -> float:
@@ -129,8 +131,7 @@ class JointPath:
         """Positions and velocities at `time` seconds after the start; at rest before and after."""
         if time <= 0.0 or time >= self.duration:
             return self._q[0 if time <= 0.0 else -1], np.zeros(len(self._limits))
-        i = int(np.searchsorted(self._times, time, side="right")) - 1
-        return _evaluated(self._polynomials[i], time - float(self._times[i]))
+        return self._path(time), self._speed(time)
 
     def _row(self, point: JointPoint, i: int, order: Sequence[int]) -> tuple[Array, Array | None, Array | None]:
         """Returns positions, velocities and accelerations of a point in the arm's order; checks limits."""
@@ -144,7 +145,7 @@ class JointPath:
                 raise WrongValue(f"point {i} has {len(given)} {kind} for {len(order)} joints")
             row = np.array([given[k] for k in order], dtype=float)
             for k in _where(~np.isfinite(row)):
-                raise WrongValue(f"point {i}: {kind} of {self._limits[k].name} is {row[k]}, which is no number")
+                raise WrongValue(f"point {i}: {kind} of {self._limits[k].name} is {row[k]}, which is not finite")
             values.append(row)
         positions, velocities, accelerations, efforts = values
         assert positions is not None
@@ -169,47 +170,36 @@ class JointPath:
 
     def _velocities(self, given: Sequence[Array | None]) -> Array:
         """Returns the velocities at all points; missing ones are derived from the slopes."""
-        slopes = np.diff(self._q, axis=0) / np.diff(self._times)[:, None]
         result = np.zeros_like(self._q)
+        slopes = np.diff(self._q, axis=0) / np.diff(self._times)[:, None]
+        before, after = slopes[:-1], slopes[1:]
+        # the mean, but at most three times the smaller slope: the cubic stays between its ends
+        # (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980)
+        least = 3 * np.minimum(np.abs(before), np.abs(after))
+        result[1:-1] = np.where(before * after > 0, np.clip((before + after) / 2, -least, least), 0.0)
         for i, velocities in enumerate(given):
             if velocities is not None:
                 result[i] = velocities
-            elif 0 < i < len(given) - 1:
-                before, after = slopes[i - 1], slopes[i]
-                # the mean, but at most three times the smaller slope: the cubic stays between its ends
-                # (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980)
-                least = 3 * np.minimum(np.abs(before), np.abs(after))
-                result[i] = np.where(before * after > 0, np.clip((before + after) / 2, -least, least), 0.0)
         return result
 
-    def _polynomial(self, i: int) -> Array:
-        """Returns the six coefficients (rows, constant first) of each joint for segment i."""
-        t = float(self._times[i + 1] - self._times[i])
-        q0, q1, v0, v1 = self._q[i], self._q[i + 1], self._qd[i], self._qd[i + 1]
-        a0, a1 = self._qdd[i], self._qdd[i + 1]
-        none = np.zeros_like(q0)
-        if a0 is None or a1 is None:
-            return np.array(
-                [
-                    q0,
-                    v0,
-                    (3 * (q1 - q0) / t - 2 * v0 - v1) / t,
-                    (v0 + v1 - 2 * (q1 - q0) / t) / t**2,
-                    none,
-                    none,
-                ]
-            )
-        d = (q1 - q0) / t
-        return np.array(
-            [
-                q0,
-                v0,
-                a0 / 2,
-                (20 * d - 8 * v1 - 12 * v0 - (3 * a0 - a1) * t) / (2 * t**2),
-                (-30 * d + 14 * v1 + 16 * v0 + (3 * a0 - 2 * a1) * t) / (2 * t**3),
-                (12 * d - 6 * v1 - 6 * v0 - (a0 - a1) * t) / (2 * t**4),
-            ]
+    def _spline(self, accelerations: Sequence[Array | None]) -> PPoly:
+        """Returns the positions as a function of time. Segments between two given accelerations are quintic."""
+        t = np.diff(self._times)[:, None]
+        start, v0, v1 = self._q[:-1], self._qd[:-1], self._qd[1:]
+        d = np.diff(self._q, axis=0) / t
+        none = np.zeros_like(d)
+        cubic = (none, none, (v0 + v1 - 2 * d) / t**2, (3 * d - 2 * v0 - v1) / t)
+        given = np.array([row is not None for row in accelerations])
+        a = np.array([np.zeros(len(self._limits)) if row is None else row for row in accelerations])
+        a0, a1 = a[:-1], a[1:]
+        quintic = (
+            (12 * d - 6 * v1 - 6 * v0 - (a0 - a1) * t) / (2 * t**4),
+            (-30 * d + 14 * v1 + 16 * v0 + (3 * a0 - 2 * a1) * t) / (2 * t**3),
+            (20 * d - 8 * v1 - 12 * v0 - (3 * a0 - a1) * t) / (2 * t**2),
+            a0 / 2,
         )
+        are_quintic = (given[:-1] & given[1:])[:, None]
+        return PPoly(np.array([*np.where(are_quintic, quintic, cubic), v0, start]), self._times)
 
     def _check_between(self) -> None:
         """Checks the limits within all segments.
@@ -218,18 +208,22 @@ class JointPath:
         """
         # a joint that starts beyond a limit may return from there
         lower, upper = np.minimum(self._lower, self._q[0]), np.maximum(self._upper, self._q[0])
-        for i, polynomial in enumerate(self._polynomials):
-            t = float(self._times[i + 1] - self._times[i])
-            q, qd = _evaluated(polynomial[:, None, :], (_SAMPLES * t)[:, None])
-            fastest, lowest, highest = np.max(np.abs(qd), axis=0), np.min(q, axis=0), np.max(q, axis=0)
+        durations = np.diff(self._times)
+        samples = self._times[:-1, None] + _SAMPLES * durations[:, None]
+        q, qd = self._path(samples), self._speed(samples)  # segment, sample, joint
+        speeds, lows, highs = np.abs(qd).max(axis=1), q.min(axis=1), q.max(axis=1)
+        too_fast = ~(speeds <= self._fastest + _ROUNDING)
+        beyond = (lows < lower - _ROUNDING) | (highs > upper + _ROUNDING)
+        for i in _where((too_fast | beyond).any(axis=1)):
+            t, fastest, lowest, highest = durations[i], speeds[i], lows[i], highs[i]
             end = i + self._first  # index in the goal
             where = f"between points {end - 1} and {end}" if end else "to point 0"
-            for k in _where(~(fastest <= self._fastest + _ROUNDING)):
+            for k in _where(too_fast[i]):
                 raise WrongValue(
                     f"{where}: {self._limits[k].name} would move at {fastest[k]:.4f} per second, its limit is "
                     f"{self._fastest[k]:.4f}; {t:.3f} s are too short for {abs(self._q[i + 1, k] - self._q[i, k]):.4f}"
                 )
-            for k in _where((lowest < lower - _ROUNDING) | (highest > upper + _ROUNDING)):
+            for k in _where(beyond[i]):
                 raise WrongValue(
                     f"{where}: {self._limits[k].name} would go from {lowest[k]:.4f} to {highest[k]:.4f}, its limits "
                     f"are {self._lower[k]:.4f} to {self._upper[k]:.4f}"
@@ -251,14 +245,7 @@ def _times(goal: JointGoal) -> list[float]:
     times = [point.time for point in goal.points]
     for i, time in enumerate(times):
         if not np.isfinite(time) or time < 0.0:
-            raise WrongValue(f"point {i}: time {time} is not a number of seconds from the start on")
+            raise WrongValue(f"point {i}: time {time} is not a finite number of seconds, 0 or more")
         if i and time <= times[i - 1]:
-            raise WrongValue(f"point {i}: time {time} does not come after the {times[i - 1]} of point {i - 1}")
+            raise WrongValue(f"point {i}: time {time} is not later than the {times[i - 1]} of point {i - 1}")
     return times
-
-
-def _evaluated(c: Array, t: Array | float) -> tuple[Array, Array]:
-    """Evaluates polynomials of degree 5, constant first, and their derivatives."""
-    q = c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5]))))
-    qd = c[1] + t * (2 * c[2] + t * (3 * c[3] + t * (4 * c[4] + t * 5 * c[5])))
-    return q, qd

@@ -36,7 +36,7 @@ def separate_overlaps(world: World) -> list[Problem]:
             break
     left = {pair for pair, _, _ in _overlaps(world)}
     return [
-        Problem(one, f"it is {depth:.3f} m inside {other}; {'it stays so' if (one, other) in left else 'moved apart'}")
+        Problem(one, f"it is {depth:.3f} m inside {other}; {'not resolved' if (one, other) in left else 'moved apart'}")
         for (one, other), depth in sorted(deepest.items())
     ]
 

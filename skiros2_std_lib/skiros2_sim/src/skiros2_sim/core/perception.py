@@ -16,8 +16,9 @@ from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
-from skiros2_sim.core.box_fit import area_of, convex_hull, corners_of, fit_box, least_turned
+from skiros2_sim.core.box_fit import corners_of, fit_box, least_turned, outline_area
 from skiros2_sim.core.camera import NEAR, Lens, Picture, lens_of, picture_of
 from skiros2_sim.core.scene_spec import BodySpec
 from skiros2_sim.core.world import World
@@ -29,7 +30,6 @@ from skiros2_std_reasoners.core.geometry import (
     inverted,
     multiplied,
     normalized,
-    rotated,
 )
 
 Points = npt.NDArray[np.float64]
@@ -144,8 +144,8 @@ def _visibility(pixels: int, pose: Pose, size: Vector, picture: Picture) -> floa
     corners = _transformed(composed(inverted(picture.pose), pose), corners_of(size))
     if corners[:, 2].min() < NEAR:
         return 0.0  # it intersects the lens
-    outline = convex_hull(picture.lens.focal_length * corners[:, :2] / corners[:, 2:])
-    return min(1.0, pixels / max(area_of(outline), 1.0))
+    outline = outline_area(picture.lens.focal_length * corners[:, :2] / corners[:, 2:])
+    return min(1.0, pixels / max(outline, 1.0))
 
 
 def _visible_by_rays(world: World, camera: Pose, lens: Lens, wanted: Callable[[BodySpec], bool]) -> Iterator[Detection]:
@@ -176,5 +176,4 @@ def _with_noise(detection: Detection, noise: Noise, random: np.random.Generator)
 
 def _transformed(frame: Pose, points: Points) -> Points:
     """Transforms points (n x 3) from a frame to the reference frame of its pose."""
-    columns = [rotated(frame.orientation, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
-    return np.asarray(points @ np.asarray(columns) + np.asarray(frame.position))
+    return np.asarray(Rotation.from_quat(frame.orientation).apply(points) + np.asarray(frame.position))

@@ -43,6 +43,8 @@ class Robot:
         self.name = spec.name
         self.spec = spec
         self.mobile = model.mobile
+        #: The URDF of the whole robot, with full paths of meshes.
+        self.urdf = model.urdf
         self._bullet = bullet
         self.body = _load(bullet, spec, model)
         #: Index of each link by name; -1 for the first link.
@@ -127,7 +129,7 @@ class Robot:
         """
         if self.mobile:
             if angle_between(pose.orientation, upright(pose).orientation) > TILT:
-                raise WrongValue(f"{self.id}: a robot that drives stands upright; expected a turn about z, got {pose}")
+                raise WrongValue(f"{self.id}: a mobile robot stands upright: expected a rotation about z, got {pose}")
             pose = upright(pose)
             self._drive = _Drive()
         place_root(self._bullet, self.body, pose)
@@ -143,7 +145,7 @@ class Robot:
         :raises WrongValue: a number is not finite.
         """
         if not self.mobile:
-            raise Refused(f"{self.id} has no base that drives")
+            raise Refused(f"{self.id} has no mobile base")
         self._drive = _Drive(*finite((vx, vy, wz), 3, f"{self.id}: velocities of the base"))
 
     def before_step(self) -> None:

@@ -87,7 +87,7 @@ def merge_models(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
     if made.mobile:
         made.pose = upright(spec.pose)
         if angle_between(made.pose.orientation, spec.pose.orientation) > TILT:
-            made.problems.append(Problem(spec.id, "a robot that drives stands upright; it is not tilted"))
+            made.problems.append(Problem(spec.id, "a mobile robot stands upright: its tilt is ignored"))
     parts = _drives() if made.mobile else []
     parts.append(models.link(BASE_LINK, size=spec.size if spec.base is None else None))
     made.base_links.append(BASE_LINK)
@@ -100,7 +100,7 @@ def merge_models(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
         try:
             parts += _add_arm(arm, folders, made)
         except ConfigurationError as error:
-            made.problems.append(Problem(arm.id, f"the arm is left out: {error}", arm.model))
+            made.problems.append(Problem(arm.id, f"omitted: {error}", arm.model))
     made.urdf = models.as_text(spec.name, parts)
     return made
 

@@ -103,11 +103,11 @@ class _Reader:
             return None
         if size is None and not model:
             if movable:
-                self._add_problem(element, "it is left out: it has neither a size nor a model")
+                self._add_problem(element, "omitted: it has neither a size nor a model")
             return None
         pose = self._tree.pose_in_map(element)
         if pose is None:
-            self._add_problem(element, f"it is left out: {self._tree.why_no_pose(element)}")
+            self._add_problem(element, f"omitted: {self._tree.why_no_pose(element)}")
             return None
         return BodySpec(
             element.id,
@@ -130,7 +130,7 @@ class _Reader:
             return camera
         pose = self._tree.pose_in_map(element)
         if pose is None:
-            self._add_problem(element, f"it is put at the map's origin: {self._tree.why_no_pose(element)}")
+            self._add_problem(element, f"placed at the origin of the map: {self._tree.why_no_pose(element)}")
         return replace(camera, parent="", pose=pose or IDENTITY)
 
     # -- robots -----------------------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ class _Reader:
         for part in self._tree.children(element):
             if self._is(part, BASE):
                 if base is not None:
-                    self._add_problem(part, f"it is left out: the robot {element.id} has the base {base.id} already")
+                    self._add_problem(part, f"omitted: the robot {element.id} already has the base {base.id}")
                     continue
                 base = self._base(part, taken)
             elif self._is(part, ARM):
@@ -153,7 +153,7 @@ class _Reader:
                 cameras.append(self._camera(part, element.id, name, self._unused_part(part, taken)))
         pose = self._tree.pose_in_map(element)
         if pose is None:
-            self._add_problem(element, f"it is put at the map's origin: {self._tree.why_no_pose(element)}")
+            self._add_problem(element, f"placed at the origin of the map: {self._tree.why_no_pose(element)}")
         return RobotSpec(
             element.id,
             name,
@@ -173,7 +173,7 @@ class _Reader:
         """Returns the arm, if it has a model; adds its cameras to `cameras`."""
         model = self._model(element)
         if not model:
-            self._add_problem(element, f"the arm is left out: it has no model ({_MODEL})")
+            self._add_problem(element, f"omitted: it has no model ({_MODEL})")
             return []
         name = self._unused_part(element, taken)
         gripper: GripperSpec | None = None
@@ -183,7 +183,7 @@ class _Reader:
             elif self._is(part, GRIPPER):
                 if gripper is not None:
                     self._add_problem(
-                        part, f"it is left out: the arm {element.id} has the gripper {gripper.id} already"
+                        part, f"omitted: the arm {element.id} already has the gripper {gripper.id}"
                     )
                     continue
                 gripper = self._gripper(part, robot, taken)
@@ -231,7 +231,7 @@ class _Reader:
             other, name = name, f"{name}_{max(element.getIdNumber(), 0)}"
             while name in taken:
                 name += "_"
-            self._add_problem(element, f"it is called {name}: something else is called {other}")
+            self._add_problem(element, f"renamed to {name}: the name {other} is taken")
         taken.add(name)
         return name
 
@@ -245,8 +245,8 @@ class _Reader:
             other, name = name, address.rule.format(robot=robot, part=part)
             while name in self._addresses:
                 name += f"_{max(element.getIdNumber(), 0)}"
-            what = "is no name of ROS" if not names.is_legal(other) else "is taken"
-            self._add_problem(element, f"it is reached at {name}: {address.key} {other!r} {what}")
+            what = "is not a valid ROS name" if not names.is_legal(other) else "is taken"
+            self._add_problem(element, f"uses {name}: {address.key} {other!r} {what}")
         self._addresses.add(name)
         return name
 
@@ -264,13 +264,13 @@ class _Reader:
         edges = [edge for edge in given if edge is not None and 0 < edge <= _MAX_SIZE]
         if len(edges) != 3:
             expected = f"expected three edges of up to {_MAX_SIZE} m"
-            self._add_problem(element, f"its size is not used: {expected}, got {given}")
+            self._add_problem(element, f"size ignored: {expected}, got {given}")
             return None
         return edges[0], edges[1], edges[2]
 
     def _mass(self, element: Element) -> float | None:
         (mass,) = spatial_data.numbers(element, (_MASS,))
         if mass is not None and not 0 < mass <= _MAX_MASS:
-            self._add_problem(element, f"its weight is not used: expected up to {_MAX_MASS} kg, got {mass}")
+            self._add_problem(element, f"weight ignored: expected up to {_MAX_MASS} kg, got {mass}")
             return None
         return mass if mass is None or math.isfinite(mass) else None

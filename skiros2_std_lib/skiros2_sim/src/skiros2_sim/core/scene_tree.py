@@ -87,13 +87,13 @@ class SceneTree:
         known = self._parents.get(child)
         if known is not None:
             if known != parent:
-                self.problems.append(Problem(child, f"it hangs on {known} and on {parent}; the first counts"))
+                self.problems.append(Problem(child, f"it has the parents {known} and {parent}; the first is used"))
             return
         above: str | None = parent
         while above is not None and above != child:
             above = self._parents.get(above)
         if above == child:
-            self.problems.append(Problem(child, f"it hangs on {parent}, which hangs on it; that is left out"))
+            self.problems.append(Problem(child, f"its parent {parent} is its descendant; the relation is ignored"))
             return
         self._parents[child] = parent
 

@@ -139,7 +139,7 @@ class Stepper:
 
         def request(_: World) -> None:
             if not self._paused:
-                raise Refused("the world is not paused: it steps by itself")
+                raise Refused("the world is not paused: it steps on its own")
             self._requests.append(_StepRequest(steps, done))
 
         self.call(request)
@@ -233,7 +233,7 @@ class Stepper:
             self._world.step()
         except Exception as error:
             log.exception("step %d of the simulated world", self._world.steps)
-            self._fail(f"the simulated world stands still since a step failed, reset it: {_error_text(error)}")
+            self._fail(f"the simulation has stopped because a step failed; reset it: {_error_text(error)}")
             return
         self._count += 1
         for hook in self._hooks:
@@ -242,7 +242,7 @@ class Stepper:
             except Exception as error:
                 log.exception("after step %d of the simulated world", self._world.steps)
                 reason = "publishing its state failed"
-                self._fail(f"the simulated world stands still since {reason}, reset it: {_error_text(error)}")
+                self._fail(f"the simulation has stopped because {reason}; reset it: {_error_text(error)}")
                 return
         if self._requests:
             self._requests[0].remaining -= 1
@@ -259,7 +259,7 @@ class Stepper:
         if not self._slow_logged:
             self._slow_logged = True
             reached = (self._count - count) / RATE / max(time.monotonic() - began, 1e-9)
-            log.warning("the simulated world cannot keep up with %g x real time (%.2g x at last)", self._rate, reached)
+            log.warning("the simulated world cannot keep up with %g x real time (last: %.2g x)", self._rate, reached)
         self._restart_timing()
 
     def _restart_timing(self) -> None:
@@ -293,5 +293,5 @@ def checked_rate(rate: float) -> float:
     :raises WrongValue: it is not a number from 0 to `MAX_RATE`.
     """
     if not 0 <= rate <= MAX_RATE:
-        raise WrongValue(f"a rate of {rate}: expected times real time up to {MAX_RATE:g}, or 0: as fast as it can")
+        raise WrongValue(f"rate {rate}: expected up to {MAX_RATE:g} times real time, or 0 for the maximum")
     return float(rate)

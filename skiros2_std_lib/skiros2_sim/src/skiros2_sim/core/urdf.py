@@ -1,4 +1,7 @@
-"""Loads URDFs: checks numbers, resolves meshes, adds name prefixes and missing inertia."""
+"""Loads URDFs: checks numbers, resolves meshes, adds name prefixes and missing inertia.
+
+Written here, since `yourdfpy` would install 26 packages for it.
+"""
 
 from __future__ import annotations
 
@@ -67,9 +70,9 @@ def read_urdf(path: Path, prefix: str = "") -> Urdf:
     try:
         top = xml.parse(path).getroot()
     except (xml.ParseError, OSError, ValueError, LookupError) as error:
-        raise ConfigurationError(f"{path}: is no URDF: {error}") from None
+        raise ConfigurationError(f"{path}: not a URDF: {error}") from None
     if top.tag != "robot":
-        raise ConfigurationError(f"{path}: is no URDF: expected <robot>, got <{top.tag}>")
+        raise ConfigurationError(f"{path}: not a URDF: expected <robot>, got <{top.tag}>")
     parts = [part for part in top if part.tag in ("link", "joint", "material")]
     for part in parts:
         _check_part(part, path)
@@ -79,7 +82,8 @@ def read_urdf(path: Path, prefix: str = "") -> Urdf:
     for part in parts:
         if part.tag == "link":
             _complete(part)
-    fault = load_error(path, urdf.text())
+    meshes = {node.get("filename", "") for part in parts for node in part.iter("mesh")}
+    fault = load_error(path, urdf.text(), [Path(mesh) for mesh in sorted(meshes)])
     if fault:
         raise ConfigurationError(f"{path}: {fault}")
     return urdf

@@ -91,7 +91,7 @@ class World:
             self._add_robot(robot)
         for camera in [camera for camera in self.cameras.values() if camera.parent and camera.parent not in self]:
             del self.cameras[camera.id]
-            self.problems.append(Problem(camera.id, f"the camera is left out: {camera.parent} is not there"))
+            self.problems.append(Problem(camera.id, f"omitted: its parent {camera.parent} does not exist"))
         self.problems += separate_overlaps(self)
         bullet.show(True)
 
@@ -184,7 +184,7 @@ class World:
             self.robots[eid].place(checked)
         else:
             self.pose_of(eid)
-            raise Refused(f"{eid} is a part of something: move that")
+            raise Refused(f"{eid} is a part of a robot; move the robot instead")
 
     def push(self, eid: str, force: Vector, torque: Vector = (0.0, 0.0, 0.0), duration: float = 0.0) -> None:
         """Applies a force and a torque at the centre of an element, from the next step on.
@@ -244,16 +244,16 @@ class World:
     def add_body(self, spec: BodySpec) -> None:
         """Adds a body. If its model does not load, it becomes a box, or is omitted without a size; see `problems`."""
         if spec.id in self:
-            self.problems.append(Problem(spec.id, "it is left out: there is another one of that id"))
+            self.problems.append(Problem(spec.id, "omitted: another element has this id"))
             return
         number = sum(body.movable == spec.movable for body in self.bodies.values())
         try:
             body = Body(self.bullet, spec, self.scene.models, number)
         except ConfigurationError as error:
             if spec.size is None:
-                self.problems.append(Problem(spec.id, f"it is left out: {error}", spec.model))
+                self.problems.append(Problem(spec.id, f"omitted: {error}", spec.model))
                 return
-            self.problems.append(Problem(spec.id, f"it is a box instead: {error}", spec.model))
+            self.problems.append(Problem(spec.id, f"replaced by a box: {error}", spec.model))
             body = Body(self.bullet, dataclasses.replace(spec, model=""), (), number)
         self.bodies[spec.id] = body
         self._elements[body.body] = spec.id
@@ -264,7 +264,7 @@ class World:
         try:
             robot = Robot(self.bullet, spec, model)
         except ConfigurationError as error:
-            self.problems.append(Problem(spec.id, f"the robot is left out: {error}"))
+            self.problems.append(Problem(spec.id, f"omitted: {error}"))
             return
         self.robots[spec.id] = robot
         self.arms |= robot.arms

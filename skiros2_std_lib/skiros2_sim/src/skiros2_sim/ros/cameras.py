@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
@@ -44,7 +42,7 @@ class Cameras:
         for topics in self._topics.values():
             topics.clear()
 
-    def _messages(self, camera: str) -> tuple[Any, Any, Any]:
+    def _messages(self, camera: str) -> tuple[Image, Image, CameraInfo]:
         picture = picture_of(self._world, camera)
         header = Header(stamp=self._clock.now, frame_id=self._frames.camera(camera))
         return colour_image(picture, header), depth_image(picture, header), camera_info(picture, header)
@@ -66,7 +64,7 @@ class _Topics:
     def are_listened_to(self) -> bool:
         return any(topic.has_subscribers for topic in self._all())
 
-    def put(self, world: World, messages: tuple[Any, Any, Any]) -> None:
+    def put(self, world: World, messages: tuple[Image, Image, CameraInfo]) -> None:
         colour, depth, info = messages
         self._colour.put(world, colour)
         self._depth.put(world, depth)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
 
 import rospy
 from geometry_msgs.msg import Wrench
@@ -49,12 +48,12 @@ class Controllers:
         for subscriber in self._subscribers:
             subscriber.unregister()
 
-    def _on_switch(self, request: Any) -> Any:
+    def _on_switch(self, request: SwitchControllerRequest) -> SwitchControllerResponse:
         strict = request.strictness == SwitchControllerRequest.STRICT
         try:
             self._stepper.call(lambda _: self._switch(request.start_controllers, request.stop_controllers, strict))
         except SkirosError as error:
-            log.warning("controllers of %s are not switched: %s", self._robot.name, error)
+            log.warning("controllers of %s were not switched: %s", self._robot.name, error)
             return SwitchControllerResponse(False)
         return SwitchControllerResponse(True)
 
@@ -72,9 +71,10 @@ class Controllers:
                 try:
                     arm, controller = self._find(name)
                     if strict and (self._controllers[arm.id].active == controller) is not be_on:
-                        raise Refused(f"{name} is {'off' if be_on else 'on'} already")
+                        raise Refused(f"{name} is already {'inactive' if be_on else 'active'}")
                     if chosen.setdefault(arm.id, controller) != controller:
-                        raise Refused(f"both controllers of arm {arm.name} cannot be {'stopped' if be_on else 'on'}")
+                        state = "stopped" if be_on else "active"
+                        raise Refused(f"both controllers of arm {arm.name} cannot be {state}")
                 except UnknownName:
                     if strict:
                         raise
@@ -82,9 +82,9 @@ class Controllers:
             now = self._controllers[arm.id]
             on = starts.get(arm.id, now.active)
             if arm.id in stops and stops[arm.id] == on:
-                raise Refused(f"arm {arm.name} needs a controller: one is started in the place of {on}")
+                raise Refused(f"arm {arm.name} needs a controller: {on} can only be replaced by another one")
             if on != now.active and self._devices[arm.id].running is not None:
-                raise Refused(f"arm {arm.name} carries out a goal: cancel that first")
+                raise Refused(f"arm {arm.name} is executing a goal; cancel it first")
         for arm_id, controller in starts.items():
             self._controllers[arm_id].switch(controller)
 
@@ -103,9 +103,9 @@ class Controllers:
             return found[0]
         known = [f"{a.name}/{c}" for a in self._arms for c in (a.position_controller, a.compliant_controller)]
         what = "several arms have" if found else "no arm has"
-        raise UnknownName(f"{what} a controller {name!r}; expected one of: {', '.join(known) or 'none is there'}")
+        raise UnknownName(f"{what} a controller {name!r}; expected one of: {', '.join(known) or 'none'}")
 
-    def _on_stiffness(self, message: Any, arm: ArmSpec) -> None:
+    def _on_stiffness(self, message: Wrench, arm: ArmSpec) -> None:
         try:
             values = (
                 *vector_from(message.force, f"stiffness of {arm.name}, N/m"),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
+from actionlib.server_goal_handle import ServerGoalHandle
 from actionlib_msgs.msg import GoalStatus
+from genpy import Message
 
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.ros.goal_server import GoalServer
@@ -31,11 +33,11 @@ class Job(Protocol):
         """
         ...
 
-    def feedback(self) -> Any:
+    def feedback(self) -> Message:
         """Returns a feedback message."""
         ...
 
-    def result(self, outcome: Outcome) -> Any:
+    def result(self, outcome: Outcome) -> Message:
         """Returns the result message."""
         ...
 
@@ -43,7 +45,7 @@ class Job(Protocol):
 @dataclass
 class _Running:
     server: DeviceServer
-    handle: Any
+    handle: ServerGoalHandle
     job: Job
     motion: Motion
 
@@ -70,11 +72,11 @@ class DeviceServer(GoalServer):
     def __init__(
         self,
         name: str,
-        kind: Any,
+        kind: type[Message],
         stepper: Stepper,
         device: Device,
-        job: Callable[[Any], Job],
-        rejection: Callable[[str], Any],
+        job: Callable[[Message], Job],
+        rejection: Callable[[str], Message],
     ) -> None:
         super().__init__(name, kind)
         self.name = name
@@ -84,10 +86,10 @@ class DeviceServer(GoalServer):
         self._rejection = rejection
         stepper.add_hook(self._after_step, self.abandon)
 
-    def _unserved_result(self, cancelled: bool, message: str) -> Any:
+    def _unserved_result(self, cancelled: bool, message: str) -> Message:
         return self._rejection(message)
 
-    def _unfinished_handles(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[ServerGoalHandle]:
         running = self._running
         return [running.handle] if running is not None else []
 
@@ -98,19 +100,19 @@ class DeviceServer(GoalServer):
 
     # -- in the thread of the action -----------------------------------------------------------------------------
 
-    def _begin(self, handle: Any) -> None:
+    def _begin(self, handle: ServerGoalHandle) -> None:
         try:
             job = self._job(handle.get_goal())
             self._stepper.call(lambda world: self._start(world, handle, job))
         except SkirosError as error:
-            log.info("%s: a goal is refused: %s", self.name, error)
+            log.info("%s: a goal is rejected: %s", self.name, error)
             handle.set_rejected(self._rejection(str(error)), str(error))
         except Exception as error:  # clients must get a result after internal errors too
             log.exception("a goal of %s", self.name)
             text = f"internal error: {type(error).__name__}: {error}"
             handle.set_rejected(self._rejection(text), text)
 
-    def _cancel(self, handle: Any) -> None:
+    def _cancel(self, handle: ServerGoalHandle) -> None:
         def cancel(_: World) -> None:
             running = self._running
             if running is not None and running.handle == handle:
@@ -119,7 +121,7 @@ class DeviceServer(GoalServer):
         try:
             self._stepper.call(cancel)
         except Refused as error:
-            log.info("%s: a goal is not cancelled: %s", self.name, error)
+            log.info("%s: a cancellation failed: %s", self.name, error)
 
     # -- in the thread that steps --------------------------------------------------------------------------------
 
@@ -130,14 +132,14 @@ class DeviceServer(GoalServer):
             self._device.running = None
             running.handle.set_aborted(self._rejection(reason), reason)
 
-    def _start(self, world: World, handle: Any, job: Job) -> None:
+    def _start(self, world: World, handle: ServerGoalHandle, job: Job) -> None:
         before = self._device.running
         if before is not None and before.server is not self:
-            raise Refused(f"{self._device.name} carries out a goal of {before.server.name}: cancel that first")
+            raise Refused(f"{self._device.name} is executing a goal of {before.server.name}; cancel it first")
         motion = job.begin(world)
         outcome = motion.outcome
         if outcome is not None and outcome.state is State.REJECTED:
-            log.info("%s: a goal is refused: %s", self.name, outcome.text)
+            log.info("%s: a goal is rejected: %s", self.name, outcome.text)
             handle.set_rejected(job.result(outcome), outcome.text)
             return
         if before is not None:

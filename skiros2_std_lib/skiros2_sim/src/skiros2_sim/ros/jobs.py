@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TypeVar
 
+from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from move_base_msgs.msg import MoveBaseFeedback, MoveBaseResult
+from move_base_msgs.msg import MoveBaseFeedback, MoveBaseGoal, MoveBaseResult
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from control_msgs.msg import (
     FollowJointTrajectoryFeedback,
+    FollowJointTrajectoryGoal,
     FollowJointTrajectoryResult,
     GripperCommandFeedback,
+    GripperCommandGoal,
     GripperCommandResult,
 )
+from control_msgs.msg import JointTolerance as JointToleranceMessage
 from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
@@ -28,10 +32,12 @@ from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.messages import pose_from, pose_message, wrench_message
 from skiros2_sim.ros.publishers import SimulatedClock
-from skiros2_sim_msgs.msg import CartesianMotionFeedback, CartesianMotionResult
+from skiros2_sim_msgs.msg import CartesianMotionFeedback, CartesianMotionGoal, CartesianMotionResult
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 
-#: Maximum number of points of a trajectory: checking more would stop the world.
+M = TypeVar("M", GripperCommandFeedback, GripperCommandResult)
+
+#: Maximum number of points of a trajectory: checking 2000 takes 50 ms.
 _MAX_POINTS = 2_000
 
 
@@ -42,7 +48,13 @@ class JointJob:
     :raises WrongValue: the goal has too many points.
     """
 
-    def __init__(self, goal: Any, arm: str, controllers: dict[str, ArmController], clock: SimulatedClock) -> None:
+    def __init__(
+        self,
+        goal: FollowJointTrajectoryGoal,
+        arm: str,
+        controllers: dict[str, ArmController],
+        clock: SimulatedClock,
+    ) -> None:
         points = goal.trajectory.points
         if len(points) > _MAX_POINTS:
             raise WrongValue(f"the trajectory has {len(points)} points, expected up to {_MAX_POINTS}")
@@ -67,16 +79,16 @@ class JointJob:
         )
         return self._motion
 
-    def feedback(self) -> Any:
+    def feedback(self) -> FollowJointTrajectoryFeedback:
         desired, actual, error = map(_state, self._motion.feedback())
         header = Header(stamp=self._clock.now)
         return FollowJointTrajectoryFeedback(header, list(self._motion.joint_names), desired, actual, error)
 
-    def result(self, outcome: Outcome) -> Any:
+    def result(self, outcome: Outcome) -> FollowJointTrajectoryResult:
         return FollowJointTrajectoryResult(outcome.code, outcome.text)
 
 
-def refused_trajectory(text: str) -> Any:
+def refused_trajectory(text: str) -> FollowJointTrajectoryResult:
     """Returns the result of a rejected goal."""
     return FollowJointTrajectoryResult(INVALID_GOAL, text)
 
@@ -89,7 +101,12 @@ class CartesianJob:
     """
 
     def __init__(
-        self, goal: Any, arm: str, controllers: dict[str, ArmController], clock: SimulatedClock, frames: Frames
+        self,
+        goal: CartesianMotionGoal,
+        arm: str,
+        controllers: dict[str, ArmController],
+        clock: SimulatedClock,
+        frames: Frames,
     ) -> None:
         self._goal = goal
         self._arm = arm
@@ -121,13 +138,13 @@ class CartesianJob:
         )
         return self._motion
 
-    def feedback(self) -> Any:
+    def feedback(self) -> CartesianMotionFeedback:
         return CartesianMotionFeedback(*self._felt(), self._motion.feedback().distance)
 
-    def result(self, outcome: Outcome) -> Any:
+    def result(self, outcome: Outcome) -> CartesianMotionResult:
         return CartesianMotionResult(outcome.code, outcome.text, *self._felt())
 
-    def _felt(self) -> tuple[Any, Any]:
+    def _felt(self) -> tuple[PoseStamped, WrenchStamped]:
         """Returns the pose of the tool in the initial frame of the target, and the wrench."""
         feeling = self._motion.feedback()
         controller = self._controllers[self._arm]
@@ -139,7 +156,7 @@ class CartesianJob:
         )
 
 
-def refused_motion(text: str) -> Any:
+def refused_motion(text: str) -> CartesianMotionResult:
     """Returns the result of a rejected goal."""
     result = CartesianMotionResult(error_code=INVALID_GOAL, error_string=text)
     result.pose.pose = pose_message(IDENTITY)
@@ -149,23 +166,21 @@ def refused_motion(text: str) -> Any:
 class GripperJob:
     """A goal of control_msgs/GripperCommand: `position` is the distance between the fingers (m)."""
 
-    def __init__(self, goal: Any, gripper: str) -> None:
+    def __init__(self, goal: GripperCommandGoal, gripper: str) -> None:
         self._command = goal.command
         self._gripper = gripper
 
     def begin(self, world: World) -> GripperMotion:
-        self._motion = GripperMotion(
-            world, world.grippers[self._gripper], self._command.position, self._command.max_effort
-        )
+        self._motion = GripperMotion(world.grippers[self._gripper], self._command.position, self._command.max_effort)
         return self._motion
 
-    def feedback(self) -> Any:
+    def feedback(self) -> GripperCommandFeedback:
         return self._message(GripperCommandFeedback)
 
-    def result(self, outcome: Outcome) -> Any:
+    def result(self, outcome: Outcome) -> GripperCommandResult:
         return self._message(GripperCommandResult)
 
-    def _message(self, kind: Any) -> Any:
+    def _message(self, kind: type[M]) -> M:
         motion = self._motion
         return kind(motion.width, motion.effort, motion.stalled, motion.reached_goal)
 
@@ -177,7 +192,7 @@ class BaseJob:
     :raises UnknownName: the frame does not exist.
     """
 
-    def __init__(self, goal: Any, robot: str, clock: SimulatedClock, frames: Frames) -> None:
+    def __init__(self, goal: MoveBaseGoal, robot: str, clock: SimulatedClock, frames: Frames) -> None:
         self._robot = robot
         self._clock = clock
         self._frames = frames
@@ -189,16 +204,16 @@ class BaseJob:
         pose = composed(self._reference(world), self._pose)
         return BaseMotion.to_pose(world, world.robots[self._robot], pose)
 
-    def feedback(self) -> Any:
+    def feedback(self) -> MoveBaseFeedback:
         pose = self._world.pose_of(self._robot)
         header = Header(stamp=self._clock.now, frame_id=self._frames.map)
         return MoveBaseFeedback(PoseStamped(header, pose_message(pose)))
 
-    def result(self, outcome: Outcome) -> Any:
+    def result(self, outcome: Outcome) -> MoveBaseResult:
         return MoveBaseResult()
 
 
-def _point(message: Any) -> JointPoint:
+def _point(message: JointTrajectoryPoint) -> JointPoint:
     return JointPoint(
         message.time_from_start.to_sec(),
         tuple(message.positions),
@@ -208,13 +223,13 @@ def _point(message: Any) -> JointPoint:
     )
 
 
-def _tolerances(messages: Sequence[Any]) -> dict[str, JointTolerance]:
+def _tolerances(messages: Sequence[JointToleranceMessage]) -> dict[str, JointTolerance]:
     return {m.name: JointTolerance(m.position, m.velocity, m.acceleration) for m in messages}
 
 
-def _state(state: JointState) -> Any:
+def _state(state: JointState) -> JointTrajectoryPoint:
     return JointTrajectoryPoint(positions=state.positions.tolist(), velocities=state.velocities.tolist())
 
 
-def _transformed(frame: Pose, pose: Pose) -> Any:
+def _transformed(frame: Pose, pose: Pose) -> PoseMessage:
     return pose_message(composed(inverted(frame), pose))

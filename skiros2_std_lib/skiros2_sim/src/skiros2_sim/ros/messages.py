@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from geometry_msgs.msg import Point, Quaternion, Twist, Vector3, Wrench
 from geometry_msgs.msg import Pose as PoseMsg
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.camera import Picture
@@ -19,12 +20,12 @@ from skiros2_std_reasoners.core.geometry import Pose, Vector, normalized
 _MAX_DISTANCE = 1e6
 
 
-def pose_message(pose: Pose) -> Any:
+def pose_message(pose: Pose) -> PoseMsg:
     """Converts a pose to a `Pose` message."""
     return PoseMsg(Point(*pose.position), Quaternion(*pose.orientation))
 
 
-def pose_from(message: Any, what: str) -> Pose:
+def pose_from(message: PoseMsg, what: str) -> Pose:
     """Converts a `Pose` message.
 
     :param what: description for the error text.
@@ -38,7 +39,7 @@ def pose_from(message: Any, what: str) -> Pose:
     return Pose(position, normalized((x, y, z, w)))
 
 
-def vector_from(message: Any, what: str, most: float = _MAX_DISTANCE) -> Vector:
+def vector_from(message: Point | Vector3, what: str, most: float = _MAX_DISTANCE) -> Vector:
     """Converts a `Point` or a `Vector3` message.
 
     :raises WrongValue: a number is not finite or too large.
@@ -49,27 +50,27 @@ def vector_from(message: Any, what: str, most: float = _MAX_DISTANCE) -> Vector:
     return x, y, z
 
 
-def wrench_message(values: Sequence[float]) -> Any:
+def wrench_message(values: Sequence[float]) -> Wrench:
     """Creates a `Wrench` message: N along and Nm about x, y, z."""
     return Wrench(Vector3(*values[:3]), Vector3(*values[3:]))
 
 
-def twist_message(linear: Sequence[float], angular: Sequence[float]) -> Any:
+def twist_message(linear: Sequence[float], angular: Sequence[float]) -> Twist:
     """Creates a `Twist` message in m/s and rad/s."""
     return Twist(Vector3(*linear), Vector3(*angular))
 
 
-def colour_image(picture: Picture, header: Any) -> Any:
+def colour_image(picture: Picture, header: Header) -> Image:
     """Creates an `Image` message, rgb8."""
     return _image(picture.rgb, "rgb8", header)
 
 
-def depth_image(picture: Picture, header: Any) -> Any:
+def depth_image(picture: Picture, header: Header) -> Image:
     """Creates an `Image` message, 32FC1: depth in m along the optical axis; NaN for the background."""
     return _image(picture.depth, "32FC1", header)
 
 
-def camera_info(picture: Picture, header: Any) -> Any:
+def camera_info(picture: Picture, header: Header) -> CameraInfo:
     """Creates a `CameraInfo` message of a lens without distortion."""
     lens = picture.lens
     k = lens.matrix
@@ -85,7 +86,7 @@ def camera_info(picture: Picture, header: Any) -> Any:
     )
 
 
-def _image(pixels: np.ndarray[Any, Any], encoding: str, header: Any) -> Any:
+def _image(pixels: npt.NDArray[np.generic], encoding: str, header: Header) -> Image:
     height, width = pixels.shape[:2]
     return Image(
         header=header,

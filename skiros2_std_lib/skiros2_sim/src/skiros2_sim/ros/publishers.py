@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import rospy
+from genpy import Message
 from geometry_msgs.msg import Point, WrenchStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
@@ -39,7 +39,7 @@ class SimulatedClock:
         self._stepper = stepper
 
     @property
-    def now(self) -> Any:
+    def now(self) -> rospy.Time:
         """The current time. Starts with the first step, as rospy treats 0 as "no time"."""
         seconds, steps = divmod(self._stepper.count + 1, RATE)
         return rospy.Time(seconds, steps * 1_000_000_000 // RATE)
@@ -55,16 +55,16 @@ class LateTopic:
     :param targets: ids of the elements of the fault.
     """
 
-    def __init__(self, name: str, kind: Any, targets: Iterable[str], queue_size: int = 10) -> None:
+    def __init__(self, name: str, kind: type[Message], targets: Iterable[str], queue_size: int = 10) -> None:
         self._publisher = rospy.Publisher(name, kind, queue_size=queue_size)
         self._targets = tuple(targets)
-        self._line: DelayLine[Any] = DelayLine()
+        self._line: DelayLine[Message] = DelayLine()
 
     @property
     def has_subscribers(self) -> bool:
         return bool(self._publisher.get_num_connections() > 0)
 
-    def put(self, world: World, message: Any) -> None:
+    def put(self, world: World, message: Message) -> None:
         """Adds a measurement with the current time."""
         self._line.put(world.time, message)
 
@@ -94,7 +94,7 @@ class StatePublisher:
         self._pairs: list[tuple[str, str]] = []
         self._contacts_count = 0
         self._state_count = -1
-        self._sensors: list[tuple[LateTopic, Callable[[], Any]]] = []
+        self._sensors: list[tuple[LateTopic, Callable[[], Message]]] = []
         for robot in world.robots.values():
             self._add_sensors(robot)
 
@@ -129,7 +129,7 @@ class StatePublisher:
             if arm.id in robot.arms:
                 self._add(LateTopic(arm.wrench_topic, WrenchStamped, (robot.id, arm.id)), self._wrench, arm.id)
 
-    def _add(self, topic: LateTopic, message: Callable[[str], Any], eid: str) -> None:
+    def _add(self, topic: LateTopic, message: Callable[[str], Message], eid: str) -> None:
         self._sensors.append((topic, lambda: message(eid)))
 
     def _publish_state(self) -> None:
@@ -145,7 +145,7 @@ class StatePublisher:
                 topic.put(self._world, message())
             topic.send(self._world)
 
-    def _joints(self, eid: str) -> Any:
+    def _joints(self, eid: str) -> JointState:
         robot = self._world.robots[eid]
         joints = list(robot.joints.values())
         states = self._world.bullet.getJointStates(robot.body, [joint.index for joint in joints]) if joints else ()
@@ -157,7 +157,7 @@ class StatePublisher:
             effort=[state[3] for state in states],
         )
 
-    def _odometry(self, eid: str) -> Any:
+    def _odometry(self, eid: str) -> Odometry:
         robot = self._world.robots[eid]
         message = Odometry()
         message.header = Header(stamp=self._clock.now, frame_id=f"{robot.name}/{ODOM}")
@@ -167,7 +167,7 @@ class StatePublisher:
         message.twist.twist = twist_message((vx, vy, 0.0), (0.0, 0.0, turn))
         return message
 
-    def _wrench(self, eid: str) -> Any:
+    def _wrench(self, eid: str) -> WrenchStamped:
         arm = self._world.arms[eid]
         robot = next(robot for robot in self._world.robots.values() if eid in robot.arms)
         header = Header(stamp=self._clock.now, frame_id=f"{robot.name}/{arm.name}/tool")

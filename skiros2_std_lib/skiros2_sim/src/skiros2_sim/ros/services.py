@@ -7,12 +7,13 @@ import logging
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import rospy
+from genpy import Message
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
-from std_srvs.srv import SetBool, SetBoolResponse
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_sim.core.camera import Lens, looking_at, picture_from
@@ -29,6 +30,9 @@ from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inve
 from skiros2_world_model.core.ontology import Ontology
 
 log = logging.getLogger(__name__)
+
+Q = TypeVar("Q", bound=Message)  # a request
+A = TypeVar("A", bound=Message)  # a response with `ok` and `message`
 
 #: Default size (pixels) and field of view (degrees) of an image.
 _WIDTH, _HEIGHT, _FIELD_OF_VIEW = 640, 480, 60.0
@@ -65,7 +69,7 @@ class Services:
         self._noise = noise
         self._reset = reset
         self._publish_all = publish_all
-        self._services: list[Any] = []
+        self._services: list[rospy.Service] = []
 
     def start(self) -> None:
         """Advertises the services."""
@@ -89,12 +93,12 @@ class Services:
 
     # -- time ----------------------------------------------------------------------------------------------------
 
-    def _on_reset(self, request: Any) -> Any:
+    def _on_reset(self, request: srvs.ResetRequest) -> srvs.ResetResponse:
         seed = request.seed if request.seed >= 0 else None
         self._stepper.call(lambda world: self._reset(world, seed), even_failed=True)
         return srvs.ResetResponse(ok=True)
 
-    def _on_pause(self, request: Any) -> Any:
+    def _on_pause(self, request: SetBoolRequest) -> SetBoolResponse:
         try:
             self._stepper.pause(request.data)
             if request.data:
@@ -103,24 +107,24 @@ class Services:
             return SetBoolResponse(False, str(error))
         return SetBoolResponse(True, "paused" if request.data else "runs")
 
-    def _on_step(self, request: Any) -> Any:
+    def _on_step(self, request: srvs.StepRequest) -> srvs.StepResponse:
         self._stepper.step(request.steps)
         return self._stepper.call(self._stepped)
 
-    def _stepped(self, _: World) -> Any:
+    def _stepped(self, _: World) -> srvs.StepResponse:
         self._publish_all()
         return srvs.StepResponse(ok=True, stamp=self._clock.now)
 
-    def _on_set_rate(self, request: Any) -> Any:
+    def _on_set_rate(self, request: srvs.SetRateRequest) -> srvs.SetRateResponse:
         self._stepper.set_rate(request.factor)
         return srvs.SetRateResponse(ok=True)
 
     # -- where things are ----------------------------------------------------------------------------------------
 
-    def _on_get_pose(self, request: Any) -> Any:
+    def _on_get_pose(self, request: srvs.GetPoseRequest) -> srvs.GetPoseResponse:
         reference = self._frames.reference(request.frame)
 
-        def get(world: World) -> Any:
+        def get(world: World) -> srvs.GetPoseResponse:
             pose = world.pose_of(request.element)
             linear, angular = world.velocity_of(request.element)
             frame = reference(world)
@@ -133,7 +137,7 @@ class Services:
 
         return self._stepper.call(get, even_failed=True)
 
-    def _on_set_pose(self, request: Any) -> Any:
+    def _on_set_pose(self, request: srvs.SetPoseRequest) -> srvs.SetPoseResponse:
         reference = self._frames.reference(request.pose.header.frame_id)
         pose = pose_from(request.pose.pose, f"pose of {request.element!r}")
 
@@ -145,14 +149,14 @@ class Services:
         self._stepper.call(put)
         return srvs.SetPoseResponse(ok=True)
 
-    def _on_push(self, request: Any) -> Any:
+    def _on_push(self, request: srvs.PushRequest) -> srvs.PushResponse:
         force = vector_from(request.wrench.force, f"push of {request.element!r}: force")
         torque = vector_from(request.wrench.torque, f"push of {request.element!r}: torque")
         duration = request.duration.to_sec()
         self._stepper.call(lambda world: world.push(request.element, force, torque, duration))
         return srvs.PushResponse(ok=True)
 
-    def _on_set_fault(self, request: Any) -> Any:
+    def _on_set_fault(self, request: srvs.SetFaultRequest) -> srvs.SetFaultResponse:
         def put(world: World) -> None:
             if request.active:
                 world.faults.set(request.kind, request.target, request.value, request.duration)
@@ -160,12 +164,12 @@ class Services:
                 world.faults.clear(request.kind, request.target)
 
         self._stepper.call(put)
-        log.info("fault %s of %s is %s", request.kind, request.target, "there" if request.active else "taken away")
+        log.info("fault %s of %s %s", request.kind, request.target, "started" if request.active else "cleared")
         return srvs.SetFaultResponse(ok=True)
 
     # -- perception ----------------------------------------------------------------------------------------------
 
-    def _on_detect(self, request: Any) -> Any:
+    def _on_detect(self, request: srvs.DetectRequest) -> srvs.DetectResponse:
         reference = self._frames.reference(request.frame)
         for kind in request.types:
             if not self._ontology.has_class(kind):
@@ -176,7 +180,7 @@ class Services:
                 return movable(body)
             return any(self._ontology.is_subclass(body.type, kind) for kind in request.types)
 
-        def look(world: World) -> tuple[Any, float]:
+        def look(world: World) -> tuple[srvs.DetectResponse, float]:
             found = detect(world, request.camera, wanted, self._source, self._noise)
             back, header = inverted(reference(world)), self._header(request.frame)
             detections = [_detection(detection, back, header) for detection in found]
@@ -188,13 +192,13 @@ class Services:
             self._wait(lag)
         return answer
 
-    def _on_take_picture(self, request: Any) -> Any:
+    def _on_take_picture(self, request: srvs.TakePictureRequest) -> srvs.TakePictureResponse:
         pose = looking_at(vector_from(request.eye, "eye"), vector_from(request.target, "target"))
         lens = Lens(
             request.width or _WIDTH, request.height or _HEIGHT, math.radians(request.field_of_view or _FIELD_OF_VIEW)
         )
 
-        def take(world: World) -> Any:
+        def take(world: World) -> srvs.TakePictureResponse:
             picture = picture_from(world, pose, lens, shadow=True)
             return srvs.TakePictureResponse(ok=True, image=colour_image(picture, self._header("")))
 
@@ -206,15 +210,15 @@ class Services:
         while self._clock.seconds < end and not (self._stepper.paused or self._stepper.failure or rospy.is_shutdown()):
             time.sleep(_POLL)
 
-    def _header(self, frame: str) -> Any:
+    def _header(self, frame: str) -> Header:
         return Header(stamp=self._clock.now, frame_id=frame or self._frames.map)
 
 
-def answered(response: Any, serve: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def answered(response: type[A], serve: Callable[[Q], A]) -> Callable[[Q], A]:
     """Wraps a service handler: errors are answered with `ok` False and the reason."""
 
     @functools.wraps(serve)
-    def answer(request: Any) -> Any:
+    def answer(request: Q) -> A:
         try:
             return serve(request)
         except SkirosError as error:
@@ -224,6 +228,6 @@ def answered(response: Any, serve: Callable[[Any], Any]) -> Callable[[Any], Any]
     return answer
 
 
-def _detection(detection: Detection, back: Pose, header: Any) -> Any:
+def _detection(detection: Detection, back: Pose, header: Header) -> msgs.Detection:
     pose = PoseStamped(header, pose_message(composed(back, detection.pose)))
     return msgs.Detection(detection.id, detection.type, detection.label, pose, detection.confidence)

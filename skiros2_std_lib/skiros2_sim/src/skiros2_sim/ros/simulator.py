@@ -71,6 +71,9 @@ class Simulator:
 
     def start(self) -> None:
         """Starts stepping and accepting goals."""
+        for robot in self._world.robots.values():
+            rospy.set_param(f"/{robot.name}/robot_description", robot.urdf)
+            rospy.set_param(f"/{robot.name}/tf_prefix", robot.name)
         self._state_publisher.publish_all()
         self._stepper.start()
         for server in self._servers:
@@ -154,7 +157,7 @@ class Simulator:
         self._cameras.clear()
         self._stepper.recover()
         self._state_publisher.publish_all()
-        log.info("the simulated world is back at its start, seed %d", world.seed)
+        log.info("the simulated world was reset, seed %d", world.seed)
 
 
 def main() -> None:
@@ -177,7 +180,7 @@ def main() -> None:
     rospy.on_shutdown(simulator.close)
     simulator.start()
     robots = ", ".join(robot.name for robot in world.robots.values()) or "none"
-    log.info("the simulated world is ready: %d things, robots: %s", len(world.bodies), robots)
+    log.info("the simulated world is ready: %d bodies, robots: %s", len(world.bodies), robots)
     spin()
 
 

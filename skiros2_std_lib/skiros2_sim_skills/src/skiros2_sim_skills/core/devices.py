@@ -5,22 +5,33 @@ Default names follow the rules of `skiros2_sim.core.names`.
 
 from __future__ import annotations
 
+import functools
 import json
+import logging
 import math
-from typing import Any
+from typing import TypeGuard, TypeVar
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_sim.core.names import Address, part_name, robot_name
+
+J = TypeVar("J", list[object], dict[str, object])
 
 #: Of a camera: the service `skiros2_sim_msgs/Detect`.
 DETECT = Address("skiros:DriverAddress", "/{robot}/{part}/detect")
 #: Of a gripper, with the arm as the part: the tf frame between the fingertips, z pointing out of the hand.
 TOOL_FRAME = Address("skiros:LinkedToFrameId", "{robot}/{part}/tool")
 
-JOINT_NAMES = "demo:JointNames"
-OPENING = "demo:Opening"
-POSTURES = "demo:Postures"
+JOINT_NAMES = "skiros:JointNames"
+OPENING = "skiros:Opening"
+POSTURES = "skiros:Postures"
+
+#: Earlier names of these properties, which scenes may still use.
+_EARLIER_NAMES = {JOINT_NAMES: "demo:JointNames", OPENING: "demo:Opening", POSTURES: "demo:Postures"}
+#: Default opening of a gripper (m).
+_OPENING = 0.08
+
+log = logging.getLogger(__name__)
 
 
 def name_of(address: Address, robot: Element, part: Element | None = None) -> str:
@@ -35,11 +46,11 @@ def opening(gripper: Element) -> float:
 
     :raises WrongValue: the property is not a length.
     """
-    value = gripper.value_of(OPENING)
+    value = _value(gripper, OPENING)
     if value is None:
-        return 0.08
+        return _OPENING
     if not _is_number(value) or value <= 0:
-        raise WrongValue(f"{gripper!r}: {OPENING} is {value!r}, expected m")
+        raise WrongValue(f"{gripper!r}: {OPENING} is {value!r}, expected a length in m")
     return float(value)
 
 
@@ -57,8 +68,8 @@ def posture(arm: Element, name: str) -> dict[str, float]:
     return {str(joint): float(position) for joint, position in zip(names, positions, strict=True)}
 
 
-def _json(arm: Element, key: str, kind: type) -> Any:
-    text = arm.value_of(key)
+def _json(arm: Element, key: str, kind: type[J]) -> J:
+    text = _value(arm, key)
     try:
         value = json.loads(str(text))
     except ValueError:
@@ -68,5 +79,22 @@ def _json(arm: Element, key: str, kind: type) -> Any:
     return value
 
 
-def _is_number(value: object) -> bool:
+def _value(device: Element, key: str) -> object:
+    """Returns the value of a property, also under its earlier name; None without one."""
+    value = device.value_of(key)
+    if value is not None:
+        return value
+    value = device.value_of(_EARLIER_NAMES[key])
+    if value is not None:
+        _warn_of_earlier_names()
+    return value
+
+
+@functools.cache
+def _warn_of_earlier_names() -> None:
+    names = ", ".join(f"{old} is now {new}" for new, old in _EARLIER_NAMES.items())
+    log.warning("the scene uses earlier names of properties: %s", names)
+
+
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

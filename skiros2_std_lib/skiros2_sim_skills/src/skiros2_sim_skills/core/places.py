@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import (
     IDENTITY,
@@ -40,7 +41,7 @@ class Box(NamedTuple):
     size: Vector
 
 
-def ancestors(wmi: Any, element: Element) -> list[Element]:
+def ancestors(wmi: WorldModelPort, element: Element) -> list[Element]:
     """Returns an element and its ancestors, up to the root of the scene; the world model prevents cycles."""
     line = [element]
     while (above := parent_of(wmi, line[-1])) is not None:
@@ -48,7 +49,7 @@ def ancestors(wmi: Any, element: Element) -> list[Element]:
     return line
 
 
-def pose_in_scene(wmi: Any, element: Element) -> tuple[str, Pose]:
+def pose_in_scene(wmi: WorldModelPort, element: Element) -> tuple[str, Pose]:
     """Returns the frame of the scene, and the pose of an element in it.
 
     :raises WrongValue: the element, or an ancestor, has no pose.
@@ -59,7 +60,7 @@ def pose_in_scene(wmi: Any, element: Element) -> tuple[str, Pose]:
     for below in line[: -1 if is_scene else None]:
         own = space.pose_of(below)
         if own is None:
-            of = "" if below is element else f", on which {element.label!r} hangs,"
+            of = "" if below is element else f", an ancestor of {element.label!r},"
             raise WrongValue(f"{below.label!r}{of} has no pose")
         pose = composed(own, pose)
     return space.text(root, space.FRAME if is_scene else space.BASE_FRAME) or "map", pose
@@ -81,7 +82,7 @@ def size_of(element: Element) -> Vector:
     return x, y, z
 
 
-def box_of(wmi: Any, element: Element) -> Box:
+def box_of(wmi: WorldModelPort, element: Element) -> Box:
     """Returns pose and size of an element.
 
     :raises WrongValue: it has no pose or no size.
@@ -89,7 +90,7 @@ def box_of(wmi: Any, element: Element) -> Box:
     return Box(pose_in_scene(wmi, element)[1], size_of(element))
 
 
-def approach_pose(wmi: Any, place: Element) -> tuple[str, Pose]:
+def approach_pose(wmi: WorldModelPort, place: Element) -> tuple[str, Pose]:
     """Returns the pose of a robot at a place: its `skiros:ApproachPose`; without one, the pose of the place."""
     for relation in place.getRelations("-1", "skiros:hasA"):
         part: Element = wmi.get_element(relation["dst"])
@@ -98,7 +99,7 @@ def approach_pose(wmi: Any, place: Element) -> tuple[str, Pose]:
     return pose_in_scene(wmi, place)
 
 
-def parent_of(wmi: Any, element: Element) -> Element | None:
+def parent_of(wmi: WorldModelPort, element: Element) -> Element | None:
     """Returns the parent of an element; None for the root."""
     above = element.getRelations("", SPATIAL, "-1")
     return wmi.get_element(above[0]["src"]) if above else None
@@ -116,7 +117,7 @@ def grasp_of(thing: Box, ahead: Vector, opening: float = math.inf) -> Pose:
     level = [i for i in range(3) if i != upright]
     narrow = min(thing.size[i] for i in level)
     if narrow >= opening:
-        raise WrongValue(f"it is {narrow * 1000:.0f} mm wide, and the gripper opens to {opening * 1000:.0f} mm")
+        raise WrongValue(f"the object is {narrow * 1000:.0f} mm wide, but the gripper opens to {opening * 1000:.0f} mm")
     # the fingers close along y, so x is along the other horizontal edge
     directions = [axes[b] for a, b in (level, level[::-1]) if thing.size[a] <= narrow + _EQUAL]
     x, y, z = thing.pose.position
@@ -158,7 +159,7 @@ def is_on(thing: Box, ground: Box) -> bool:
     return inside and -0.03 <= foot <= 0.15
 
 
-def move_in_world_model(wmi: Any, thing: Element, holder: Element, pose: Pose) -> None:
+def move_in_world_model(wmi: WorldModelPort, thing: Element, holder: Element, pose: Pose) -> None:
     """Moves a thing in the world model, and updates the states of both containers.
 
     :param pose: in the frame of the holder.
@@ -175,12 +176,12 @@ def move_in_world_model(wmi: Any, thing: Element, holder: Element, pose: Pose) -
         _update_container_state(wmi, wmi.get_element(place))
 
 
-def contents(wmi: Any, container: Element) -> list[Element]:
+def contents(wmi: WorldModelPort, container: Element) -> list[Element]:
     """Returns the elements that an element contains."""
     return [wmi.get_element(r["dst"]) for r in container.getRelations("-1", CONTAIN)]
 
 
-def _update_container_state(wmi: Any, container: Element) -> None:
+def _update_container_state(wmi: WorldModelPort, container: Element) -> None:
     state = "Full" if container.getRelations("-1", CONTAIN) else "Empty"
     if container.value_of(CONTAINER_STATE) not in (None, state):
         container.setProperty(CONTAINER_STATE, state)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_sim_skills.core.places import (
     Box,
     ancestors,
@@ -61,7 +62,7 @@ class Finding(NamedTuple):
         return f"{self.thing.label} is {where}" if self.is_change else f"{self.thing.label} is still {where}"
 
 
-def expected_at(wmi: Any, workstation: Element) -> list[Element]:
+def expected_at(wmi: WorldModelPort, workstation: Element) -> list[Element]:
     """Returns the things on a workstation according to the world model."""
     found, waiting = [], contents(wmi, workstation)
     while waiting:
@@ -72,7 +73,7 @@ def expected_at(wmi: Any, workstation: Element) -> list[Element]:
     return found
 
 
-def findings(wmi: Any, workstation: Element, seen: Mapping[str, Pose]) -> list[Finding]:
+def findings(wmi: WorldModelPort, workstation: Element, seen: Mapping[str, Pose]) -> list[Finding]:
     """Returns the findings for the things at a workstation and all detected things.
 
     A thing that is held, and detected in the hand, is omitted. An undetected thing is moved to the scene.
@@ -98,7 +99,7 @@ def findings(wmi: Any, workstation: Element, seen: Mapping[str, Pose]) -> list[F
     return found
 
 
-def _supports(wmi: Any) -> list[Support]:
+def _supports(wmi: WorldModelPort) -> list[Support]:
     """Returns the containers, the smallest first: a tray before the table it stands on."""
     supports = []
     for element in wmi.resolve_elements(Element("skiros:Container")):
@@ -108,9 +109,9 @@ def _supports(wmi: Any) -> list[Support]:
             if sized is not None:
                 supports.append(Support(element, pose_in_scene(wmi, element)[1], box_of(wmi, sized)))
         except WrongValue as error:
-            log.warning("nothing is seen to lie in %r: %s", element, error)
+            log.warning("%r is not used as a container: %s", element, error)
     return sorted(supports, key=lambda support: support.ground.size[0] * support.ground.size[1])
 
 
-def _is_near(wmi: Any, gripper: Element, pose: Pose) -> bool:
+def _is_near(wmi: WorldModelPort, gripper: Element, pose: Pose) -> bool:
     return math.dist(pose_in_scene(wmi, gripper)[1].position, pose.position) < _IN_HAND

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterable
-from typing import Any
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Change, Explanation
+from skiros2_common.core.world_model_port import WorldModelPort
 
 log = logging.getLogger(__name__)
 
@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 MAX_ENTRIES = 1000
 
 
-def add_authors(explanations: Iterable[Explanation], wmi: Any, timeout: float = 2.0) -> None:
+def add_authors(explanations: Iterable[Explanation], wmi: WorldModelPort, timeout: float = 2.0) -> None:
     """Sets time and author of the last change of each fact before the failure.
 
     Changes that the journal does not have, and all when the world model does not answer, are left unset.
@@ -30,7 +30,7 @@ def add_authors(explanations: Iterable[Explanation], wmi: Any, timeout: float = 
                 _add_author(change, explanation.stamp, wmi)
 
 
-def _add_author(change: Change, until: float, wmi: Any) -> None:
+def _add_author(change: Change, until: float, wmi: WorldModelPort) -> None:
     try:
         names = [change.name, *wmi.get_sub_properties(change.name)] if change.name else []
         entries = wmi.history(change.element, until=until, limit=MAX_ENTRIES)

@@ -9,15 +9,29 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongType
-from skiros2_common.core.explanation import CHANGED, DEFAULT, GIVEN, PULLED, SPECIFIED, UNSET
+from skiros2_common.core.explanation import (
+    CHANGED,
+    DEFAULT,
+    GIVEN,
+    INFERRED,
+    MAX_EXAMPLES,
+    PULLED,
+    SPECIFIED,
+    UNSET,
+    Provenance,
+)
 from skiros2_common.core.names import nearest
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.property import format_value
 from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_common.core.world_model_port import Revisions, WorldModelPort
 from skiros2_skill.core.tree.node import SkillInterface
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +55,7 @@ class Slot:
         #: The label of the node that has pushed the values.
         self.pushed_by = ""
         self.inferred = False
-        default = param._default
+        default = param.defaults
         #: The ids of a default that is kept unless the blackboard has elements with the same ids; () for a default
         #: that is always kept; None when there is none to keep.
         self.default_ids: list[str] | tuple[()] | None = None
@@ -52,7 +66,7 @@ class Slot:
         elif default and default[0].id:
             self.default_ids = [e.id for e in default]
         elif default:
-            self.placeholder = param._values
+            self.placeholder = param.current
         #: The list that was last pulled or pushed.
         self.shared: list[Any] | None = None
         #: The list that was last not pulled because of the default.
@@ -62,7 +76,7 @@ class Slot:
 
     @property
     def is_at_placeholder(self) -> bool:
-        return self.param._values is self.placeholder and not any(e.id or e.may_be_changed for e in self.param._values)
+        return self.param.current is self.placeholder and not any(e.id or e.may_be_changed for e in self.param.current)
 
 
 class Blackboard:
@@ -84,13 +98,13 @@ class Blackboard:
     def values(self, key: str) -> list[Any]:
         """The values of a key; [] when the blackboard does not have it."""
         entry = self._entries.get(key)
-        return entry._values if entry is not None else []
+        return entry.current if entry is not None else []
 
     def ids(self) -> set[str]:
         """The ids of all elements on the blackboard."""
-        return {v.id for p in self._entries.values() if p.is_element for v in p._values}
+        return {v.id for p in self._entries.values() if p.is_element for v in p.current}
 
-    def pull(self, node: SkillInterface, slots: list[Slot], is_start: bool = False) -> bool:
+    def pull(self, node: SkillWrapper, slots: list[Slot], is_start: bool = False) -> bool:
         """Copies values from the blackboard to the parameters of a node. Returns whether a parameter has changed.
 
         A parameter with a default keeps it, unless the default is an abstract element or elements with the same ids. An
@@ -103,31 +117,34 @@ class Blackboard:
             entry = entries.get(slot.key)
             if entry is None:
                 continue
-            values, param = entry._values, slot.param
-            if values is param._values or values is slot.ignored or values is slot.shared or not values:
+            values, param = entry.current, slot.param
+            if values is param.current or values is slot.ignored or values is slot.shared or not values:
                 continue
             if slot.default_ids is not None and slot.default_ids != [v.id for v in values if isinstance(v, Element)]:
                 slot.ignored = values
                 continue
-            if entry.is_inferred and param._param_type is not ParamTypes.Optional and (is_start or param.is_bound()):
+            if entry.is_inferred and param.paramType is not ParamTypes.Optional and (is_start or param.is_bound()):
                 slot.candidate = values
                 continue
             slot.shared = values
             try:
-                param._values = param._checked(values)
+                param.current = param.checked(values)
             except WrongType as error:
                 log.error("%s keeps its own value, not the one on the blackboard: %s", node.printState(), error)
                 continue
-            _update_lent(param)
+            if param.shared_snapshot is not None:
+                param.shared_snapshot = list(param.current)
             slot.inferred = entry.is_inferred
-            pushed = PULLED if is_start or not node._children else CHANGED
+            pushed = PULLED if is_start or not node.children else CHANGED
             slot.provenance, slot.pushed_by = pushed if entry.set_by else GIVEN, entry.set_by
             changed = True
         return changed
 
-    def push(self, node: SkillInterface, slots: list[Slot], everything: bool = False, removes: bool = True) -> bool:
+    def push(
+        self, node: SkillWrapper, slots: list[Slot], everything: bool = False, removes: bool = True
+    ) -> list[str]:
         """Copies parameters of a node that were assigned or changed in place to the blackboard; a parameter without a
-        value removes its key. Returns whether the blackboard has changed.
+        value removes its key. Returns the keys that have changed.
 
         :param everything: also pushes unchanged parameters, except for abstract elements that are defaults.
         :param removes: whether keys are removed.
@@ -136,10 +153,10 @@ class Blackboard:
         params = node._params._params
         if len(params) != len(slots):  # the running skill has declared parameters
             add_slots(node, slots)
-        pushed = False
+        pushed: list[str] = []
         for slot in slots:
             param = slot.param
-            values = param._values
+            values = param.current
             changed = param.assigned
             if changed:
                 param.assigned = False
@@ -158,28 +175,23 @@ class Blackboard:
             if not values:
                 if removes and entry is not None:
                     del entries[slot.key]
-                    pushed = True
-            elif entry is not None and entry._values is values:
+                    pushed.append(slot.key)
+            elif entry is not None and entry.current is values:
                 if changed:
                     entry.is_inferred, entry.set_by = slot.inferred, node._label
-                    pushed = True
-            elif changed or not (slot.is_at_placeholder or (entry is not None and entry._values is slot.shared)):
-                entries[slot.key] = entry = param._copy(values)
-                entry._key = slot.key
+                    pushed.append(slot.key)
+            elif changed or not (slot.is_at_placeholder or (entry is not None and entry.current is slot.shared)):
+                entries[slot.key] = entry = param.with_values(values)
+                entry.key = slot.key
                 entry.is_inferred, entry.set_by = slot.inferred, node._label
                 slot.shared = values
-                pushed = True
+                pushed.append(slot.key)
         return pushed
 
 
 def has_changed_in_place(lent: Iterable[Param]) -> bool:
     """Whether a list of values that the skill's code has got was changed in place."""
-    return any(not is_same(param._values, param.shared_snapshot) for param in lent)
-
-
-def _update_lent(param: Param) -> None:
-    if param.shared_snapshot is not None:
-        param.shared_snapshot = list(param._values)
+    return any(not is_same(param.current, param.shared_snapshot) for param in lent)
 
 
 def is_same(values: list[Any], other: list[Any] | None) -> bool:
@@ -206,20 +218,20 @@ def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandl
 
     :param declared: the parameters of the implementation.
     """
-    names = node._scope
-    specified = {node.own_name(name): values for name, values in node._specified.items()} if node._specified else {}
-    provenance = GIVEN if node._parent is not None and node._parent._parent is None else SPECIFIED
+    names = node.blackboard_keys
+    specified = {node.own_name(name): values for name, values in node.specified_values.items()}
+    provenance = GIVEN if node.parent is not None and node.parent.parent is None else SPECIFIED
     params: dict[str, Param] = {}
     slots = []
     for key, param in declared._params.items():
-        own = param._checked_or_log([_view(v) for v in specified.pop(key)]) if key in specified else None
+        own = param.checked_or_log([_view(v) for v in specified.pop(key)]) if key in specified else None
         if own is None:
             params[key] = param = param.at_default()
         else:
-            params[key] = param = param._copy(own)
-            param._default = list(own)
+            params[key] = param = param.with_values(own)
+            param.defaults = list(own)
         slot = Slot(param, names.get(key, key), DEFAULT if own is None else provenance)
-        if slot.placeholder is not None or not param._values:
+        if slot.placeholder is not None or not param.current:
             slot.provenance = UNSET
         slots.append(slot)
     for key in specified:
@@ -227,24 +239,54 @@ def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandl
     return ParamHandler(params, is_strict=True), slots
 
 
-def add_slots(node: Any, slots: list[Slot]) -> None:
+def add_slots(node: SkillWrapper, slots: list[Slot]) -> None:
     """Updates the slots of a skill that has declared parameters since its start."""
-    known = {slot.param._key: slot for slot in slots}
+    known = {slot.param.key: slot for slot in slots}
     params = node._params._params
-    slots[:] = [slot for slot in slots if slot.param._key in params]
+    slots[:] = [slot for slot in slots if slot.param.key in params]
     for key, param in params.items():
         slot = known.get(key)
         if slot is None:
-            slots.append(Slot(param, node._scope.get(key, key), DEFAULT if param.is_bound() else UNSET))
+            slots.append(Slot(param, node.blackboard_keys.get(key, key), DEFAULT if param.is_bound() else UNSET))
         elif slot.param is not param:
             slot.__init__(param, slot.key, DEFAULT)  # type: ignore[misc]
     node.element_slots = [slot for slot in slots if slot.is_element]
 
 
+# -- provenance, for explanations ------------------------------------------------------------------------------------
+
+
+def provenance_of(slots: Iterable[Slot], conditions: Sequence[ConditionBase]) -> list[Provenance]:
+    """The provenance of the parameters of a node.
+
+    :param conditions: the pre-conditions, which are named for inferred parameters.
+    """
+    return [_provenance(slot, conditions) for slot in slots]
+
+
+def _provenance(slot: Slot, conditions: Sequence[ConditionBase]) -> Provenance:
+    key, values = slot.param.key, slot.param.current
+    if not slot.param.is_bound():
+        return Provenance(key, "", UNSET)
+    provenance = CHANGED if slot.param.assigned else slot.provenance
+    if provenance == INFERRED:
+        names = [c.label for c in conditions if key in c.getKeys()]
+    else:
+        names = [slot.pushed_by] if provenance in (PULLED, CHANGED) and slot.pushed_by else []
+    return Provenance(key, format_values(values), provenance, names)
+
+
+def format_values(values: Sequence[Any]) -> str:
+    """Formats the values of a parameter; only the first of many."""
+    named = [repr(v) if isinstance(v, Element) else format_value(v) for v in values[:MAX_EXAMPLES]]
+    more = f" and {len(values) - MAX_EXAMPLES} more" if len(values) > MAX_EXAMPLES else ""
+    return ", ".join(named) + more
+
+
 # -- elements ------------------------------------------------------------------------------------------------------
 
 
-def refresh_elements(slots: list[Slot], wmi: Any, revisions: Any) -> list[str]:
+def refresh_elements(slots: list[Slot], wmi: WorldModelPort, revisions: Revisions | None) -> list[str]:
     """Reads elements that have changed in the world model again, keeping local changes; removed elements are dropped.
 
     :param slots: those of element type.
@@ -253,7 +295,7 @@ def refresh_elements(slots: list[Slot], wmi: Any, revisions: Any) -> list[str]:
     """
     dropped = []
     for slot in slots:
-        values = slot.param._values
+        values = slot.param.current
         is_complete = True
         for index, value in enumerate(values):
             eid = value.id
@@ -271,9 +313,10 @@ def refresh_elements(slots: list[Slot], wmi: Any, revisions: Any) -> list[str]:
                 changes = value.changes() if value.may_be_changed else None
                 values[index] = apply_changes(found, changes) if changes else found
         if not is_complete:
-            slot.param._values = [v for v in values if v.id not in dropped and not is_removed(v)]
+            slot.param.current = [v for v in values if v.id not in dropped and not is_removed(v)]
             slot.shared = None
-        _update_lent(slot.param)
+        if slot.param.shared_snapshot is not None:
+            slot.param.shared_snapshot = list(slot.param.current)
     return dropped
 
 
@@ -286,7 +329,7 @@ def apply_changes(element: Element, changes: ElementChanges) -> Element:
     """Applies local changes to an element that was read again. Returns the element."""
     for key, prop in changes.properties.items():
         element.setProperty(key, prop.dataType())
-        element.setProperty(key, list(prop._values))
+        element.setProperty(key, list(prop.current))
     for key in changes.removed_properties:
         if element.hasProperty(key):
             element.removeProperty(key)
@@ -300,7 +343,7 @@ def apply_changes(element: Element, changes: ElementChanges) -> Element:
     return element
 
 
-def removal_text(eid: str, wmi: Any) -> str:
+def removal_text(eid: str, wmi: WorldModelPort) -> str:
     """States that an element is missing and, if the world model knows, who removed it and when."""
     try:
         removed = wmi.removal_of(eid) if hasattr(wmi, "removal_of") else None
@@ -316,7 +359,7 @@ def assigned_elements(slots: list[Slot]) -> list[Element]:
     """The changed elements with an id in assigned parameters, which are written after an `execute`."""
     found: dict[int, Element] = {}
     for slot in slots:
-        values = slot.param._values
+        values = slot.param.current
         if slot.param.assigned and values and values[0].id:
             found.update((id(e), e) for e in values if e.id and _has_changes(e))
     return list(found.values())
@@ -325,15 +368,15 @@ def assigned_elements(slots: list[Slot]) -> list[Element]:
 def unwritten_elements(slots: list[Slot]) -> Iterator[Element]:
     """The elements with changes in place, which are not written."""
     for slot in slots:
-        for element in slot.param._values:
+        for element in slot.param.current:
             if element.id and element.may_be_changed and element.changes():
                 yield element
 
 
-def discard_changes(slots: list[Slot], wmi: Any) -> None:
+def discard_changes(slots: list[Slot], wmi: WorldModelPort) -> None:
     """Discards a skill's local changes of elements by reading them again."""
     for slot in slots:
-        values = slot.param._values
+        values = slot.param.current
         for index, element in enumerate(values):
             if element.id and element.may_be_changed:
                 values[index] = wmi.find_element(element.id) or element
@@ -351,31 +394,31 @@ def _view(value: Any) -> Any:
 # -- remaps without a target ---------------------------------------------------------------------------------------
 
 
-def unprovided_remap(node: Any, slot: Slot, blackboard: Blackboard) -> str:
+def unprovided_remap(node: SkillWrapper, slot: Slot, blackboard: Blackboard) -> str:
     """The error text when a parameter is remapped to a key that no other node has; else ""."""
-    if slot.key == slot.param._key or slot.key in blackboard:
+    if slot.key == slot.param.key or slot.key in blackboard:
         return ""
     known: set[str] = set()
-    root = node
-    while root._parent is not None:
-        root = root._parent
-    pending: list[tuple[Any, Mapping[str, str]]] = [(root, {})]
+    root: SkillInterface = node
+    while root.parent is not None:
+        root = root.parent
+    pending: list[tuple[SkillInterface, Mapping[str, str]]] = [(root, {})]
     while pending:
         other, outer = pending.pop()
-        names = scope(outer, other._remaps)
-        pending += [(child, names) for child in other._children]
+        names = scope(outer, other.remaps)
+        pending += [(child, names) for child in other.children]
         if other is not node:
             known.update(names.get(key, key) for key in _declared_keys(other))
     if slot.key in known:
         return ""
     near = nearest(slot.key, known | set(blackboard._entries))
     return (
-        f"parameter {slot.param._key!r} is remapped to {slot.key!r}, which no other node of the task has"
+        f"parameter {slot.param.key!r} is remapped to {slot.key!r}, which no other node of the task has"
         f"{'; near: ' + ', '.join(near) if near else ''}"
     )
 
 
-def _declared_keys(node: Any) -> Collection[str]:
+def _declared_keys(node: SkillInterface) -> Collection[str]:
     """The keys that a node declares; () for a group or an unknown skill."""
     try:
         return list(node.declared_params()) if hasattr(node, "declared_params") else ()

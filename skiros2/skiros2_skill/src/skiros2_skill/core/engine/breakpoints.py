@@ -9,10 +9,12 @@ import fnmatch
 import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name
+from skiros2_common.core.world_model_port import WorldChange
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 NODE, CONDITION, WORLD = "node", "condition", "world"
 BEFORE_START, AT_END, FAILS, CHANGES = "start", "end", "fails", "changes"
@@ -96,7 +98,7 @@ class Breakpoints:
 
     # -- the message when a breakpoint is reached, else "" -------------------------------------------------------
 
-    def at_node(self, node: Any, when: str) -> str:
+    def at_node(self, node: SkillWrapper, when: str) -> str:
         names = (node.label, node.type, f"{node.type}-{node.label}")
         event = "before the start" if when == BEFORE_START else "at the end"
         name = f"{node.type}-{node.label}" if node.label else node.type
@@ -105,7 +107,7 @@ class Breakpoints:
     def at_condition(self, label: str) -> str:
         return self._reached(CONDITION, FAILS, (label,), f"condition [{label}] fails")
 
-    def at_change(self, change: Any) -> str:
+    def at_change(self, change: WorldChange) -> str:
         for element in change.elements:
             reached = self._reached(WORLD, CHANGES, (element.id, element.label), f"{change.action} of {element!r}")
             if reached:
@@ -133,13 +135,13 @@ class TaskBreakpoints:
     def __init__(self, breakpoints: Breakpoints | None) -> None:
         self._breakpoints = breakpoints if breakpoints is not None else Breakpoints()
         self._reached = ""  # raised later, when the parents of the node have processed its state
-        self._stopped: Any = None  # the node that was stopped before its start
+        self._stopped: SkillWrapper | None = None  # the node that was stopped before its start
 
     def __bool__(self) -> bool:
         """Whether there is anything to check."""
         return bool(self._reached or self._stopped is not None or self._breakpoints)
 
-    def before_start(self, node: Any) -> None:
+    def before_start(self, node: SkillWrapper) -> None:
         """Checks the breakpoints on the start of a node.
 
         :raises BreakpointReached: the task pauses before the start.
@@ -151,11 +153,11 @@ class TaskBreakpoints:
             self._stopped = None
         self.raise_if_reached()
 
-    def after_end(self, node: Any) -> None:
+    def after_end(self, node: SkillWrapper) -> None:
         """Checks the breakpoints on the end of a node."""
         self._reached = self._reached or self._breakpoints.at_node(node, AT_END)
 
-    def at_failure(self, conditions: Sequence[Any]) -> None:
+    def at_failure(self, conditions: Sequence[ConditionBase]) -> None:
         """Checks the breakpoints on unsatisfied conditions."""
         for condition in conditions:
             self._reached = self._reached or self._breakpoints.at_condition(condition.label)

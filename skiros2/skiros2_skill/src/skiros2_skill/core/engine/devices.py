@@ -16,6 +16,7 @@ from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.explanation import PRE
 from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, ParamOptions
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.failures import PRE_FAILED, Failure
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_world_model.core.world_model_abstract_interface import WmConflict
@@ -48,7 +49,7 @@ class Locks:
         self._to_free: dict[str, Any] = {}  # owner by device id, of locks to release
         self._retrying: threading.Thread | None = None
 
-    def acquire(self, eid: str, owner: Any, wmi: Any) -> None:
+    def acquire(self, eid: str, owner: Any, wmi: WorldModelPort) -> None:
         """Locks an idle device.
 
         :raises Refused: it is not idle; the text names the holder.
@@ -65,7 +66,7 @@ class Locks:
                 raise
             self._held[eid] = owner
 
-    def release(self, eids: list[str], owner: Any, wmi: Any) -> None:
+    def release(self, eids: list[str], owner: Any, wmi: WorldModelPort) -> None:
         """Releases devices; failed releases are retried later."""
         self._to_free.update(dict.fromkeys(eids, owner))
         if self._access.acquire(timeout=_RELEASE_TIMEOUT):
@@ -76,7 +77,7 @@ class Locks:
         if self._to_free:
             self._retry_later(wmi)
 
-    def release_stale(self, wmi: Any) -> None:
+    def release_stale(self, wmi: WorldModelPort) -> None:
         """Releases the devices that a former process of this program has left locked.
 
         :raises WmException: the world model does not answer.
@@ -89,7 +90,7 @@ class Locks:
             log.warning("%s releases devices that a former process has locked: %s", wmi.author, ", ".join(found))
             self.release(found, None, wmi)
 
-    def _free(self, eids: list[str], wmi: Any) -> None:
+    def _free(self, eids: list[str], wmi: WorldModelPort) -> None:
         """Releases each device, even if others fail."""
         for eid in eids:
             if self._held.get(eid) is self._to_free.get(eid):
@@ -102,12 +103,12 @@ class Locks:
             else:
                 self._to_free.pop(eid, None)
 
-    def _retry_later(self, wmi: Any) -> None:
+    def _retry_later(self, wmi: WorldModelPort) -> None:
         if self._retrying is None:
             self._retrying = threading.Thread(target=self._retry, args=(wmi,), name="release of devices", daemon=True)
             self._retrying.start()
 
-    def _retry(self, wmi: Any) -> None:
+    def _retry(self, wmi: WorldModelPort) -> None:
         """Retries until all devices are released, in a thread of its own."""
         pause = threading.Event()
         while True:
@@ -129,13 +130,13 @@ _locks: weakref.WeakKeyDictionary[Any, Locks] = weakref.WeakKeyDictionary()
 _creation = threading.Lock()
 
 
-def locks_in(wmi: Any) -> Locks:
+def locks_in(wmi: WorldModelPort) -> Locks:
     """The locks of this program in a world model."""
     with _creation:
         return _locks.setdefault(wmi, Locks())
 
 
-def lock_devices(node: SkillWrapper, wmi: Any) -> Failure | None:
+def lock_devices(node: SkillWrapper, wmi: WorldModelPort) -> Failure | None:
     """Locks the devices of a node, which a pre-condition requires to be idle. Returns the failure; None on success."""
     for key, options in node.options.items():
         if ParamOptions.Lock not in options:
@@ -155,13 +156,13 @@ def lock_devices(node: SkillWrapper, wmi: Any) -> Failure | None:
     return None
 
 
-def free_devices(node: SkillWrapper, wmi: Any) -> None:
+def free_devices(node: SkillWrapper, wmi: WorldModelPort) -> None:
     """Releases the devices that the node has locked; failed releases are retried later. Any thread."""
     eids, node.locked = node.locked, []
     locks_in(wmi).release(eids, node, wmi)
 
 
-def release_stale_devices(wmi: Any) -> None:
+def release_stale_devices(wmi: WorldModelPort) -> None:
     """Releases the devices that a former process of this program has left locked.
 
     :raises WmException: the world model does not answer.
@@ -169,7 +170,7 @@ def release_stale_devices(wmi: Any) -> None:
     locks_in(wmi).release_stale(wmi)
 
 
-def _lock(eid: str, wmi: Any) -> None:
+def _lock(eid: str, wmi: WorldModelPort) -> None:
     for _ in range(_ATTEMPTS):
         device = wmi.find_element(eid)
         if device is None:
@@ -185,7 +186,7 @@ def _lock(eid: str, wmi: Any) -> None:
     raise Refused(f"device {eid} is changed by others all the time: it could not be locked")
 
 
-def _unlock(eid: str, wmi: Any) -> None:
+def _unlock(eid: str, wmi: WorldModelPort) -> None:
     for _ in range(_ATTEMPTS):
         device = wmi.find_element(eid)
         if device is None or not device.hasProperty(DEVICE_HOLDER, wmi.author):
@@ -197,7 +198,7 @@ def _unlock(eid: str, wmi: Any) -> None:
     raise Refused(f"device {eid} is changed by others all the time: it could not be freed")
 
 
-def _is_written(device: Element, wmi: Any) -> bool:
+def _is_written(device: Element, wmi: WorldModelPort) -> bool:
     """Writes a device. Returns False if it was changed since it was read."""
     try:
         wmi.update_element_if_unchanged(device)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
-from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, PREEMPT, START
+from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, PREEMPT, START, Explanation
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.revision import local_revision
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
 from skiros2_skill.core.engine.checks import check_conditions
@@ -22,7 +22,7 @@ from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.failures import EXECUTE_RAISED, PREEMPT_RAISED, START_RAISED, Failure, Failures
 from skiros2_skill.core.engine.hooks import RAISED, Hooks, refusal_text
 from skiros2_skill.core.engine.parameters import Parameters
-from skiros2_skill.core.engine.selection import select_implementation
+from skiros2_skill.core.engine.selection import Take, preview, select_implementation, take
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.tree.node import SkillInterface, all_nodes
@@ -49,9 +49,10 @@ class Executor:
     :param breakpoints: pause the task.
     """
 
-    def __init__(self, wmi: Any, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
+    def __init__(self, wmi: WorldModelPort, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
         self._wmi, self._wake = wmi, wake
         self._breakpoints = TaskBreakpoints(breakpoints)
+        self._root: SkillInterface | None = None
         #: Preempted nodes that are still running.
         self.ending: list[SkillWrapper] = []
         self.failures = Failures(wmi)
@@ -65,12 +66,13 @@ class Executor:
 
     def tick(self, root: SkillInterface) -> State:
         """Ticks a tree once, and the nodes that are still ending. Returns the state of the tree."""
-        if self.parameters.blackboard is None:
+        if self._root is not root:
+            self._root = root
             self.parameters.blackboard = Blackboard(ParamHandler() if isinstance(root, SkillWrapper) else root._params)
         self.parameters.update_revision()
         for node in list(self.ending):
             self._tick_ending(node)
-        state: State = root._state
+        state: State = root.state
         if state is not _SUCCESS and state is not _FAILURE:
             state = self.execute(root)
         if self._breakpoints and state is _RUNNING and not self.ending:
@@ -79,26 +81,26 @@ class Executor:
 
     # -- one node ----------------------------------------------------------------------------------------------
 
-    def execute(self, node: Any) -> State:
+    def execute(self, node: SkillInterface) -> State:
         """Ticks a group; called from `visit`."""
-        if node._state is not _RUNNING:
-            node._start_progress()
+        if node.state is not _RUNNING:
+            node.begin_progress()
             _set_scope(node)
-            node._processor.reset()
+            node.processor.reset()
             self.set_state(node, _RUNNING)
-        state: State = node._processor.processChildren(node._children, self)
+        state: State = node.processor.processChildren(node.children, self)
         if state is not _RUNNING:
             self.set_state(node, state)
         return state
 
     def execute_skill(self, node: SkillWrapper) -> State:
         """Ticks a skill; called from `visit`."""
-        if node._state is not _RUNNING:
+        if node.state is not _RUNNING:
             if not self._start(node):
                 return _FAILURE
         elif self.ending and node in self.ending:
             return _RUNNING
-        if node.seen_revision != self.parameters.revision or node.volatile:
+        if node.stale or node.volatile or self.parameters.world_changed:
             failure = self.parameters.refresh(node)
             if failure is not None:
                 return self.fail_running(node, failure)
@@ -107,7 +109,7 @@ class Executor:
             state = self._tick_children(node)
         else:
             state = self.hooks.execute(node)
-            node.steady_revision = -1 if node.volatile or node.lent else node.seen_revision
+            node.steady = not (node.volatile or node.lent or node.stale)
         if state is not _RUNNING or local_revision.current != local or (node.lent and has_changed_in_place(node.lent)):
             return self.finish_tick(node, state, version)
         self._copy_progress(node)
@@ -124,12 +126,12 @@ class Executor:
             return _RUNNING if state is _RUNNING else self.end(node, state)
         return self.end(node, _FAILURE) if state is not _RUNNING else self.fail_running(node)
 
-    def preempt(self, node: Any) -> State:
+    def preempt(self, node: SkillInterface) -> State:
         """Preempts a node, leaves first; called from `visitPreempt`. Returns Running while it is still ending."""
         if not node.hasState(_RUNNING):
-            state: State = node._state
+            state: State = node.state
             return state
-        for child in node._children:
+        for child in node.children:
             if child.hasState(_RUNNING):
                 child.visitPreempt(self)
         if not isinstance(node, SkillWrapper):
@@ -142,7 +144,7 @@ class Executor:
         self._copy_progress(node)
         if state is _RUNNING:
             self.ending.append(node)
-            node.steady_revision = -1
+            node.steady = False
             return _RUNNING
         return self.end(node, state, preempted=True)
 
@@ -154,27 +156,32 @@ class Executor:
             raise Halt
         if self._breakpoints:
             self._breakpoints.before_start(node)
-        node._start_progress()
+        node.begin_progress()
         node.has_started = False
+        node.evaluated = {}
+        version = self.parameters.world_version
+        failure = self.select(node, take)
+        return self._start_run(node, version) if failure is None else self._fail_start(node, failure)
+
+    def select(self, node: SkillWrapper, take: Take) -> Failure | None:
+        """Selects an implementation of a node; see `select_implementation`."""
         _set_scope(node)
         try:
-            candidates = node.candidates()
-            revision, revisions = self.parameters.revision, self.parameters.revisions(node)
+            candidates, revisions = node.candidates(), self.parameters.revisions(node)
         except SkirosError as error:
-            return self._fail_start(node, Failure(START, START_RAISED, str(error)))
-        arguments = (node, candidates, self._wmi, revisions, self.parameters.blackboard)
-        failure = self.guard.call(node, "the inference of its parameters", select_implementation, *arguments)
-        return self._start_run(node, revision) if failure is None else self._fail_start(node, failure)
+            return Failure(START, START_RAISED, str(error))
+        arguments = (node, candidates, self._wmi, revisions, self.parameters.blackboard, take)
+        return self.guard.call(node, "the inference of its parameters", select_implementation, *arguments)
 
-    def _start_run(self, node: SkillWrapper, revision: int) -> bool:
+    def _start_run(self, node: SkillWrapper, version: int) -> bool:
         """Expands the subtree and calls `onStart`.
 
-        :param revision: at which its parameters were read.
+        :param version: of the world model when its parameters were read.
         """
-        instance = node.getInstance()
-        instance._start_progress()
-        instance._waker = self._wake
-        node._input = {key: list(p._values) for key, p in node._params._params.items()}
+        instance = node.instance
+        instance.begin_progress()
+        instance.request_tick = self._wake
+        node.input_values = {key: list(p.current) for key, p in node._params._params.items()}
         self.set_state(node, _RUNNING)
         instance._setState(_RUNNING)
         node.is_compound = isinstance(instance, SkillBase)
@@ -186,21 +193,21 @@ class Executor:
             (self.end if refused is RAISED else self._close)(node, _FAILURE)
             return False
         node.has_started = True
-        is_current = local_revision.current == local and self.parameters.revision == revision
+        is_current = local_revision.current == local and self.parameters.world_version == version
         if local_revision.current != local:
             add_slots(node, node.slots)
         self.parameters.push(node, everything=True, removes=False)
-        self.parameters.start(node, self.parameters.revision if is_current else -1)
+        self.parameters.start(node, is_current)
         self.parameters.update_revision()
         return True
 
     def _start_instance(self, node: SkillWrapper) -> str:
         """Expands the node and calls `onStart`. Returns why it refuses; "" when it does not."""
-        instance = node.getInstance()
+        instance = node.instance
         if isinstance(instance, SkillBase) and (not node.expanded or instance.expand_on_start):
             node.wrapper_expand()
             node.expanded = True
-        node._processor.reset()
+        node.processor.reset()
         refusal = refusal_text(instance.onStart())
         node.adopt_description()  # onStart may declare parameters
         return refusal
@@ -226,7 +233,7 @@ class Executor:
         """Preempts a running node and fails it, with its present progress or with a failure."""
         if failure is not None:
             self._report_failure(node, failure)
-        message, code = node._progress_msg, node._progress_code
+        message, code = node.progress_msg, node._progress_code
         self.preempt(node)
         if node in self.ending:  # the node has failed, though its end takes more ticks
             node.failure_progress = (message, code)
@@ -237,7 +244,7 @@ class Executor:
 
     def _tick_children(self, node: SkillWrapper) -> State:
         try:
-            state: State = node._processor.processChildren(node._children, self)
+            state: State = node.processor.processChildren(node.children, self)
         except (HookAbandoned, BreakpointReached):
             raise
         except FOREIGN_ERRORS as error:  # raised by a library's own processor or node class
@@ -267,19 +274,19 @@ class Executor:
 
     def end(self, node: SkillWrapper, state: State, preempted: bool = False) -> State:
         """Ends a node: frees its devices, checks its post-conditions, calls `onEnd` and pushes its parameters."""
-        instance = node.getInstance()
-        for child in node._children:
-            if child._state is _RUNNING:
+        instance = node.instance
+        for child in node.children:
+            if child.state is _RUNNING:
                 child.visitPreempt(self)
         self.free(node)
-        if state is _SUCCESS and node._post_conditions and not preempted:
-            arguments = (POST, node._post_conditions, node._params, self._wmi)
+        if state is _SUCCESS and node.post_conditions and not preempted:
+            arguments = (POST, node.post_conditions, node._params, self._wmi, node.evaluated)
             failure = self.guard.call(node, "its conditions", check_conditions, *arguments)
             if failure is not None:
                 instance._setProgress(failure.message, failure.code)
                 self._record(node, failure)
                 state = _FAILURE
-        if state is _FAILURE and not preempted and node._children and instance._progress_code >= 0:
+        if state is _FAILURE and not preempted and node.children and instance._progress_code >= 0:
             cause = self.failures.cause_below(node)
             if cause is not None:  # the compound has not set a progress itself
                 instance._setProgress(*cause)
@@ -295,9 +302,10 @@ class Executor:
         """Pushes the parameters of an ended node and releases its implementation."""
         if node.has_started:
             self.parameters.push(node, everything=True)
+        self.parameters.end(node)
         self.free(node)
-        node.getInstance()._setState(state)
-        if isinstance(node.getInstance(), SkillBase):
+        node.instance._setState(state)
+        if isinstance(node.instance, SkillBase):
             node.end_run()  # the subtree still belongs to this instance
         else:
             node.release()
@@ -320,7 +328,7 @@ class Executor:
             self.guard.call(node, "the writing of its elements", self.parameters.write_back, node, state, version)
         except SkirosError as error:
             text = f"{node.label}: {error}"
-            node.getInstance()._setProgress(text, EXECUTE_RAISED)
+            node.instance._setProgress(text, EXECUTE_RAISED)
             self._copy_progress(node)
             self._record(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
             log.error("%s", text)
@@ -337,7 +345,24 @@ class Executor:
 
 
 def _set_scope(node: SkillInterface) -> None:
-    node._scope = scope(node._parent._scope, node._remaps) if node._parent is not None else node._remaps
+    node.blackboard_keys = scope(node.parent.blackboard_keys, node.remaps) if node.parent is not None else node.remaps
+
+
+def preview_start(executor: Executor, root: SkillInterface, node: SkillWrapper) -> Explanation | None:
+    """Selects an implementation of a node and finds its parameters without starting it.
+
+    :param executor: of no task.
+    :param root: of the tree, which is never ticked.
+    :returns: why the node would not start; None if it would.
+    """
+    executor.parameters.blackboard = Blackboard(root._params)
+    executor.parameters.update_revision()
+    _set_scope(root)
+    failure = executor.select(node, preview)
+    if failure is None:
+        return None
+    executor.failures.record(node, failure)
+    return executor.failures.explanations()[-1]
 
 
 def preempt_all(executor: Executor, root: SkillInterface) -> None:
@@ -358,6 +383,7 @@ def end_hung_node(executor: Executor, hung: HungHook) -> None:
     node = hung.node
     if node in executor.ending:
         executor.ending.remove(node)
+    executor.parameters.end(node)
     node.abandon()
     node._setProgress(hung.reason, PREEMPT_RAISED)
     executor.failures.record(node, Failure(PREEMPT, PREEMPT_RAISED, hung.reason))
@@ -373,7 +399,7 @@ def abandon_ending_nodes(executor: Executor) -> None:
     for node in list(executor.ending):
         executor.ending.remove(node)
         text = "did not end in time after its preemption"
-        node.getInstance()._setProgress(text, PREEMPT_RAISED)
+        node.instance._setProgress(text, PREEMPT_RAISED)
         executor.failures.record(node, Failure(PREEMPT, PREEMPT_RAISED, text))
         node.abandoned = True
         executor.end(node, _FAILURE, preempted=True)

@@ -15,10 +15,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import Explanation, Finding, InferenceFailure, Provenance
 from skiros2_common.core.params import ParamHandler
-from skiros2_skill.core.diagnosis.provenance import provenance_of
+from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_skill.core.engine.blackboard import provenance_of
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -51,8 +53,8 @@ class Failure:
     code: int
     message: str
     label: str = ""
-    conditions: Sequence[Any] = ()
-    params: ParamHandler | None = None
+    conditions: Sequence[ConditionBase] = ()
+    params: ParamHandler = field(default_factory=ParamHandler)
     candidates: list[InferenceFailure] = field(default_factory=list)
     provenance: Callable[[], list[Provenance]] | None = None
     tried: Sequence[Failure] = ()
@@ -72,7 +74,7 @@ class Failures:
     :param wmi: the world model as the task sees it.
     """
 
-    def __init__(self, wmi: Any) -> None:
+    def __init__(self, wmi: WorldModelPort) -> None:
         self._wmi = wmi
         self._entries: dict[tuple[Any, ...], _Entry] = {}  # by kind; the last failure is the last entry
         self._lock = threading.Lock()
@@ -102,7 +104,7 @@ class Failures:
     def cause(self) -> tuple[SkillInterface, Explanation] | None:
         """The node that made the root fail, and the explanation; None when no node failed."""
         for entry in reversed(self._entries.values()):
-            if not entry.late and all(node._state is State.Failure for node in _path(entry.node)):
+            if not entry.late and all(node.state is State.Failure for node in _path(entry.node)):
                 return entry.node, entry.explanation
         return None
 
@@ -110,13 +112,13 @@ class Failures:
         """The message (one line) and the code of the failure that made a compound fail."""
         for entry in reversed(self._entries.values()):
             failed = entry.node
-            if not entry.late and failed._state is State.Failure and failed.inSubtreeOf(node):
+            if not entry.late and failed.state is State.Failure and failed.inSubtreeOf(node):
                 text = entry.explanation.message.strip().partition("\n")[0]
                 return f"{failed.label or failed.type}: {text}", min(entry.explanation.code, -1)
         return None
 
     def _explained(self, node: SkillInterface, failure: Failure) -> Explanation:
-        path = [_name(n) for n in _path(node) if n._parent is not None or n is node]
+        path = [_name(n) for n in _path(node) if n.parent is not None or n is node]
         return self._explanation(node, failure, path)
 
     def _explanation(self, node: SkillInterface, failure: Failure, path: list[str]) -> Explanation:
@@ -150,7 +152,7 @@ class Failures:
 
 
 def _provenance(node: SkillInterface) -> list[Provenance]:
-    return provenance_of(node.slots, node._pre_conditions) if isinstance(node, SkillWrapper) else []
+    return provenance_of(node.slots, node.present_conditions[0]) if isinstance(node, SkillWrapper) else []
 
 
 def _path(node: SkillInterface) -> list[SkillInterface]:
@@ -159,17 +161,17 @@ def _path(node: SkillInterface) -> list[SkillInterface]:
     current: SkillInterface | None = node
     while current is not None:
         path.append(current)
-        current = current._parent
+        current = current.parent
     return path[::-1]
 
 
 def _child_indices(node: SkillInterface) -> tuple[int, ...]:
     """The child indices from the root to a node. They stay the same when a subtree is expanded again."""
-    return tuple(n._child_index for n in _path(node))
+    return tuple(n.child_index for n in _path(node))
 
 
 def _name(node: SkillInterface) -> str:
     """The label of a node; without one, the type of a skill or the symbol of the processor."""
     if node._label:
         return node._label
-    return node._type.partition(":")[2] if isinstance(node, SkillWrapper) else node._processor.printType()
+    return node._type.partition(":")[2] if isinstance(node, SkillWrapper) else node.processor.printType()

@@ -64,7 +64,7 @@ class Hooks:
         calls = self.guard.enter(node, EXECUTE_HOOK)
         try:
             try:
-                answer = node._instance.execute()
+                answer = node.instance.execute()
             finally:
                 self.guard.leave(calls)
         except HookAbandoned:
@@ -97,35 +97,35 @@ class Hooks:
         refused = self.call(node, "onStart", lambda: start(node), START_RAISED)
         if refused and refused is not RAISED:
             set_failure_reason(node, f"{node.label}: onStart returned {refused}", PRE_FAILED)
-            instance = node._instance
-            self._failures.record(node, Failure(START, instance._progress_code, instance._progress_msg))
+            instance = node.instance
+            self._failures.record(node, Failure(START, instance._progress_code, instance.progress_msg))
         return refused
 
     def on_preempt(self, node: SkillWrapper) -> State:
         """Calls `onPreempt`. Returns Running, Success or Failure."""
-        instance = node._instance
-        progressed_at = instance._progressed_at
+        instance = node.instance
+        progressed_at = instance.progressed_at
         state = self.call(
             node, "onPreempt", lambda: as_state(instance.onPreempt(), _FAILURE), PREEMPT_RAISED, late=True
         )
         if state is _RUNNING or state is _SUCCESS:
             return _RUNNING if state is _RUNNING else _SUCCESS
-        if instance._progressed_at == progressed_at:
+        if instance.progressed_at == progressed_at:
             instance._setProgress("Preempted", PREEMPTED)
         return _FAILURE
 
     def on_end(self, node: SkillWrapper, state: State, preempted: bool) -> State:
         """Calls `onEnd`. Returns the state after it, which may turn a success into a failure."""
-        instance = node._instance
-        progressed_at = instance._progressed_at
+        instance = node.instance
+        progressed_at = instance.progressed_at
         late = preempted or state is not _SUCCESS
         answer = self.call(node, "onEnd", lambda: refusal_text(instance.onEnd()), EXECUTE_RAISED, late)
         if not answer:
             return state
         if answer is not RAISED and state is _SUCCESS:
-            if instance._progressed_at == progressed_at:
+            if instance.progressed_at == progressed_at:
                 instance._setProgress(f"{node.label}: onEnd returned {answer}", POST_FAILED)
-            failure = Failure(EXECUTE, instance._progress_code, instance._progress_msg, late=late)
+            failure = Failure(EXECUTE, instance._progress_code, instance.progress_msg, late=late)
             self._failures.record(node, failure)
         return _FAILURE
 
@@ -138,8 +138,8 @@ class Hooks:
     ) -> State:
         """Records what the code of a node has raised; called in the `except` clause. Returns Failure."""
         preempted = isinstance(error, SkillPreempted)
-        message = str(error) if preempted else format_error(error, type(node._instance).__module__)
-        node._instance._setProgress(message, code)
+        message = str(error) if preempted else format_error(error, type(node.instance).__module__)
+        node.instance._setProgress(message, code)
         discard_changes(node.element_slots, node._wmi)  # the changes may be incomplete
         self._failures.record(node, Failure(PREEMPT if preempted else EXCEPTION, code, message, late=late))
         log.error("%s: %s", node.printState(), message)
@@ -153,17 +153,17 @@ class Hooks:
             return _SUCCESS if answer is _SUCCESS else _RUNNING
         if answer is None and of_children is not None:
             return of_children
-        instance = node._instance
+        instance = node.instance
         if is_bool(answer) and answer:
             return _SUCCESS
         text = f"{node.label}: execute returned {answer!r}"
         if answer is not _FAILURE and not is_bool(answer):
             instance._setProgress(f"{text}, expected step(...), success(...) or fail(...)", EXECUTE_RAISED)
-        elif of_children is _FAILURE and instance._progressed_at == node._progressed_at:
+        elif of_children is _FAILURE and instance.progressed_at == node.progressed_at:
             return _FAILURE  # the failure of the children, without a progress of its own
         else:
             set_failure_reason(node, text, EXECUTE_RAISED)
-        self._failures.record(node, Failure(EXECUTE, instance._progress_code, instance._progress_msg, late=late))
+        self._failures.record(node, Failure(EXECUTE, instance._progress_code, instance.progress_msg, late=late))
         return _FAILURE
 
 
@@ -174,7 +174,7 @@ def refusal_text(answer: Any) -> str:
 
 def set_failure_reason(node: SkillWrapper, text: str, code: int) -> None:
     """Sets the progress of a failed skill that has not set it itself."""
-    instance = node._instance
+    instance = node.instance
     if instance._progress_code >= 0:
-        reported = instance._progress_msg
+        reported = instance.progress_msg
         instance._setProgress(f"{text} after: {reported}" if reported else text, code)

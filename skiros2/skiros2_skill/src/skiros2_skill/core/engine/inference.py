@@ -10,21 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
 
-from skiros2_common.core.conditions import (
-    ConditionFunction,
-    ConditionHasProperty,
-    ConditionOr,
-    ConditionProperty,
-    ConditionRelation,
-)
+from skiros2_common.core.condition import ConditionBase, Cost
 from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-
-#: Conditions that only depend on the element, not on the world model.
-_OF_ELEMENT = (ConditionHasProperty, ConditionProperty)
+from skiros2_common.core.world_model_port import WorldModelPort
 
 
 def inferable(params: ParamHandler) -> list[Param]:
@@ -38,8 +29,8 @@ def inferable(params: ParamHandler) -> list[Param]:
 
 def infer(
     params: ParamHandler,
-    conditions: Sequence[Any],
-    wmi: Any,
+    conditions: Sequence[ConditionBase],
+    wmi: WorldModelPort,
     preferred: Collection[str] = (),
     first: Mapping[str, Sequence[Element]] | None = None,
 ) -> Search | None:
@@ -65,8 +56,8 @@ class Search:
     def __init__(
         self,
         params: ParamHandler,
-        conditions: Sequence[Any],
-        wmi: Any,
+        conditions: Sequence[ConditionBase],
+        wmi: WorldModelPort,
         preferred: Collection[str] = (),
         first: Mapping[str, Sequence[Element]] | None = None,
     ) -> None:
@@ -78,10 +69,9 @@ class Search:
         self.patterns = {p.key: p.value or p.default or Element("") for p in inferable(params)}
         #: The conditions on unset parameters, cheap ones first.
         self.conditions = sorted(
-            (c for c in conditions if not self.patterns.keys().isdisjoint(c.getKeys())), key=self._cost
+            (c for c in conditions if not self.patterns.keys().isdisjoint(c.getKeys())), key=lambda c: c.cost
         )
         self._keys = {id(c): frozenset(c.getKeys()) for c in self.conditions}
-        self._links = [c for c in self.conditions if self.is_link(c)]
         self._preferred = preferred
         self._first = first or {}
         self._known: dict[str, list[Element]] = {}
@@ -100,39 +90,24 @@ class Search:
 
     # -- conditions --------------------------------------------------------------------------------------------
 
-    def is_link(self, condition: Any) -> bool:
-        """Whether a condition is a relation that the scene has an index of."""
-        return type(condition) is ConditionRelation and condition.desired_state and condition.is_stored()
-
-    def _cost(self, condition: Any) -> int:
-        """The rank of a condition: stored relations, properties of one element, stored relations that must not hold,
-        functions, relations computed by reasoners."""
-        if isinstance(condition, ConditionOr):
-            return max((self._cost(part) for part in condition.conditions), default=0) or 1
-        if isinstance(condition, ConditionRelation):
-            if not condition.abstract and not condition.is_stored():
-                return 4
-            return 0 if condition.desired_state else 2
-        return 3 if isinstance(condition, ConditionFunction) else 1
-
-    def holds(self, condition: Any, key: str, element: Element) -> bool:
+    def holds(self, condition: ConditionBase, key: str, element: Element) -> bool:
         """Whether a condition holds with an element as the value of a parameter."""
         param = self.params._params[key]
-        before, param._values = param._values, [element]
+        before, param.current = param.current, [element]
         try:
-            return bool(condition.satisfied_for_inference(self.params, self.wmi))
+            return condition.satisfied_for_inference(self.params, self.wmi)
         finally:
-            param._values = before
+            param.current = before
 
     @contextmanager
     def assuming(self, key: str, element: Element) -> Iterator[None]:
         """Sets a parameter to an element inside the `with` block."""
         param = self.params._params[key]
-        before, param._values = param._values, [element]
+        before, param.current = param.current, [element]
         try:
             yield
         finally:
-            param._values = before
+            param.current = before
 
     def _connected_keys(self) -> list[list[str]]:
         """The unset keys in groups that share conditions."""
@@ -162,7 +137,7 @@ class Search:
         checks = [c for c in self._conditions_on(key) if rest.isdisjoint(self._keys[id(c)])]
         for candidate in self._first[key]:
             if all(self.satisfies(c, key, candidate) for c in checks):
-                self.params._params[key]._values = [candidate]
+                self.params._params[key].current = [candidate]
                 if self._bind_first(rest, others):
                     return True
         return self._bind_first(unbound, others)
@@ -170,82 +145,68 @@ class Search:
     def _bind(self, unbound: frozenset[str]) -> bool:
         if not unbound:
             return True
-        key, candidates = self._most_constrained(unbound)
+        key, candidates, applied = self._most_constrained(unbound)
         param = self.params._params[key]
         rest = unbound - {key}
         conditions = [c for c in self._conditions_on(key) if rest.isdisjoint(self._keys[id(c)])]
-        checks = [c for c in conditions if not self._is_bound(c, key)]
+        checks = [c for c in conditions if not any(c is done for done in applied)]
         for candidate in candidates:
             if all(self.satisfies(c, key, candidate) for c in checks):
-                param._values = [candidate]
+                param.current = [candidate]
                 if self._bind(rest):
                     return True
         return False  # the parameter keeps the last value tried; nothing reads it before it is bound again
 
-    def satisfies(self, condition: Any, key: str, candidate: Element) -> bool:
+    def satisfies(self, condition: ConditionBase, key: str, candidate: Element) -> bool:
         """Same as `holds`; the result of a condition on one unset parameter is cached."""
         if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
             return self.holds(condition, key, candidate)
-        if type(condition) in _OF_ELEMENT:
-            return bool(condition.satisfied_by(candidate))  # the element was read just now
+        satisfied = condition.satisfied_by(candidate)  # which was read just now
+        if satisfied is not None:
+            return satisfied
         question = (id(condition), key, candidate.id)
         verdict = self._verdicts.get(question)
         if verdict is None:
             verdict = self._verdicts[question] = self.holds(condition, key, candidate)
         return verdict
 
-    def _most_constrained(self, unbound: frozenset[str]) -> tuple[str, list[Element]]:
-        """The key with the fewest candidates, and these candidates. Keys constrained by a relation come first, because
-        an index gives their candidates."""
-        found = {
-            key: ids for key in self.patterns if key in unbound and (ids := self._related(key, unbound)) is not None
-        }
+    def _most_constrained(self, unbound: frozenset[str]) -> tuple[str, list[Element], list[ConditionBase]]:
+        """The key with the fewest candidates, these candidates, and the conditions that have selected them. Keys
+        whose candidates an index gives come first."""
+        found = {key: linked for key in self.patterns if key in unbound and (linked := self._related(key, unbound))}
         if found:
-            key = min(found, key=lambda k: len(found[k]))
+            key = min(found, key=lambda k: len(set.intersection(*found[k].values())))
             wanted = self._indexed(key)
-            elements = (self.wmi.find_element(eid) for eid in found[key])
-            return key, self.ordered(e for e in elements if e is not None and self._matches(e, wanted))
+            elements = (self.wmi.find_element(eid) for eid in set.intersection(*found[key].values()))
+            matching = self.ordered(e for e in elements if e is not None and self._matches(e, wanted))
+            return key, matching, list(found[key])
         domains = {key: self._candidates(key) for key in self.patterns if key in unbound}
         if len(domains) > 1:
             domains = {key: self._filtered(key) for key in domains}
         key = min(domains, key=lambda k: len(domains[k]))
-        return key, domains[key]
+        return key, domains[key], []
 
     def _filtered(self, key: str) -> list[Element]:
         """The candidates of a key that satisfy the cheap conditions on it alone."""
-        cheap = [c for c in self._conditions_on(key) if self._cost(c) <= 1]
+        cheap = [c for c in self._conditions_on(key) if c.cost <= Cost.ELEMENT]
         alone = [c for c in cheap if self._keys[id(c)] & self.patterns.keys() == {key}]
         return [e for e in self._candidates(key) if all(self.satisfies(c, key, e) for c in alone)]
 
-    def _related(self, key: str, unbound: Collection[str]) -> set[str] | None:
-        """The ids that relations to bound elements allow for a key; None when there are no such relations."""
-        related: set[str] | None = None
-        for link in self._links:
-            if key in self._keys[id(link)]:
-                ids = self.linked(link, key, unbound)
-                if ids is not None:
-                    related = ids if related is None else related & ids
-        return related
+    def _related(self, key: str, unbound: Collection[str]) -> dict[ConditionBase, set[str]]:
+        """The ids that conditions with bound elements allow for a key, by condition."""
+        linked = {condition: self.linked(condition, key, unbound) for condition in self._conditions_on(key)}
+        return {condition: ids for condition, ids in linked.items() if ids is not None}
 
-    def _is_bound(self, condition: Any, key: str) -> bool:
-        """Whether the candidates of a key were already selected by this condition, a link to bound elements."""
-        other = self._keys[id(condition)] - {key}
-        return condition in self._links and all(self.params.is_bound(k) for k in other) and bool(other)
-
-    def _conditions_on(self, key: str) -> list[Any]:
+    def _conditions_on(self, key: str) -> list[ConditionBase]:
         """The conditions on a key."""
         return [c for c in self.conditions if key in self._keys[id(c)]]
 
-    def linked(self, link: Any, key: str, unbound: Collection[str] = ()) -> set[str] | None:
-        """The ids that a link allows for a key; None when its other side is not bound."""
-        is_subject = link.subject_key == key
-        other_key = link.object_key if is_subject else link.subject_key
-        other = self.params._params.get(other_key)
-        if other_key == key or other_key in unbound or other is None or not other.is_bound():
+    def linked(self, condition: ConditionBase, key: str, unbound: Collection[str] = ()) -> set[str] | None:
+        """The ids that a condition allows for a key; None if no index has them, or another key is not bound."""
+        others = self._keys[id(condition)] - {key}
+        if not all(self.params.is_bound(other) and other not in unbound for other in others):
             return None
-        if is_subject:
-            return {r["src"] for r in self.wmi.get_relations("", link.relation, other.value.id)}
-        return {r["dst"] for r in self.wmi.get_relations(other.value.id, link.relation, "")}
+        return condition.candidate_ids(key, self.params, self.wmi)
 
     # -- elements ----------------------------------------------------------------------------------------------
 
@@ -269,10 +230,11 @@ class Search:
         """The pattern of a key with required property values, which the scene has an index of."""
         wanted = self.patterns[key]
         for c in self.conditions:
-            if type(c) is ConditionProperty and self._keys[id(c)] == {key} and c.is_value:
+            required = c.indexed_value() if self._keys[id(c)] == {key} else None
+            if required is not None:
                 wanted = wanted.copy() if wanted is self.patterns[key] else wanted
-                if not wanted.hasProperty(c.property):
-                    wanted.setProperty(c.property, c.value)
+                if not wanted.hasProperty(required[0]):
+                    wanted.setProperty(*required)
         return wanted
 
     def _matches(self, element: Element, wanted: Element) -> bool:

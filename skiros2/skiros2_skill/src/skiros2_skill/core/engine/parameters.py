@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import weakref
-from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.explanation import HOLD, PARAMETER
+from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.revision import local_revision
+from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import Revisions, WorldModelPort
 from skiros2_skill.core.engine.blackboard import (
+    Blackboard,
     assigned_elements,
     discard_changes,
     is_removed,
@@ -18,8 +21,9 @@ from skiros2_skill.core.engine.blackboard import (
     removal_text,
     unwritten_elements,
 )
-from skiros2_skill.core.engine.checks import check_conditions, depends_on_elements_only, is_volatile
+from skiros2_skill.core.engine.checks import check_conditions
 from skiros2_skill.core.engine.failures import HOLD_FAILED, Failure
+from skiros2_skill.core.engine.readers import Readers
 from skiros2_skill.core.tree.hook_guard import HookGuard
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -28,50 +32,27 @@ log = logging.getLogger(__name__)
 _REFRESH = "the refresh of its elements"
 
 
-class ReadSet:
-    """The revisions of what a node has read: the ontologies, and the elements in its parameters.
-
-    :param elements: pairs of element id and revision.
-    """
-
-    __slots__ = ("elements", "ontology")
-
-    def __init__(self, ontology: object, elements: list[tuple[str, object]]) -> None:
-        self.ontology = ontology
-        self.elements = elements
-
-    def is_current(self, revisions: Any) -> bool:
-        """Whether none of it has changed."""
-        if revisions is None or revisions.ontology is not self.ontology:
-            return False
-        element = revisions.element
-        for eid, seen in self.elements:  # noqa: SIM110 - all() takes twice the time
-            if element(eid) is not seen:
-                return False
-        return True
-
-
 class Parameters:
     """The parameters of the nodes of one task. For the thread that ticks the task.
 
-    `revision` counts the changes of the task's parameters and of the world model. A node that was refreshed at this
-    revision needs no refresh; at a later one, what has changed since is read again.
+    A change of the world model or of the blackboard marks the running nodes that read what has changed as `stale`; only
+    these are refreshed.
 
     :param wmi: the world model as the task sees it.
     :param guard: guards the calls of the world model.
     """
 
-    def __init__(self, wmi: Any, guard: HookGuard) -> None:
+    def __init__(self, wmi: WorldModelPort, guard: HookGuard) -> None:
         self._wmi = wmi
         self._guard = guard
-        self.blackboard: Any = None  # the task's, from its first tick on
-        self.revision = 0
-        self._params_revision = 0  # of the last change of a parameter
+        self.blackboard = Blackboard(ParamHandler())  # the task's, from its first tick on
         self.local_revision = -1  # at the last `update_revision`; -1 when the world model has no version
         self.world_version = -1  # of the world model at the last `update_revision`
-        self._revisions: Any = None
-        self._revisions_version = -1
-        self._logged: weakref.WeakSet[Any] = weakref.WeakSet()  # elements with unwritten changes that were logged
+        #: Whether the world model has changed and the nodes that read the changed elements are not marked yet.
+        self.world_changed = True
+        self._revisions: Revisions | None = None
+        self._readers = Readers()
+        self._logged: weakref.WeakSet[Element] = weakref.WeakSet()  # elements with unwritten changes that were logged
 
     @property
     def is_current(self) -> bool:
@@ -79,7 +60,7 @@ class Parameters:
         return self._wmi is None or (self.world_version != -1 and self._wmi.version == self.world_version)
 
     def update_revision(self) -> None:
-        """Increments the revision if the world model has changed."""
+        """Notices whether the world model has changed."""
         local = local_revision.current
         if local == self.local_revision:
             return
@@ -87,33 +68,33 @@ class Parameters:
         self.local_revision = local if version != -1 else -1
         if version != self.world_version or version == -1:
             self.world_version = version
-            self.revision += 1
+            self.world_changed = True
 
     # -- refresh -----------------------------------------------------------------------------------------------
 
-    def start(self, node: SkillWrapper, revision: int) -> None:
+    def start(self, node: SkillWrapper, is_current: bool) -> None:
         """Prepares the refreshes of a node that starts.
 
-        :param revision: at which its parameters were read; -1 when something has changed since.
+        :param is_current: whether nothing has changed since its parameters were read.
         """
-        node.volatile = any(is_volatile(c, self._wmi) for c in node._hold_conditions)
-        node.read_set = None
-        node.seen_revision = -1 if node._hold_conditions else revision
+        node.volatile = any(c.volatile for c in node.hold_conditions)
+        node.stale = bool(node.hold_conditions) or not is_current
+        self._readers.add(node)
+
+    def end(self, node: SkillWrapper) -> None:
+        """Ends the refreshes of a node."""
+        self._readers.remove(node)
 
     def refresh(self, node: SkillWrapper) -> Failure | None:
-        """Refreshes the parameters of a running node if something has changed, and checks its hold-conditions.
+        """Refreshes the parameters of a running node if they are stale, and checks its hold-conditions.
 
         :returns: the failure when a condition is unsatisfied or an element was removed.
         """
-        if node.seen_revision == self.revision:
-            return self._check_hold_conditions(node) if node.volatile else None
-        revision = self.revision
         try:
-            pulled = node.seen_revision < self._params_revision and self.blackboard.pull(node, node.slots)
             revisions = self.revisions(node)
-            if pulled or node.read_set is None or not node.read_set.is_current(revisions):
-                # The revisions are recorded before the elements are read: a change in between is read at the next tick.
-                node.read_set = _read_set(node, revisions)
+            if node.stale:
+                self.blackboard.pull(node, node.slots)
+                self._set_reads(node, revisions)
                 removed = self._refresh_elements(node, revisions)
                 if removed and not node.is_compound:  # the children of a compound check what they need
                     text = f"{removal_text(removed[0], self._wmi)}, while {node.label} was running with it"
@@ -124,18 +105,32 @@ class Parameters:
         except SkirosError as error:
             return Failure(PARAMETER, HOLD_FAILED, str(error))
         if failure is None:
-            node.seen_revision = revision
+            node.stale = False
         return failure
 
+    def _set_reads(self, node: SkillWrapper, revisions: Revisions | None) -> None:
+        """Records what a node is about to read: a change after this call marks it again."""
+        if revisions is None:
+            return
+        ids = {value.id for slot in node.element_slots for value in slot.param.current if value.id}
+        for condition in node.hold_conditions:
+            read = condition.element_ids(node._params)
+            if read is not None:
+                ids |= read
+            elif not condition.volatile:
+                self._readers.add(node)  # it may read anything
+                return
+        self._readers.set_reads(node, ids, revisions.element)
+
     def pull(self, node: SkillWrapper) -> None:
-        """Refreshes the parameters of a node if something has changed; removed elements are dropped.
+        """Refreshes the parameters of a node if they are stale; removed elements are dropped.
 
         :raises WmException: the world model does not answer.
         """
-        if node.seen_revision != self.revision:
+        revisions = self.revisions(node)
+        if node.stale:
             self.blackboard.pull(node, node.slots)
-            self._refresh_elements(node, self.revisions(node))
-            node.read_set = None
+            self._refresh_elements(node, revisions)
 
     def try_pull(self, node: SkillWrapper) -> None:
         """Same as `pull`; the node keeps its parameters when the world model does not answer."""
@@ -155,32 +150,35 @@ class Parameters:
             self._refresh_elements(node, None)
             return
         for slot in node.element_slots:
-            values = slot.param._values
+            values = slot.param.current
             existing = [e for e in values if (revisions.element(e.id) is not None if e.id else not is_removed(e))]
             if len(existing) < len(values):
-                slot.param._values = existing
+                slot.param.current = existing
                 slot.shared = None
 
-    def revisions(self, node: SkillWrapper) -> Any:
-        """The world model's revisions, fetched once for each version.
+    def revisions(self, node: SkillWrapper) -> Revisions | None:
+        """The world model's revisions; if it has changed, the nodes that read the changed elements are marked.
 
         :param node: named when the call hangs.
         :raises WmException: the world model does not answer.
         """
-        if self._revisions_version != self.world_version or self.world_version == -1:
-            self._revisions = None
-            if self._wmi is not None:
-                self._revisions = self._guard.call(node, _REFRESH, self._wmi.revisions)
-            self._revisions_version = self.world_version
+        if self.world_changed and self._wmi is not None:
+            revisions = self._guard.call(node, _REFRESH, self._wmi.revisions)
+            known, self._revisions = self._revisions, revisions
+            if revisions is None or known is None or revisions.ontology is not known.ontology:
+                self._readers.mark_all()
+            else:
+                self._readers.mark_changed(revisions.element)
+        self.world_changed = False
         return self._revisions
 
-    def _refresh_elements(self, node: SkillWrapper, revisions: Any) -> list[str]:
+    def _refresh_elements(self, node: SkillWrapper, revisions: Revisions | None) -> list[str]:
         return self._guard.call(node, _REFRESH, refresh_elements, node.element_slots, self._wmi, revisions)
 
     def _check_hold_conditions(self, node: SkillWrapper) -> Failure | None:
-        if not node._hold_conditions:
+        if not node.hold_conditions:
             return None
-        arguments = (HOLD, node._hold_conditions, node._params, self._wmi)
+        arguments = (HOLD, node.hold_conditions, node._params, self._wmi, node.evaluated)
         return self._guard.call(node, "its conditions", check_conditions, *arguments)
 
     # -- write back and push -----------------------------------------------------------------------------------
@@ -195,7 +193,6 @@ class Parameters:
         """
         elements = assigned_elements(node.element_slots)
         if elements:
-            node.read_set = None
             try:
                 self._wmi.update_elements(elements)
             except SkirosError as error:
@@ -209,15 +206,17 @@ class Parameters:
 
     def push(self, node: SkillWrapper, everything: bool = False, removes: bool = True) -> None:
         """Pushes the parameters of a node to the blackboard; see `Blackboard.push`."""
-        if self.blackboard.push(node, node.slots, everything, removes):
-            self.revision += 1
-            self._params_revision = self.revision
+        keys = self.blackboard.push(node, node.slots, everything, removes)
+        if keys:
+            self._readers.mark_keys(keys)
         node.lent = [slot.param for slot in node.slots if slot.param.shared_snapshot is not None]
         if node.lent:
-            node.steady_revision = -1  # its lists may change in place
+            node.steady = False  # its lists may change in place
 
     def log_unwritten(self, node: SkillWrapper) -> None:
         """Logs elements that a skill has changed in place: such changes are not written."""
+        if not log.isEnabledFor(logging.DEBUG):
+            return
         changed = [e for e in unwritten_elements(node.element_slots) if e not in self._logged]
         if changed:
             self._logged.update(changed)
@@ -227,10 +226,3 @@ class Parameters:
                 node.printState(), ", ".join(map(repr, changed)),
             )  # fmt: skip
 
-
-def _read_set(node: SkillWrapper, revisions: Any) -> ReadSet | None:
-    """What a node is about to read; None when its conditions may depend on more than its elements."""
-    if revisions is None or not all(depends_on_elements_only(c, node._params._params) for c in node._hold_conditions):
-        return None
-    ids = [value.id for slot in node.element_slots for value in slot.param._values if value.id]
-    return ReadSet(revisions.ontology, [(eid, revisions.element(eid)) for eid in ids])

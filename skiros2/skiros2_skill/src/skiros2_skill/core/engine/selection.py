@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
-from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
+from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.errors import FOREIGN_ERRORS, OutOfLimits, SkirosError
 from skiros2_common.core.explanation import (
     EXCEPTION,
     INFERENCE,
@@ -15,30 +15,71 @@ from skiros2_common.core.explanation import (
     PRE,
     START,
 )
+from skiros2_common.core.limits import NO_LIMITS
 from skiros2_common.core.names import ANY_TYPE
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.source_location import format_error
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
-from skiros2_skill.core.diagnosis.provenance import provenance_of
-from skiros2_skill.core.engine.blackboard import Blackboard, Slot, make_slots, refresh_elements, unprovided_remap
+from skiros2_common.core.world_model_port import Revisions, WorldModelPort
+from skiros2_skill.core.engine.blackboard import (
+    Blackboard,
+    Slot,
+    make_slots,
+    provenance_of,
+    refresh_elements,
+    unprovided_remap,
+)
 from skiros2_skill.core.engine.checks import check_conditions
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
 from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure
 from skiros2_skill.core.engine.inference import infer, inferable
+from skiros2_skill.core.engine.inference_failure import failure_text, filter_candidates
 from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
+#: Gives an implementation with its parameters to a node. Returns the failure; None on success.
+Take = Callable[[SkillWrapper, Implementation, ParamHandler, list[Slot], WorldModelPort], Failure | None]
+
+
+def take(
+    node: SkillWrapper, implementation: Implementation, params: ParamHandler, slots: list[Slot], wmi: WorldModelPort
+) -> Failure | None:
+    """Assigns an instance of an implementation to a node and locks its devices.
+
+    :raises ConfigurationError: no instance can be created.
+    """
+    _instantiate(node, implementation, params)
+    node.slots = slots
+    node.element_slots = [slot for slot in slots if slot.is_element]
+    refused = lock_devices(node, wmi) if node.options else None
+    if refused is not None:
+        free_devices(node, wmi)
+        node.release()
+    return refused
+
+
+def preview(
+    node: SkillWrapper, implementation: Implementation, params: ParamHandler, slots: list[Slot], wmi: WorldModelPort
+) -> Failure | None:
+    """Notes an implementation and its parameters in a node that is not started."""
+    node.implementation, node.slots = implementation, slots
+    return None
+
 
 def select_implementation(
-    node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, revisions: Any, blackboard: Blackboard
+    node: SkillWrapper,
+    candidates: Sequence[Implementation],
+    wmi: WorldModelPort,
+    revisions: Revisions | None,
+    blackboard: Blackboard,
+    take: Take = take,
 ) -> Failure | None:
-    """Selects the first implementation whose parameters are found and whose pre-conditions are satisfied, and locks
-    its devices.
+    """Selects the first implementation whose parameters are found and whose pre-conditions are satisfied.
 
     Implementations that declare the classes of the given elements are tried first.
 
     :param revisions: see `refresh_elements`.
+    :param take: called with the implementation; `preview` does not start it.
     :returns: None; when every implementation is rejected, the failure with the reasons.
     """
     tried: list[Failure] = []
@@ -50,22 +91,15 @@ def select_implementation(
         try:
             params, slots = make_slots(node, implementation.declared.params)
             _find_params(node, slots, params, conditions, wmi, revisions, blackboard)
-            _instantiate(node, implementation, params)
+            failure = take(node, implementation, params, slots, wmi)
+            if failure is None:
+                return None
         except Rejected as error:
             failure = error.failure
         except SkirosError as error:
             failure = Failure(PARAMETER, PRE_FAILED, str(error))
         except FOREIGN_ERRORS as error:  # raised by a condition
             failure = Failure(EXCEPTION, START_RAISED, format_error(error, implementation.module))
-        else:
-            node.slots = slots
-            node.element_slots = [slot for slot in slots if slot.is_element]
-            refused = lock_devices(node, wmi) if node.options else None
-            if refused is None:
-                return None
-            free_devices(node, wmi)
-            node.release()
-            failure = refused
         failure.label = implementation.label
         failure.provenance = partial(provenance_of, slots, conditions)
         tried.append(failure)
@@ -90,9 +124,9 @@ def _find_params(
     node: SkillWrapper,
     slots: list[Slot],
     params: ParamHandler,
-    conditions: list[Any],
-    wmi: Any,
-    revisions: Any,
+    conditions: list[ConditionBase],
+    wmi: WorldModelPort,
+    revisions: Revisions | None,
     blackboard: Blackboard,
 ) -> None:
     """Sets the parameters that are not specified: pulls them from the blackboard and infers the others.
@@ -102,22 +136,40 @@ def _find_params(
     """
     blackboard.pull(node, slots, is_start=True)
     elements = [slot for slot in slots if slot.is_element]
-    given = [(slot, slot.param._values) for slot in elements if slot.shared is None]
+    given = [(slot, slot.param.current) for slot in elements if slot.shared is None]
     if refresh_elements(elements, wmi, revisions):
         for slot, values in given:
-            if len(slot.param._values) < len(values):
+            if len(slot.param.current) < len(values):
                 raise Rejected(PARAMETER, f"parameter {slot.param.key!r} is {values[0]!r}, which is not in the scene")
     unset = {param.key: param for param in inferable(params)}
     if unset:
-        searched = [slot for slot in elements if slot.param._key in unset]
+        searched = [slot for slot in elements if slot.param.key in unset]
         _infer(node, searched, params, conditions, wmi, blackboard)
-    failure = check_conditions(PRE, conditions, params, wmi)
+    outside = out_of_limits(params)
+    if outside:
+        raise Rejected(PARAMETER, outside, Failure(PARAMETER, OutOfLimits.CODE, outside))
+    failure = check_conditions(PRE, conditions, params, wmi, node.evaluated)
     if failure is not None:
         raise Rejected(PRE, failure.message, failure)
 
 
+def out_of_limits(params: ParamHandler) -> str:
+    """Describes the parameters with values that their declarations do not allow; "" if there are none."""
+    problems = [
+        f"parameter {param.key!r}: {param.limits.problem(param.current)}"
+        for param in params.values()
+        if param.limits is not NO_LIMITS and not all(map(param.limits.allows, param.current))
+    ]
+    return "; ".join(problems)
+
+
 def _infer(
-    node: SkillWrapper, slots: list[Slot], params: ParamHandler, conditions: list[Any], wmi: Any, blackboard: Blackboard
+    node: SkillWrapper,
+    slots: list[Slot],
+    params: ParamHandler,
+    conditions: list[ConditionBase],
+    wmi: WorldModelPort,
+    blackboard: Blackboard,
 ) -> None:
     """Infers the parameters of slots.
 
@@ -127,7 +179,7 @@ def _infer(
         why = unprovided_remap(node, slot, blackboard) if slot.param.paramTypeIs(ParamTypes.Required) else ""
         if why:
             raise Rejected(PARAMETER, why)
-    suggested = {slot.param._key: _suggested(node, slot, wmi) for slot in slots}
+    suggested = {slot.param.key: _suggested_elements(node, slot, wmi) for slot in slots}
     search = infer(params, conditions, wmi, blackboard.ids(), {key: found for key, found in suggested.items() if found})
     if search is not None:
         candidates = filter_candidates(search)
@@ -138,17 +190,19 @@ def _infer(
             slot.inferred = True
             slot.provenance = INFERRED
             known = slot.candidate
-            if known is not None and len(known) == 1 and known[0].id == slot.param._values[0].id:
-                slot.param._values = slot.shared = known  # all nodes share one list
+            if known is not None and len(known) == 1 and known[0].id == slot.param.current[0].id:
+                slot.param.current = slot.shared = known  # all nodes share one list
 
 
-def _suggested(node: SkillWrapper, slot: Slot, wmi: Any) -> list[Element]:
+def _suggested_elements(node: SkillWrapper, slot: Slot, wmi: WorldModelPort) -> list[Element]:
     """The elements that inference tries first: suggested by the plan, and inferred by another node."""
-    named = [*node._suggested.get(node.name_above(slot.param._key), ()), *(slot.candidate or ())[:1]]
+    named = [*node.suggested_values.get(node.name_above(slot.param.key), ()), *(slot.candidate or ())[:1]]
     return [e for e in named if e.id and wmi.find_element(e.id) is not None]
 
 
-def _class_mismatches(node: SkillWrapper, implementation: Implementation, wmi: Any, blackboard: Blackboard) -> int:
+def _class_mismatches(
+    node: SkillWrapper, implementation: Implementation, wmi: WorldModelPort, blackboard: Blackboard
+) -> int:
     """The number of parameters whose given elements are not of the declared class. Such elements are accepted, but an
     implementation that declares their class is preferred."""
     count = 0
@@ -156,12 +210,13 @@ def _class_mismatches(node: SkillWrapper, implementation: Implementation, wmi: A
         wanted = param.default.type if param.is_element and param.default is not None else ""
         if wanted in ANY_TYPE or param.has_bound_default():
             continue
-        values = node._specified.get(node.name_above(key)) or blackboard.values(node._scope.get(key, key))
+        key_on_blackboard = node.blackboard_keys.get(key, key)
+        values = node.specified_values.get(node.name_above(key)) or blackboard.values(key_on_blackboard)
         count += any(isinstance(v, Element) and v.id and not _is_of(v.type, wanted, wmi) for v in values)
     return count
 
 
-def _is_of(etype: str, wanted: str, wmi: Any) -> bool:
+def _is_of(etype: str, wanted: str, wmi: WorldModelPort) -> bool:
     return etype == wanted or bool(wmi.is_subclass(etype, wanted))
 
 
@@ -171,13 +226,13 @@ def _instantiate(node: SkillWrapper, implementation: Implementation, params: Par
     :raises ConfigurationError: no instance can be created.
     """
     if node.hasInstance() and node.implementation is implementation:
-        node.getInstance()._restore_declared(params)
+        node.instance.restore_declared(params)
         node.adopt_description()
         node.begin_run()
         return
     node.release()
     instance = implementation.acquire()
-    instance._restore_declared(params)
+    instance.restore_declared(params)
     node.implementation = implementation
     node.setInstance(instance)
     node.begin_run()

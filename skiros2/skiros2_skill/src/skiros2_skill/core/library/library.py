@@ -5,17 +5,16 @@ from __future__ import annotations
 import builtins
 import logging
 import threading
-from collections.abc import Iterable, Sequence
-from itertools import groupby
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeAlias
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.source_location import error_location, format_error_line
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.plugin_loader import PluginLoader
-from skiros2_skill.core.lint.faults import NOT_DESCRIBED, NOTE, Fault, class_location
-from skiros2_skill.core.lint.linter import Linter, is_named
+from skiros2_skill.core.library.description import Described, Descriptions, class_location, is_named
 from skiros2_skill.core.tree.compound import SkillBase
 
 log = logging.getLogger(__name__)
@@ -27,7 +26,7 @@ class Implementation:
     `declared` is an instance that never runs; it has the description.
     """
 
-    def __init__(self, cls: type, wmi: Any, library: SkillLibrary) -> None:
+    def __init__(self, cls: type, wmi: WorldModelPort | None, library: SkillLibrary) -> None:
         self._cls = cls
         self._wmi = wmi
         self._library = library
@@ -74,7 +73,7 @@ class Implementation:
     def release(self, instance: Any) -> None:
         """Returns an instance to the pool."""
         if isinstance(instance, SkillBase):
-            instance._expands_into = None
+            instance.expands_into = None
         with self._lock:
             self._free.append(instance)
 
@@ -99,21 +98,27 @@ class Implementation:
         if loaded is False:
             file, line = class_location(self._cls)
             raise ConfigurationError(f"skill {name} cannot be loaded: {file}, line {line}: its onInit returned False")
-        instance._save_declared()
+        instance.save_declared()
         return instance
+
+
+OnLoad: TypeAlias = "Callable[[SkillLibrary, Sequence[type]], None]"
 
 
 class SkillLibrary:
     """The loaded implementations, by type and label.
 
-    :param wmi: the world model as the skills see it.
+    :param wmi: the world model as the skills see it; None: they are only looked up.
+    :param on_load: called with the library and the classes that it has loaded.
     """
 
-    def __init__(self, wmi: Any) -> None:
+    def __init__(self, wmi: WorldModelPort | None, on_load: OnLoad = lambda library, classes: None) -> None:
         self.wmi = wmi
+        self.on_load = on_load
+        #: The classes of the libraries, including those that are not loaded.
+        self.descriptions = Descriptions(wmi)
         self._loader = PluginLoader()
         self._by_type: dict[str, list[Implementation]] = {}
-        self._linter = Linter((), wmi)
         self._skipped: dict[type, str] = {}  # reason by class
         self._libraries: list[str] = []
         self._listed: list[str] = []
@@ -134,7 +139,7 @@ class SkillLibrary:
     @property
     def not_imported(self) -> dict[str, str]:
         """The modules of the libraries that could not be imported, with the reasons."""
-        return dict(self._loader.failures)
+        return {module: str(failure) for module, failure in self._loader.failures.items()}
 
     @property
     def skipped(self) -> dict[str, str]:
@@ -153,13 +158,12 @@ class SkillLibrary:
                 raise ConfigurationError(str(error)) from error
             self._libraries.append(package)
         for cls in self._loader:
-            self._linter.add(cls)
+            self.descriptions.add(cls)
 
     def load(self, names: Iterable[str]) -> None:
         """Loads implementations by class name or `module.Class`.
 
-        A skill that cannot be loaded is logged and skipped. Other faults do not prevent loading; they are logged in one
-        warning for each library.
+        A skill that cannot be loaded is logged and skipped.
 
         :raises ConfigurationError: no library has a class with one of these names.
         """
@@ -176,7 +180,7 @@ class SkillLibrary:
                     loaded.append(cls)
             except ConfigurationError as error:
                 log.error("%s; it is skipped", error)
-        self._report(loaded)
+        self.on_load(self, loaded)
 
     def find(self, name: str) -> type:
         """The class in the libraries with a name, or with `module.Class`.
@@ -217,24 +221,7 @@ class SkillLibrary:
         log.debug("loaded %s-%s from %s", implementation.type, implementation.label, implementation.module)
         return implementation
 
-    def _report(self, classes: Iterable[type]) -> None:
-        """Logs the faults of skills, in one warning for each library."""
-        faults = [(self._library_of(cls), fault) for cls in classes for fault in self._faults(cls)]
-        for library, found in groupby(sorted(faults, key=lambda f: (f[0], f[1].file, f[1].line)), lambda f: f[0]):
-            lines = list(dict.fromkeys(str(fault) for _, fault in found))
-            count = "1 problem" if len(lines) == 1 else f"{len(lines)} problems"
-            log.warning("library %s has %s:\n  %s", library, count, "\n  ".join(lines))
-
-    def _faults(self, cls: type) -> list[Fault]:
-        self._linter.add(cls)
-        try:
-            found = self._linter.lint(cls)
-        except FOREIGN_ERRORS:  # raised by the skill's `expand`
-            log.exception("%s cannot be checked", _full_name(cls))
-            return []
-        return [fault for fault in found if fault.severity != NOTE and fault.code != NOT_DESCRIBED]
-
-    def _library_of(self, cls: type) -> str:
+    def package_of(self, cls: type) -> str:
         """The package that a class was imported with."""
         names = [name for name in self._libraries if f"{cls.__module__}.".startswith(f"{name}.")]
         return max(names, key=len, default=cls.__module__)
@@ -294,15 +281,15 @@ class SkillLibrary:
         """The implementations of a type whose class has this name; they are loaded if needed."""
         classes = [cls for cls in self._loader if label and is_named(cls, label)]
         for cls in classes:
-            described = self._linter.describe(cls)
-            if isinstance(described, Fault) or described.skill.type == stype:
+            described = self.descriptions.of(cls)
+            if not isinstance(described, Described) or described.skill.type == stype:
                 self._add_late(cls)
         return [i for cls in classes if (i := self._loaded.get(cls)) is not None and i.type == stype]
 
     def _load_matching(self, stype: str, label: str) -> None:
         for cls in self._loader:
-            described = self._linter.describe(cls)
-            if isinstance(described, Fault) or described.skill.type != stype:
+            described = self.descriptions.of(cls)
+            if not isinstance(described, Described) or described.skill.type != stype:
                 continue
             if label in ("", described.skill.label):
                 self._add_late(cls)
@@ -316,7 +303,7 @@ class SkillLibrary:
         except ConfigurationError as error:
             log.error("%s; it is skipped", error)
             return
-        self._report([cls])
+        self.on_load(self, [cls])
 
     def _no_such_class(self, name: str) -> str:
         known = sorted(c.__name__ for c in self._loader)
@@ -338,8 +325,8 @@ class SkillLibrary:
         return f"no skill of type {stype}{f' labelled {label!r}' if label else ''}; {hint}"
 
     def _declares(self, cls: type, stype: str) -> bool:
-        described = self._linter.describe(cls)
-        return not isinstance(described, Fault) and described.skill.type == stype
+        described = self.descriptions.of(cls)
+        return isinstance(described, Described) and described.skill.type == stype
 
 
 def _full_name(cls: type) -> str:

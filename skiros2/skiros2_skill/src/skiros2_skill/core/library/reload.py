@@ -42,7 +42,7 @@ def reloading(library: SkillLibrary, packages: Sequence[str] = ()) -> Iterator[S
 
 
 def _load_again(library: SkillLibrary) -> SkillLibrary:
-    fresh = SkillLibrary(library.wmi)
+    fresh = SkillLibrary(library.wmi, library.on_load)
     fresh.import_libraries(library.libraries)
     fresh.load(library.listed)
     failed = [f"{name}: {why}" for name, why in fresh.not_imported.items() if name not in library.not_imported]

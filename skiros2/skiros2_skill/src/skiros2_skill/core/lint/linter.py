@@ -6,18 +6,23 @@ a warning states the consequence, an error means that the skill cannot run.
 
 from __future__ import annotations
 
-import re
+import logging
 from collections.abc import Iterable, Sequence
-from typing import Any
+from itertools import groupby
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.primitive import PrimitiveBase
-from skiros2_common.core.source_location import SourceLocation, error_location, format_error_line
+from skiros2_common.core.source_location import SourceLocation
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_skill.core.library.description import Descriptions, Undescribed
+from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.lint.description import description_faults
-from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, Described, Fault, class_location
+from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, Fault
 from skiros2_skill.core.lint.tree import tree_faults
 from skiros2_skill.core.tree.compound import SkillBase
+
+log = logging.getLogger(__name__)
 
 
 class Linter:
@@ -27,69 +32,57 @@ class Linter:
     :param wmi: the world model with the ontologies; None: names are not looked up.
     """
 
-    def __init__(self, classes: Iterable[type], wmi: Any = None) -> None:
-        self.wmi = wmi
-        self._pending = list(classes)
-        self._described: dict[type, Described | Fault] = {}
+    def __init__(self, classes: Iterable[type], wmi: WorldModelPort | None = None) -> None:
+        self.descriptions = Descriptions(wmi, classes)
         self._cycles: dict[frozenset[type], tuple[type, SourceLocation | None]] = {}
 
-    def add(self, cls: type) -> None:
-        """Adds a class that implements a skill."""
-        if cls not in self._described and cls not in self._pending:
-            self._pending.append(cls)
+    @classmethod
+    def of(cls, descriptions: Descriptions) -> Linter:
+        """A linter for classes that are described already."""
+        linter = cls((), descriptions.wmi)
+        linter.descriptions = descriptions
+        return linter
 
     def lint(self, cls: type, tree: bool = True) -> list[Fault]:
         """The faults of the skill that a class implements, ordered by file and line.
 
         :param tree: whether a compound is expanded and its tree is checked too.
         """
-        found = self.describe(cls)
-        if isinstance(found, Fault):
-            return [found]
-        faults = [*description_faults(found, self.wmi), *(tree_faults(found, self) if tree else ())]
+        found = self.descriptions.of(cls)
+        if isinstance(found, Undescribed):
+            text = f"describing it raised {found.reason}"
+            return [Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, *found.location, "the skill is skipped")]
+        faults = [*description_faults(found, self.descriptions.wmi), *(tree_faults(found, self) if tree else ())]
         return _in_order(faults)
-
-    def options(self, stype: str, label: str) -> list[Described]:
-        """The implementations of a type.
-
-        :param label: their label or class name; "" for any.
-        """
-        return self._matching(stype, label) or self._matching(stype, label, all_of_them=True)
 
     def reports_cycle(self, classes: Iterable[type], cls: type, place: SourceLocation | None) -> bool:
         """Whether to report a cycle of classes at this source location: only the first caller reports it."""
         return self._cycles.setdefault(frozenset(classes), (cls, place)) == (cls, place)
 
-    def all(self) -> list[Described]:
-        """All classes that could be described."""
-        while self._pending:
-            self.describe(self._pending[0])
-        return [d for d in self._described.values() if isinstance(d, Described)]
 
-    def _matching(self, stype: str, label: str, all_of_them: bool = False) -> list[Described]:
-        known = self.all() if all_of_them else [d for d in self._described.values() if isinstance(d, Described)]
-        typed = [d for d in known if d.skill.type == stype]
-        labelled = [d for d in typed if label in ("", d.skill.label)]
-        return labelled or [d for d in typed if all_of_them and is_named(d.cls, label)]
+def log_faults(library: SkillLibrary, classes: Sequence[type]) -> None:
+    """Logs the faults of skills that a library has loaded, in one warning for each of its packages. Notes are omitted.
 
-    def describe(self, cls: type) -> Described | Fault:
-        """Describes a class; the fault when that fails."""
-        if cls in self._pending:
-            self._pending.remove(cls)
-        if cls not in self._described:
-            try:
-                self._described[cls] = Described(cls, self.wmi)
-            except FOREIGN_ERRORS as error:
-                self._described[cls] = _undescribed(cls, error)
-        return self._described[cls]
+    For `SkillLibrary.on_load`.
+    """
+    linter = Linter.of(library.descriptions)
+    found = [(library.package_of(cls), fault) for cls in classes for fault in _loaded_faults(linter, cls)]
+    for package, faults in groupby(sorted(found, key=lambda f: (f[0], f[1].file, f[1].line)), lambda f: f[0]):
+        lines = list(dict.fromkeys(str(fault) for _, fault in faults))
+        count = "1 problem" if len(lines) == 1 else f"{len(lines)} problems"
+        log.warning("library %s has %s:\n  %s", package, count, "\n  ".join(lines))
 
 
-def is_named(cls: type, name: str) -> bool:
-    """Whether a name is the name of a class, with or without module."""
-    return name in (cls.__name__, f"{cls.__module__}.{cls.__name__}")
+def _loaded_faults(linter: Linter, cls: type) -> list[Fault]:
+    try:
+        found = linter.lint(cls)
+    except FOREIGN_ERRORS:  # raised by the skill's `expand`
+        log.exception("%s.%s cannot be checked", cls.__module__, cls.__name__)
+        return []
+    return [fault for fault in found if fault.severity != NOTE and fault.code != NOT_DESCRIBED]
 
 
-def lint_libraries(packages: Sequence[str], wmi: Any = None, used: Sequence[str] = ()) -> list[Fault]:
+def lint_libraries(packages: Sequence[str], wmi: WorldModelPort | None = None, used: Sequence[str] = ()) -> list[Fault]:
     """The faults of the skills in Python packages, including modules that cannot be imported.
 
     :param used: further packages with skills that the trees may use.
@@ -102,21 +95,12 @@ def lint_libraries(packages: Sequence[str], wmi: Any = None, used: Sequence[str]
     for package in used:
         others.load(package, bases)
     linter = Linter(dict.fromkeys([*loader, *others]), wmi)
-    faults = [_not_imported(module, cause) for module, cause in loader.failures.items()]
+    faults = [
+        Fault(ERROR, "not-imported", module, failure.text, failure.file, failure.line)
+        for module, failure in loader.failures.items()
+    ]
     return _in_order(faults + [fault for cls in loader for fault in linter.lint(cls)])
 
 
 def _in_order(faults: Iterable[Fault]) -> list[Fault]:
     return sorted(dict.fromkeys(faults), key=lambda fault: (fault.file, fault.line, fault.code, fault.text))
-
-
-def _not_imported(module: str, cause: str) -> Fault:
-    place = re.match(r"(.+), line (\d+): (.*)", cause, re.DOTALL)
-    file, line, text = place.groups() if place else ("", "0", cause)
-    return Fault(ERROR, "not-imported", module, text, file, int(line))
-
-
-def _undescribed(cls: type, error: Exception | SystemExit) -> Fault:
-    file, line = error_location(error, cls.__module__) or class_location(cls)
-    text = f"describing it raised {format_error_line(error)}"
-    return Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, file, line, "the skill is skipped")

@@ -9,16 +9,9 @@ from typing import TYPE_CHECKING, Any
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
+from skiros2_skill.core.library.description import Described, Descriptions, ReadOnlyWorldModel
 from skiros2_skill.core.lint.description import fits, type_name
-from skiros2_skill.core.lint.faults import (
-    ERROR,
-    NOTE,
-    UNKNOWN_SKILL,
-    WARNING,
-    Described,
-    Fault,
-    ReadOnlyWorldModel,
-)
+from skiros2_skill.core.lint.faults import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Fault, fault_of
 from skiros2_skill.core.tree.node import SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -31,13 +24,13 @@ _EXPAND_TIMEOUT = 0.5  # s
 class _Libraries:
     """The skill library for the nodes of a checked tree. Missing skills are faults, not errors."""
 
-    def __init__(self, wmi: Any, linter: Linter) -> None:
+    def __init__(self, wmi: ReadOnlyWorldModel, descriptions: Descriptions) -> None:
         self.wmi = wmi
-        self._linter = linter
+        self._descriptions = descriptions
 
     def candidates(self, stype: str, label: str) -> list[Described]:
         """See `SkillLibrary.candidates`."""
-        found = self._linter.options(full_name(stype), label)
+        found = self._descriptions.options(full_name(stype), label)
         if not found:
             raise UnknownName(f"no library has a skill of type {stype}")
         return found
@@ -55,10 +48,10 @@ def tree_faults(described: Described, linter: Linter) -> Iterator[Fault]:
     if root is None:
         reason = trees.reasons[described.cls]
         if reason:
-            yield described.fault(NOTE, "not-checked", f"its tree depends on values: {reason}")
+            yield fault_of(described, NOTE, "not-checked", f"its tree depends on values: {reason}")
         else:
             text = f"its expand takes more than {_EXPAND_TIMEOUT} s: it delays all other tasks"
-            yield described.fault(WARNING, "slow-expand", text)
+            yield fault_of(described, WARNING, "slow-expand", text)
         return
     for node in _skills_below(root):
         yield from _child_faults(described, root, node, trees)
@@ -69,6 +62,7 @@ class Trees:
 
     def __init__(self, linter: Linter) -> None:
         self.linter = linter
+        self.descriptions = linter.descriptions
         self.reasons: dict[type, str] = {}
         self._roots: dict[type, SkillWrapper | None] = {}
         self._names: dict[type, tuple[set[str], bool]] = {}
@@ -81,11 +75,11 @@ class Trees:
 
     def _expanded(self, described: Described) -> SkillWrapper | None:
         # An instance of its own with a read-only world model: `expand` may still run after the timeout.
-        wmi = ReadOnlyWorldModel(self.linter.wmi)
+        wmi = ReadOnlyWorldModel(self.descriptions.wmi)
         skill = described.instance(wmi)
-        skill._instanciator = _Libraries(wmi, self.linter)
-        root = SkillWrapper(skill.type, skill.label, skill._instanciator)
-        root._instance = skill
+        skill.library = _Libraries(wmi, self.descriptions)
+        root = SkillWrapper(skill.type, skill.label, skill.library)
+        root.instance = skill
         root.adopt_description()
         result: list[str] = []
 
@@ -104,7 +98,7 @@ class Trees:
 
     def options(self, node: SkillWrapper) -> list[Described]:
         """The candidate implementations of a node."""
-        return self.linter.options(node.type, node.asked_label)
+        return self.descriptions.options(node.type, node.asked_label)
 
     def cycle(self, start: Described, node: SkillWrapper, seen: set[type]) -> list[Described]:
         """The compounds on a path from a node to `start`, without alternative implementations; [] when there is none.
@@ -148,18 +142,18 @@ class Trees:
         self._names[described.cls] = (names, is_open)  # a recursive compound adds nothing
         if described.is_compound:
             root = self.of(described)
-            below, more = self.names_in_parent(root._children) if root is not None else (set(), True)
+            below, more = self.names_in_parent(root.children) if root is not None else (set(), True)
             names, is_open = names | below, is_open or more
             self._names[described.cls] = (names, is_open)
         return names, is_open
 
-    def names_in_parent(self, nodes: Iterable[Any]) -> tuple[set[str], bool]:
+    def names_in_parent(self, nodes: Iterable[SkillInterface]) -> tuple[set[str], bool]:
         """The names that nodes pull from their parent, and whether there may be more."""
         found: set[str] = set()
         others = False
         for node in nodes:
-            is_skill = isinstance(node, SkillWrapper)
-            names, is_open = self.names(node) if is_skill else self.names_in_parent(node._children)
+            skill = node if isinstance(node, SkillWrapper) else None
+            names, is_open = self.names(skill) if skill is not None else self.names_in_parent(node.children)
             found |= {node.name_above(name) for name in names}
             others |= is_open
         return found, others
@@ -175,7 +169,7 @@ class Trees:
         pending, seen = [described], {described.cls}
         while pending:
             inner = pending.pop()
-            for outer in self.linter.all():
+            for outer in self.descriptions.all():
                 tree = self.of(outer) if outer.is_compound and outer.cls not in seen else None
                 holders = [n for n in _skills_below(tree) if inner in self.options(n)] if tree is not None else []
                 if tree is None or not holders:
@@ -195,7 +189,7 @@ class Trees:
             if node is not excluded:
                 names, others = self.names(node)
                 found |= {_name_at(root, node, name) for name in names}
-                found |= {_name_at(root, node, node.own_name(name)) for name in node._specified}
+                found |= {_name_at(root, node, node.own_name(name)) for name in node.specified_values}
                 is_open |= others
         return found, is_open
 
@@ -209,20 +203,20 @@ def _child_faults(described: Described, root: SkillWrapper, node: SkillWrapper, 
     child = f"{node.type}{f'-{node.asked_label}' if node.asked_label else ''}"
     location = node.source_location
     if not is_open:
-        for key in node._remaps:
+        for key in node.remaps:
             if key not in names:
                 text = f"remap of {key!r}: {child} has no such parameter, and no skill under it{_near(key, names)}"
-                yield described.fault(WARNING, "unknown-remap", text, location, "loaded; the remap has no effect")
+                yield fault_of(described, WARNING, "unknown-remap", text, location, "loaded; the remap has no effect")
     yield from _target_faults(described, root, node, options, child, trees)
     yield from _specify_faults(described, node, options, child)
     yield from _pre_condition_faults(described, node, options, child)
-    yield from _type_faults(described, root, node, options, child, trees.linter.wmi)
+    yield from _type_faults(described, root, node, options, child, trees)
     yield from _missing_faults(described, root, node, options, child, trees)
     cycle = trees.cycle(described, node, set())
     if cycle and trees.linter.reports_cycle([step.cls for step in cycle], described.cls, location):
         through = " and ".join(step.name for step in cycle[:-1])
         text = f"it is a part of itself{f' through {through}' if through else ''}, without an alternative"
-        yield described.fault(WARNING, "recursion", text, location)
+        yield fault_of(described, WARNING, "recursion", text, location)
 
 
 def _skills_below(root: SkillWrapper) -> list[SkillWrapper]:
@@ -230,31 +224,33 @@ def _skills_below(root: SkillWrapper) -> list[SkillWrapper]:
 
 
 def _unknown_skill(described: Described, node: SkillWrapper, trees: Trees) -> Fault:
-    labels = [d.skill.label for d in trees.linter.all() if d.skill.type == node.type]
+    labels = [d.skill.label for d in trees.descriptions.all() if d.skill.type == node.type]
     if labels:
         text = f"no implementation {node.asked_label!r} of {node.type}; there are: {', '.join(labels)}"
     else:
-        text = (
-            f"no library has a skill of type {node.type}{_near(node.type, {d.skill.type for d in trees.linter.all()})}"
-        )
+        types = {d.skill.type for d in trees.descriptions.all()}
+        text = f"no library has a skill of type {node.type}{_near(node.type, types)}"
     done = "loaded; it fails unless a library brings it"
-    return described.fault(ERROR, UNKNOWN_SKILL, text, node.source_location, done)
+    return fault_of(described, ERROR, UNKNOWN_SKILL, text, node.source_location, done)
 
 
 def _specify_faults(described: Described, node: SkillWrapper, options: list[Described], child: str) -> Iterator[Fault]:
     if any(option.is_open for option in options):
         return
     location = node.source_location
-    for name, values in node._specified.items():
+    for name, values in node.specified_values.items():
         key = node.own_name(name)
         having = [param for option in options if (param := _param(option, key)) is not None]
         if not having:
             known = {node.name_above(k) for option in options for k in option.skill.params}
             text = f"specify of {name!r}: {child} has no such parameter{_near(name, known)}"
-            yield described.fault(WARNING, "unknown-specify", text, location, "loaded; the value is ignored")
+            yield fault_of(described, WARNING, "unknown-specify", text, location, "loaded; the value is ignored")
         elif all(reasons := [_refusal(param, values) for param in having]):
             text = f"specify of {name!r} for {child}: {reasons[0]}"
-            yield described.fault(WARNING, "wrong-type", text, location, "loaded; the value is ignored")
+            yield fault_of(described, WARNING, "wrong-type", text, location, "loaded; the value is ignored")
+        elif all(reasons := [_limit_problem(param, values) for param in having]):
+            text = f"specify of {name!r} for {child}: {reasons[0]}"
+            yield fault_of(described, WARNING, "limits", text, location, "loaded; the start of the skill is refused")
 
 
 def _refusal(param: Param, values: Any) -> str:
@@ -264,6 +260,16 @@ def _refusal(param: Param, values: Any) -> str:
     except SkirosError as error:
         return str(error)
     return ""
+
+
+def _limit_problem(param: Param, values: Any) -> str:
+    """Which values the limits of a parameter do not allow; "" when all are allowed, or of another type."""
+    checked = param.clone()
+    try:
+        checked.assign(values)
+    except SkirosError:
+        return ""
+    return checked.limits.problem(checked.values)
 
 
 def _pre_condition_faults(
@@ -276,35 +282,35 @@ def _pre_condition_faults(
             if all(_param(option, key) is None for option in options):
                 text = f"pre-condition [{condition.label}] refers to {key!r}; {child} has no such parameter"
                 done = "loaded; the child fails where it is checked"
-                yield described.fault(WARNING, "unknown-key", text, node.source_location, done)
+                yield fault_of(described, WARNING, "unknown-key", text, node.source_location, done)
 
 
 def _type_faults(
-    described: Described, root: SkillWrapper, node: SkillWrapper, options: list[Described], child: str, wmi: Any
+    described: Described, root: SkillWrapper, node: SkillWrapper, options: list[Described], child: str, trees: Trees
 ) -> Iterator[Fault]:
     """Faults of keys of a child that are bound to a parameter of the compound with a different type."""
     own = described.skill.params.getParamMap()
     for key in dict.fromkeys(key for option in options for key in option.skill.params):
         name = _name_at(root, node, key)
         outer = own.get(name)
-        if outer is None or node.name_above(key) in node._specified:
+        if outer is None or node.name_above(key) in node.specified_values:
             continue
         having = [param for option in options if (param := _param(option, key)) is not None]
-        if not any(fits(param, outer, wmi) for param in having):
+        if not any(fits(param, outer, trees.descriptions.wmi) for param in having):
             text = f"{key!r} of {child} is {type_name(having[0])}, {name!r} of the compound is {type_name(outer)}"
             both = having[0].is_element and outer.is_element
             done = "loaded; an element of any class is passed" if both else "loaded; the child keeps its own value"
-            yield described.fault(WARNING, "wrong-type", text, node.source_location, done)
+            yield fault_of(described, WARNING, "wrong-type", text, node.source_location, done)
 
 
 def _target_faults(
     described: Described, root: SkillWrapper, node: SkillWrapper, options: list[Described], child: str, trees: Trees
 ) -> Iterator[Fault]:
     """Faults of remaps to names that no ancestor or sibling of the child has."""
-    for key in node._remaps:
+    for key in node.remaps:
         having = [param for option in options if (param := _param(option, key)) is not None]
         name = _name_at(root, node, key)
-        is_specified = node.name_above(key) in node._specified
+        is_specified = node.name_above(key) in node.specified_values
         if is_specified or not having or all(param.paramTypeIs(ParamTypes.Optional) for param in having):
             continue
         known, is_open = trees.names_in_scope(described, root, node)
@@ -312,7 +318,7 @@ def _target_faults(
             continue
         text = f"remap of {key!r} of {child} to {name!r}: no skill above or beside it has that{_near(name, known)}"
         done = "loaded; the child gets no value by it"
-        yield described.fault(WARNING, "unknown-target", text, node.source_location, done)
+        yield fault_of(described, WARNING, "unknown-target", text, node.source_location, done)
 
 
 def _missing_faults(
@@ -323,19 +329,19 @@ def _missing_faults(
         if not all(_must_be_given(_param(option, key)) for option in options):
             continue
         name = _name_at(root, node, key)
-        if node.name_above(key) in node._specified or described.skill.params.hasParam(name):
+        if node.name_above(key) in node.specified_values or described.skill.params.hasParam(name):
             continue
-        others, is_open = trees.names_in_parent([n for n in root._children if not node.inSubtreeOf(n)])
+        others, is_open = trees.names_in_parent([n for n in root.children if not node.inSubtreeOf(n)])
         beside = [n for n in all_nodes(root) if isinstance(n, SkillWrapper) and n not in (node, root)]
         others |= {_name_at(root, n, k) for n in beside for k in trees.names(n)[0]}
         if is_open or name in others:
             continue
         elsewhere = any(
-            d.skill.params.hasParam(name) for d in trees.linter.all() if d.cls not in [o.cls for o in options]
+            d.skill.params.hasParam(name) for d in trees.descriptions.all() if d.cls not in [o.cls for o in options]
         )
         text = f"{child} requires {key!r}, and nothing in the tree sets it"
         text += "; it has to come from a skill outside" if elsewhere else f" (no skill has a parameter {name!r})"
-        yield described.fault(WARNING, "never-set", text, node.source_location, "loaded; a start without it fails")
+        yield fault_of(described, WARNING, "never-set", text, node.source_location, "loaded; a start without it fails")
 
 
 def _must_be_given(param: Param | None) -> bool:

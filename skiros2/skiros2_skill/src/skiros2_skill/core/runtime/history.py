@@ -8,11 +8,15 @@ from dataclasses import dataclass, field
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.explanation import PREEMPT, Explanation
+from skiros2_common.core.explanation import Explanation
+from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.task import ENDED_SUCCESS, Task
 
 #: How many records of ended and refused tasks are kept.
 MAX_RECORDS = 100
+
+#: How many ended tasks are kept with their trees, for inspection.
+MAX_TASKS = 5
 
 #: The id of a refused task.
 REFUSED = -1
@@ -70,7 +74,7 @@ def record_of(task: Task) -> Record:
     code = cause.code if cause is not None else task.root.progress_code
     if task.state is State.Success:
         code = ENDED_SUCCESS
-    preempted = cause is not None and cause.stage == PREEMPT and task.state is not State.Success
+    preempted = task.status is TaskState.PREEMPTED
     return Record(task.id, task.author, task.state, code, one_line(task.root.progress_msg), explanations, preempted)
 
 
@@ -88,6 +92,7 @@ class History:
     def __init__(self, size: int = MAX_RECORDS) -> None:
         self._size = size
         self._running: dict[int, Task] = {}
+        self._ended: dict[int, Task] = {}
         self._records: list[Record] = []
         self._lock = threading.Lock()
 
@@ -105,8 +110,23 @@ class History:
         with self._lock:
             if self._running.get(task.id) is task:
                 del self._running[task.id]
+            self._ended.pop(task.id, None)
+            self._ended[task.id] = task
+            while len(self._ended) > MAX_TASKS:
+                del self._ended[next(iter(self._ended))]
             self._add(record)
         return record
+
+    def task(self, task_id: int) -> Task:
+        """The running task with an id, else the last ended one.
+
+        :raises UnknownName: there is none; only the last ended tasks are kept.
+        """
+        with self._lock:
+            task = self._running.get(task_id) or self._ended.get(task_id)
+        if task is None:
+            raise UnknownName(f"task {task_id} neither runs nor is it among the last {MAX_TASKS} that have ended")
+        return task
 
     def refuse(self, record: Record) -> None:
         """Adds the record of a refused task."""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongType, WrongValue
+from skiros2_common.core.errors import OutOfLimits, Refused, SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.explanation import GIVEN, PARAMETER, START, Explanation, Provenance
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.diagnosis.provenance import format_values
+from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_skill.core.engine.blackboard import format_values
 from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -38,18 +39,22 @@ class SkillRequest:
     problems: Sequence[SkirosError] = ()
 
 
-def make_nodes(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any) -> list[SkillWrapper]:
+def make_nodes(
+    requests: Sequence[SkillRequest], library: SkillLibrary, wmi: WorldModelPort, assumed: Collection[str] = ()
+) -> list[SkillWrapper]:
     """Creates the nodes of a task that runs skills in sequence.
 
+    :param assumed: keys of required parameters that may have no value.
     :raises Refused: the request names no skill, or a required parameter is not set.
     :raises UnknownName: a skill, a parameter or an element does not exist.
     :raises WrongType: a value is not of the declared type.
+    :raises OutOfLimits: values are not allowed by their declarations, and there is no other problem.
     :raises WrongValue: there are several problems; the text names all.
     """
     if not requests:
         raise Refused("a task needs at least one skill, the list is empty")
     nodes: list[SkillWrapper] = []
-    produced: set[str] = set()
+    produced = set(assumed)
     all_problems: list[SkirosError] = []
     for request in requests:
         try:
@@ -71,16 +76,26 @@ def make_nodes(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any
 
 
 def _as_one(problems: Sequence[SkirosError]) -> SkirosError:
-    return problems[0] if len(problems) == 1 else WrongValue("; ".join(dict.fromkeys(map(str, problems))))
+    if len(problems) == 1:
+        return problems[0]
+    kind = OutOfLimits if all(isinstance(problem, OutOfLimits) for problem in problems) else WrongValue
+    return kind("; ".join(dict.fromkeys(map(str, problems))))
 
 
-def explain_refusal(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any, code: int) -> Explanation | None:
+def explain_refusal(
+    requests: Sequence[SkillRequest],
+    library: SkillLibrary,
+    wmi: WorldModelPort,
+    code: int,
+    assumed: Collection[str] = (),
+) -> Explanation | None:
     """Explains why `make_nodes` refuses: the problems of the first wrong request, for each implementation.
 
-    :param code: of the explanation.
+    :param assumed: see `make_nodes`.
+    :param code: of the explanation; `OutOfLimits.CODE` is used for values that are not allowed.
     :returns: None when no single request is wrong.
     """
-    produced: set[str] = set()
+    produced = set(assumed)
     for request in requests:
         params = [Provenance(key, format_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
         stype = full_name(request.type)
@@ -90,15 +105,20 @@ def explain_refusal(requests: Sequence[SkillRequest], library: SkillLibrary, wmi
             return Explanation(START, stype, request.label, -1, code, str(error), params=params)
         if given is None:
             tried = [
-                Explanation(PARAMETER, stype, i.label, -1, code, str(error), params=params) for i, error in problems
+                Explanation(PARAMETER, stype, i.label, -1, _code(error, code), str(error), params=params)
+                for i, error in problems
             ]
             text = "; ".join(t.message for t in tried)
             return tried[0] if len(tried) == 1 else Explanation(START, stype, "", -1, code, text, tried=tried)
     return None
 
 
+def _code(error: SkirosError, code: int) -> int:
+    return OutOfLimits.CODE if isinstance(error, OutOfLimits) else code
+
+
 def _match(
-    request: SkillRequest, library: SkillLibrary, wmi: Any, produced: set[str]
+    request: SkillRequest, library: SkillLibrary, wmi: WorldModelPort, produced: set[str]
 ) -> tuple[dict[str, list[Any]] | None, list[tuple[Implementation, SkirosError]]]:
     """Finds the first implementation that accepts the values of a request.
 
@@ -119,7 +139,7 @@ def _match(
 
 
 def _checked(
-    request: SkillRequest, implementation: Implementation, wmi: Any, produced: set[str]
+    request: SkillRequest, implementation: Implementation, wmi: WorldModelPort, produced: set[str]
 ) -> dict[str, list[Any]]:
     """Checks the values of a request against the parameters of an implementation. Returns them by key.
 
@@ -154,26 +174,31 @@ def _checked(
     return given
 
 
-def _checked_values(declared: Param, given: Param | JsonValues, wmi: Any) -> list[Any]:
+def _checked_values(declared: Param, given: Param | JsonValues, wmi: WorldModelPort) -> list[Any]:
     """The values of a request for a parameter, without unspecific ones.
 
     :raises WrongType: a value is not of the declared type; the text begins with the key.
     :raises UnknownName: there is no such element.
     :raises WrongValue: several elements have that label.
+    :raises OutOfLimits: the declaration does not allow a value.
     """
     values = list(given.values)
     if isinstance(given, JsonValues) and declared.is_element:
         values = [_named_element(value, declared.key, wmi) for value in values]
     values = [v for v in values if not _is_unspecific(v)]
     if values:
-        declared.clone().assign(values)
+        checked = declared.clone()
+        checked.assign(values)
+        problem = declared.limits.problem(checked.values)
+        if problem:
+            raise OutOfLimits(problem)
     for value in values:
         if isinstance(value, Element) and not value.isAbstract() and wmi.find_element(value.id) is None:
             raise UnknownName(f"there is no element {value.id!r} in the scene")
     return values
 
 
-def _named_element(value: Any, key: str, wmi: Any) -> Element:
+def _named_element(value: Any, key: str, wmi: WorldModelPort) -> Element:
     """The element that a JSON value refers to: by id, by label, or by an object with id, label or type."""
     if isinstance(value, Mapping):
         parts = [value.get(part, "") for part in ("type", "label", "id")]

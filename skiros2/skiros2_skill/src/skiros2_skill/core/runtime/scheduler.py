@@ -5,11 +5,10 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Collection
-from typing import Any
 
 from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
 from skiros2_skill.core.engine.breakpoints import Breakpoints
-from skiros2_skill.core.engine.checks import affects
 from skiros2_skill.core.runtime.task import MAX_ID, Task
 from skiros2_skill.core.runtime.watchdog import Watchdog
 from skiros2_skill.core.runtime.worker import MAX_WAKES, ScheduledTask, TickSettings
@@ -55,7 +54,7 @@ class Scheduler:
 
     # -- tasks, from any thread --------------------------------------------------------------------------------
 
-    def new_task(self, wmi: Any, author: str) -> Task:
+    def new_task(self, wmi: WorldModelPort, author: str) -> Task:
         """Creates a task with a unique id. It is not ticked before `start`.
 
         :raises Refused: the manager is shutting down.
@@ -166,7 +165,7 @@ class Scheduler:
 
     # -- wakes, from any thread --------------------------------------------------------------------------------
 
-    def on_change(self, change: Any) -> None:
+    def on_change(self, change: WorldChange) -> None:
         """Handles a change of the world model: wakes the tasks that it affects, and pauses tasks at breakpoints."""
         reached = self.breakpoints.at_change(change) if self.breakpoints else ""
         with self._lock:
@@ -177,7 +176,7 @@ class Scheduler:
         for task in running:
             if reached:
                 task.pause(reached)
-            if not task.is_current and affects(change, task.root):
+            if not task.is_current and task.is_affected_by(change):
                 self._wake(task)
 
     def _wake(self, task: Task) -> None:

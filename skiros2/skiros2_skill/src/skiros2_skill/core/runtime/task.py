@@ -7,19 +7,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
+from skiros2_common.core.world_model_port import WorldChange, WorldModelPort, changed_ids
+from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.executor import Executor, Halt, abandon_ending_nodes, end_hung_node, preempt_all
 from skiros2_skill.core.engine.failures import Failure
 from skiros2_skill.core.tree.groups import Root, Skill
 from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
-from skiros2_skill.core.tree.node import all_nodes
+from skiros2_skill.core.tree.node import SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -65,7 +66,9 @@ class Task:
     :param breakpoints: pause the task.
     """
 
-    def __init__(self, task_id: int, wmi: Any, author: str = "", breakpoints: Breakpoints | None = None) -> None:
+    def __init__(
+        self, task_id: int, wmi: WorldModelPort, author: str = "", breakpoints: Breakpoints | None = None
+    ) -> None:
         self.id = task_id
         self.author = author
         self.root = Root(f"task_{task_id}", wmi)
@@ -93,6 +96,16 @@ class Task:
     @property
     def state(self) -> State:
         return self.root.state
+
+    @property
+    def status(self) -> TaskState:
+        """The state of the task as clients see it."""
+        if not self.ended.is_set():
+            return TaskState.PAUSED if self.paused else TaskState.RUNNING
+        if self.state is State.Success:
+            return TaskState.SUCCEEDED
+        cause = self.cause()
+        return TaskState.PREEMPTED if cause is not None and cause.stage == PREEMPT else TaskState.FAILED
 
     # -- commands, from any thread -----------------------------------------------------------------------------
 
@@ -143,6 +156,23 @@ class Task:
     def is_current(self) -> bool:
         """Whether the world model has not changed since the task's last refresh."""
         return self._executor.parameters.is_current
+
+    def is_affected_by(self, change: WorldChange) -> bool:
+        """Whether a change of the world model may change a hold-condition of a running node. Any thread.
+
+        While another thread ticks the task, an outdated answer costs a superfluous tick, or delays one to the next
+        period.
+        """
+        changed = changed_ids(change)
+        pending: list[SkillInterface] = [self.root]
+        while pending:
+            node = pending.pop()
+            if node.state is not State.Running:
+                continue
+            pending += node.children
+            if any(c.affected_by(changed, node._params) for c in node.hold_conditions):
+                return True
+        return False
 
     @property
     def current_hook(self) -> str:
@@ -264,7 +294,7 @@ class Task:
         if cause is None:
             return "Failure"
         node, failure = cause
-        return f"{node._type}-{node._label}({node._state.name}): {failure.message}"
+        return f"{node._type}-{node._label}({node.state.name}): {failure.message}"
 
     def explanations(self) -> list[Explanation]:
         """Why nodes failed: each kind of failure of a node once, ordered by its last occurrence.
@@ -278,7 +308,7 @@ class Task:
         cause = self._executor.failures.cause()
         return cause[1] if cause is not None else None
 
-    def nodes(self) -> Iterator[Any]:
+    def nodes(self) -> Iterator[SkillInterface]:
         """All nodes, parents before children."""
         return all_nodes(self.root)
 

@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillCore, State
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import WrongType
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.source_location import caller_location
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.processors import Processor
+from skiros2_skill.core.protocols import Library
 from skiros2_skill.core.tree.groups import Skill
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -23,13 +26,13 @@ class SkillBase(SkillInterface):
 
     def __init__(self) -> None:
         super().__init__()
-        self._expands_into: SkillWrapper | None = None
+        self.expands_into: SkillWrapper | None = None
 
-    def init(self, wmi: Any, instanciator: Any) -> bool:  # type: ignore[override]
+    def init(self, wmi: WorldModelPort, instanciator: Library | None) -> bool:  # type: ignore[override]
         """Loads the compound and creates its description. Returns False if it cannot be used."""
         self._wmi = wmi
-        self._instanciator = instanciator
-        self._create()
+        self.library = instanciator
+        self.declare()
         if self.onInit() is False:
             return False
         self._setState(State.Idle)
@@ -42,23 +45,23 @@ class SkillBase(SkillInterface):
     def createDescription(self) -> None:
         """To override: `self.setDescription(Description(), "label")`, and additions of this implementation."""
 
-    def expand(self, skill: Any) -> None:
+    def expand(self, skill: SkillInterface) -> None:
         """To override: adds the children to `skill`, the node in the tree. `self.params` has the parameter values."""
 
     def getLightCopy(self) -> SkillBase:
         copy = self.__class__()
-        copy.init(self._wmi, self._instanciator)
+        copy.init(self._wmi, self.library)
         return copy
 
     # -- building the subtree ----------------------------------------------------------------------------------
 
     def skill(
         self,
-        stype: Any,
+        stype: str | Processor,
         slabel: str = "",
         remap: Mapping[str, str] | str = {},
         specify: Mapping[str, Any] = {},
-        preconditions: Sequence[Any] = [],
+        preconditions: Sequence[ConditionBase] = [],
     ) -> SkillInterface:
         """Creates a node for a skill or, given a processor, an unnamed group.
 
@@ -73,13 +76,13 @@ class SkillBase(SkillInterface):
         remaps = remap if isinstance(remap, Mapping) else {}
         if isinstance(stype, Processor):
             group = self.getNode(stype)
-            group._remaps.update(remaps)
+            group.remaps.update(remaps)
             if specify:
                 log.error("%s: a processor has no parameters, specify is ignored: %s", self.printState(), specify)
             return group
         node = self.getSkill(stype, slabel)
         node.source_location = caller_location()
-        node._remaps.update(remaps)
+        node.remaps.update(remaps)
         for key, values in (specify or {}).items():
             node.specifyParamDefault(key, values)
         for condition in preconditions:
@@ -94,35 +97,35 @@ class SkillBase(SkillInterface):
         """
         if not isinstance(ptype, str) or not isinstance(plabel, str):
             raise WrongType(f"{self._label}: a skill is named by type and label, got {ptype!r} and {plabel!r}")
-        if self._instanciator is not None:
-            self._instanciator.require_type(ptype, plabel)
-        return SkillWrapper(ptype, plabel, self._instanciator)
+        if self.library is not None:
+            self.library.require_type(ptype, plabel)
+        return SkillWrapper(ptype, plabel, self.library)
 
-    def getNode(self, children_processor: Any) -> Skill:
+    def getNode(self, children_processor: Processor) -> Skill:
         """Creates an unnamed group."""
         return Skill("", children_processor, self._wmi)
 
     # During `expand`, children are added to the node in the tree.
 
-    def setProcessor(self, processor_type: Any) -> None:
-        if self._expands_into is not None:
-            self._expands_into.setProcessor(processor_type)
+    def setProcessor(self, processor_type: Processor) -> None:
+        if self.expands_into is not None:
+            self.expands_into.setProcessor(processor_type)
         else:
             super().setProcessor(processor_type)
 
-    def addChild(self, p: Any, latch: bool = False) -> SkillInterface:
-        if self._expands_into is not None:
-            return self._expands_into.addChild(p, latch)
+    def addChild(self, p: SkillInterface, latch: bool = False) -> SkillInterface:
+        if self.expands_into is not None:
+            return self.expands_into.addChild(p, latch)
         return super().addChild(p, latch)
 
-    def popChild(self) -> Any:
-        return self._expands_into.popChild() if self._expands_into is not None else super().popChild()
+    def popChild(self) -> SkillInterface:
+        return self.expands_into.popChild() if self.expands_into is not None else super().popChild()
 
-    def last(self) -> Any:
-        return self._expands_into.last() if self._expands_into is not None else super().last()
+    def last(self) -> SkillInterface:
+        return self.expands_into.last() if self.expands_into is not None else super().last()
 
     def hasChildren(self) -> bool:
-        return self._expands_into.hasChildren() if self._expands_into is not None else super().hasChildren()
+        return self.expands_into.hasChildren() if self.expands_into is not None else super().hasChildren()
 
     # In hooks, a compound sets its own parameters like a primitive.
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from skiros2_common.core.abstract_skill import State
-from skiros2_skill.core.processors import Sequential
+from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_skill.core.processors import Processor, Sequential
 from skiros2_skill.core.tree.node import SkillInterface
 
 
 class _Group(SkillInterface):
-    def __init__(self, ptype: str, name: str, children_processor: Any, wmi: Any) -> None:
+    def __init__(self, ptype: str, name: str, children_processor: Processor, wmi: WorldModelPort | None) -> None:
         super().__init__(children_processor)
         self._type = ptype
         self._label = name
@@ -30,7 +29,7 @@ class Root(_Group):
     :param name: shown to people.
     """
 
-    def __init__(self, name: str, wmi: Any = None) -> None:
+    def __init__(self, name: str, wmi: WorldModelPort | None = None) -> None:
         super().__init__(":Root", name, Sequential(), wmi)
 
 
@@ -41,5 +40,10 @@ class Skill(_Group):
     :param children_processor: how the children are ticked.
     """
 
-    def __init__(self, name: str, children_processor: Any = Sequential(), wmi: Any = None) -> None:  # noqa: B008 - the contract's default
+    def __init__(
+        self,
+        name: str,
+        children_processor: Processor = Sequential(),  # noqa: B008 - the contract's default
+        wmi: WorldModelPort | None = None,
+    ) -> None:
         super().__init__(":Skill", name, children_processor, wmi)

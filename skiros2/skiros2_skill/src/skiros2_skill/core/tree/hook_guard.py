@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 _T = TypeVar("_T")
 
@@ -23,7 +26,7 @@ class HungHook:
     :param reason: why it was abandoned, for people.
     """
 
-    node: Any
+    node: SkillWrapper
     hook: str
     reason: str = ""
 
@@ -40,7 +43,7 @@ class HookGuard:
     """
 
     def __init__(self) -> None:
-        self.calls: list[tuple[Any, str]] = []
+        self.calls: list[tuple[SkillWrapper, str]] = []
 
     @property
     def current(self) -> str:
@@ -48,14 +51,14 @@ class HookGuard:
         calls = self.calls[-1:]
         return HungHook(*calls[0]).name if calls else ""
 
-    def enter(self, node: Any, hook: str) -> list[tuple[Any, str]]:
+    def enter(self, node: SkillWrapper, hook: str) -> list[tuple[SkillWrapper, str]]:
         """Registers a hook before its call. Returns the argument for `leave`."""
         calls = self.calls
         calls.append((node, hook))
         return calls
 
     @staticmethod
-    def leave(calls: list[tuple[Any, str]]) -> None:
+    def leave(calls: list[tuple[SkillWrapper, str]]) -> None:
         """Removes the entry of a hook after its call.
 
         :raises HookAbandoned: another thread has removed it.
@@ -65,7 +68,7 @@ class HookGuard:
         except IndexError:
             raise HookAbandoned from None
 
-    def call(self, node: Any, hook: str, function: Callable[..., _T], *args: Any) -> _T:
+    def call(self, node: SkillWrapper, hook: str, function: Callable[..., _T], *args: Any) -> _T:
         """Calls a function under the guard.
 
         :raises HookAbandoned: another thread has abandoned the call, whatever the function returns or raises.

@@ -7,9 +7,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillCore, SkillDescription, State
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_common.core.params import ParamHandler, ParamTypes
-from skiros2_skill.core.processors import Sequential
+from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_skill.core.processors import Processor, Sequential
+from skiros2_skill.core.protocols import Library, Visitor
 
 log = logging.getLogger(__name__)
 
@@ -21,37 +24,38 @@ class NodeParams(SkillCore):
 
     def __init__(self) -> None:
         super().__init__()
-        self._remaps: dict[str, str] = {}
-        self._scope: Mapping[str, str] = {}  # the composed remaps from the root to this node; set when it starts
-        self._specified: dict[str, list[Any]] = {}
-        self._suggested: dict[str, list[Any]] = {}
+        self.remaps: dict[str, str] = {}
+        #: The keys on the blackboard by own key, where they differ: the composed remaps from the root.
+        self.blackboard_keys: Mapping[str, str] = {}
+        self.specified_values: dict[str, list[Any]] = {}
+        self.suggested_values: dict[str, list[Any]] = {}
 
     def remap(self, initial_key: str, target_key: str, record: bool = True) -> None:
         """Renames a key of this node, or of a node below it, for the nodes above.
 
         A key that is remapped already keeps its name, with a warning.
         """
-        if initial_key in self._remaps:
+        if initial_key in self.remaps:
             log.warning(
                 "%s: %r is remapped to %r already; the remap to %r is ignored",
-                self.printState(), initial_key, self._remaps[initial_key], target_key,
+                self.printState(), initial_key, self.remaps[initial_key], target_key,
             )  # fmt: skip
             return
-        key = next((key for key, above in self._remaps.items() if above == initial_key), initial_key)
-        if record or key in self._remaps:
-            self._remaps[key] = target_key
-        if initial_key in self._specified:
-            self._specified[target_key] = self._specified.pop(initial_key)
+        key = next((key for key, above in self.remaps.items() if above == initial_key), initial_key)
+        if record or key in self.remaps:
+            self.remaps[key] = target_key
+        if initial_key in self.specified_values:
+            self.specified_values[target_key] = self.specified_values.pop(initial_key)
 
     def get_remap(self, key: str) -> str:
         """The name of a key of this node in its parent."""
-        return self._remaps.get(key, key)
+        return self.remaps.get(key, key)
 
     name_above = get_remap
 
     def own_name(self, name: str) -> str:
         """The key of this node with that name in its parent."""
-        return next((key for key, above in self._remaps.items() if above == name), name) if self._remaps else name
+        return next((key for key, above in self.remaps.items() if above == name), name) if self.remaps else name
 
     def getParamsNoRemaps(self) -> ParamHandler:
         """The parameters under the keys that the skill itself uses."""
@@ -68,7 +72,7 @@ class NodeParams(SkillCore):
 
         A key that the skill does not declare is logged and ignored when the node starts.
         """
-        self._specified[key] = [] if values is None else values if isinstance(values, list) else [values]
+        self.specified_values[key] = [] if values is None else values if isinstance(values, list) else [values]
 
     def specifyParamsDefault(self, input_params: ParamHandler) -> None:
         """Specifies parameters, such as those of a plan, by their names in the parent.
@@ -78,14 +82,14 @@ class NodeParams(SkillCore):
         """
         for key, param in input_params.items():
             if param.values and param.is_element and param.paramTypeIs(ParamTypes.Inferred):
-                self._suggested[key] = list(param.values)
+                self.suggested_values[key] = list(param.values)
             elif param.values:
                 self.specifyParamDefault(key, list(param.values))
 
     def specifyParams(self, input_params: ParamHandler, keep_default: bool = True) -> None:
         """Specifies parameters; with `keep_default`, those that are specified already keep their values."""
         for key, param in input_params.items():
-            if param.values and not (keep_default and key in self._specified):
+            if param.values and not (keep_default and key in self.specified_values):
                 self.specifyParamDefault(key, list(param.values))
 
 
@@ -101,38 +105,38 @@ class SkillInterface(NodeParams):
     #: Makes the executor of a node that is ticked without a task, from a world model. Set by the engine.
     executor_class: Any = None
 
-    def __init__(self, children_processor: Any = Sequential()) -> None:  # noqa: B008 - the contract's default
+    def __init__(self, children_processor: Processor = Sequential()) -> None:  # noqa: B008 - the contract's default
         super().__init__()
         self._parent: SkillInterface | None = None
-        self._child_index = 0
+        self.child_index = 0
         self._processor = children_processor.fresh()
-        self._instance: Any = None
-        self._instanciator: Any = None
-        self._own_pre_conditions: list[Any] = []
+        self.instance: Any = None
+        self.library: Library | None = None
+        self._own_pre_conditions: list[ConditionBase] = []
         self._latched: SkillInterface | None = None
-        self._input: dict[str, list[Any]] = {}
+        self.input_values: dict[str, list[Any]] = {}
 
     # -- position in the tree ----------------------------------------------------------------------------------
 
     @property
-    def parent(self) -> Any:
+    def parent(self) -> SkillInterface | None:
         """The parent; None for the root."""
         return self._parent
 
-    def getParent(self) -> Any:
+    def getParent(self) -> SkillInterface | None:
         return self._parent
 
     @property
-    def children(self) -> list[Any]:
+    def children(self) -> list[SkillInterface]:
         return self._children
 
-    def __call__(self, *children: Any) -> SkillInterface:
+    def __call__(self, *children: SkillInterface) -> SkillInterface:
         """Adds children in this order. Returns the node."""
         for child in children:
             self.addChild(child)
         return self
 
-    def addChild(self, p: Any, latch: bool = False) -> SkillInterface:
+    def addChild(self, p: SkillInterface, latch: bool = False) -> SkillInterface:
         """Adds a child at the end.
 
         :param latch: children added later become children of `p`.
@@ -144,29 +148,30 @@ class SkillInterface(NodeParams):
         if p._parent is not None:
             raise Refused(f"{p.printState()} is a child of {p._parent.printState()} already")
         p._parent = self
-        p._child_index = len(self._children)
+        p.child_index = len(self._children)
         self._children.append(p)
         if latch:
             self._latched = p
         return self
 
-    def last(self) -> Any:
+    def last(self) -> SkillInterface:
         """The child added last.
 
         :raises WrongValue: there is none.
         """
         if not self._children:
             raise WrongValue(f"{self.printState()} has no children")
-        return self._children[-1]
+        child: SkillInterface = self._children[-1]
+        return child
 
-    def popChild(self) -> Any:
+    def popChild(self) -> SkillInterface:
         """Removes the child added last and returns it.
 
         :raises WrongValue: there is none.
         :raises Refused: it is running.
         """
         child = self.last()
-        if child._state is State.Running:
+        if child.state is State.Running:
             raise Refused(f"{child.printState()} cannot be taken out of the tree while it runs")
         self._children.pop()
         child._parent = None
@@ -177,7 +182,7 @@ class SkillInterface(NodeParams):
     def hasChildren(self) -> bool:
         return bool(self._children)
 
-    def inSubtreeOf(self, skill: Any) -> bool:
+    def inSubtreeOf(self, skill: SkillInterface) -> bool:
         """Whether `skill` is this node or one of its ancestors."""
         node: SkillInterface | None = self
         while node is not None:
@@ -197,24 +202,24 @@ class SkillInterface(NodeParams):
         SkillDescription.setDescription(copy, *self.getDescription())
         copy._label = self._label
         copy._wmi = self._wmi
-        copy._instanciator = self._instanciator
+        copy.library = self.library
         copy._description = self._description
-        copy._remaps = dict(self._remaps)
-        copy._specified = dict(self._specified)
-        copy._suggested = dict(self._suggested)
+        copy.remaps = dict(self.remaps)
+        copy.specified_values = dict(self.specified_values)
+        copy.suggested_values = dict(self.suggested_values)
         copy._own_pre_conditions = [c.copy() for c in self._own_pre_conditions]
 
     # -- processor ---------------------------------------------------------------------------------------------
 
     @property
-    def processor(self) -> Any:
+    def processor(self) -> Processor:
         return self._processor
 
-    def setProcessor(self, processor_type: Any) -> None:
+    def setProcessor(self, processor_type: Processor) -> None:
         """Replaces the processor by a copy of this one."""
         self._processor = processor_type.fresh()
 
-    def processChildren(self, visitor: Any) -> State:
+    def processChildren(self, visitor: Visitor) -> State:
         """One tick of the children."""
         state: State = self._processor.processChildren(self._children, visitor)
         return state
@@ -223,16 +228,16 @@ class SkillInterface(NodeParams):
 
     def revertInput(self) -> None:
         """Restores the parameters to their values at the start of the skill."""
-        for key, values in self._input.items():
+        for key, values in self.input_values.items():
             if self._params.hasParam(key):
                 self._params.getParamMap()[key].assign(list(values))
 
-    def resetDescription(self, other: Any = None) -> None:
+    def resetDescription(self, other: SkillDescription | None = None) -> None:
         """Replaces parameters and conditions by those of another skill; None: by those of the own description."""
         source = other if other is not None else self._description
         SkillDescription.setDescription(self, self._type, *source.getDescription()[1:])
 
-    def mergeDescription(self, other: Any) -> None:
+    def mergeDescription(self, other: SkillDescription) -> None:
         """Adds the parameters and conditions of another skill."""
         for key, param in other.params.getCopy().items():
             self._params.getParamMap()[key] = param
@@ -240,19 +245,19 @@ class SkillInterface(NodeParams):
         self._hold_conditions += [c.copy() for c in other.hold_conditions]
         self._post_conditions += [c.copy() for c in other.post_conditions]
 
-    def addPreCondition(self, condition: Any, modify_description: bool = False) -> None:
+    def addPreCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a pre-condition; with `modify_description` to the description too."""
         super().addPreCondition(condition)
         if modify_description:
             self._description.addPreCondition(condition.copy())
 
-    def addHoldCondition(self, condition: Any, modify_description: bool = False) -> None:
+    def addHoldCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a hold-condition; with `modify_description` to the description too."""
         super().addHoldCondition(condition)
         if modify_description:
             self._description.addHoldCondition(condition.copy())
 
-    def addPostCondition(self, condition: Any, modify_description: bool = False) -> None:
+    def addPostCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a post-condition; with `modify_description` to the description too."""
         super().addPostCondition(condition)
         if modify_description:
@@ -282,10 +287,10 @@ class SkillInterface(NodeParams):
 
     # -- running -----------------------------------------------------------------------------------------------
 
-    def init(self, wmi: Any) -> bool:
+    def init(self, wmi: WorldModelPort) -> bool:
         """Sets the world model and creates the description."""
         self._wmi = wmi
-        self._create()
+        self.declare()
         self._setState(State.Idle)
         return True
 
@@ -296,7 +301,7 @@ class SkillInterface(NodeParams):
     def wrapper_expand(self) -> None:
         """Expands the subtree of the implementation; does nothing for a node without one."""
 
-    def visit(self, visitor: Any) -> State:
+    def visit(self, visitor: Visitor) -> State:
         """Ticks the node once.
 
         :param visitor: the executor.
@@ -310,7 +315,7 @@ class SkillInterface(NodeParams):
             visitor.set_state(self, state)
         return state
 
-    def visitPreempt(self, visitor: Any) -> State:
+    def visitPreempt(self, visitor: Visitor) -> State:
         """Preempts the node.
 
         :param visitor: the executor.
@@ -336,7 +341,7 @@ class SkillInterface(NodeParams):
         return None
 
 
-def all_nodes(root: Any) -> Iterator[Any]:
+def all_nodes(root: SkillInterface) -> Iterator[SkillInterface]:
     """The nodes of a tree in depth-first order, parents before children."""
     pending = [root]
     while pending:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.source_location import SourceLocation
-from skiros2_skill.core.processors import Sequential
+from skiros2_runs.core.values import ConditionStatus
+from skiros2_skill.core.processors import Processor, Sequential
+from skiros2_skill.core.protocols import ImplementationPort, Library, Visitor
 from skiros2_skill.core.tree.hook_guard import EXECUTE_HOOK, HookAbandoned
 from skiros2_skill.core.tree.node import SkillInterface
 
@@ -23,20 +27,20 @@ _RUNNING: State = State.Running
 class DescribedNode(SkillInterface):
     """A node for a skill of the library. Before its start it has the description of the first implementation."""
 
-    def __init__(self, children_processor: Any) -> None:
+    def __init__(self, children_processor: Processor) -> None:
         super().__init__(children_processor)
         self._is_described = False
         self._asked_label = ""
         self._depth = 0  # the number of skills from the root to this node; set when it starts
-        self._own_hold_conditions: list[Any] = []
-        self._own_post_conditions: list[Any] = []
+        self._own_hold_conditions: list[ConditionBase] = []
+        self._own_post_conditions: list[ConditionBase] = []
 
     def declared_params(self) -> dict[str, Param]:
         """The parameters that the skill declares, by its own keys. Read only.
 
         :raises UnknownName: the library has no such skill.
         """
-        declared = self._instance if self._instance is not None else self.candidates()[0].declared
+        declared = self.instance if self.instance is not None else self.candidates()[0].declared
         params: dict[str, Param] = declared.params.getParamMap()
         return params
 
@@ -49,19 +53,19 @@ class DescribedNode(SkillInterface):
 
     def getParamsNoRemaps(self) -> ParamHandler:
         """The parameters by the skill's own keys."""
-        if self._instance is not None:
+        if self.instance is not None:
             return self._params
         return ParamHandler({self.own_name(key): param.clone() for key, param in self.params.items()})
 
     def _describe(self) -> None:
-        if self._instance is not None or self._is_described or self._instanciator is None:
+        if self.instance is not None or self._is_described or self.library is None:
             return
         self._is_described = True
         declared = self.candidates()[0].declared
         for key, param in declared.params.getCopy().items():
-            param._key = self.name_above(key)
-            self._params._params[param._key] = param
-        for name, values in (*self._suggested.items(), *self._specified.items()):
+            param.key = self.name_above(key)
+            self._params._params[param.key] = param
+        for name, values in (*self.suggested_values.items(), *self.specified_values.items()):
             self._params.specifyDefault(name, values)
         for own, declared_conditions in (
             (self._pre_conditions, declared.pre_conditions),
@@ -75,52 +79,57 @@ class DescribedNode(SkillInterface):
             own[:0] = copies
 
     @property
-    def pre_conditions(self) -> list[Any]:
+    def pre_conditions(self) -> list[ConditionBase]:
         self._describe()
         return self._pre_conditions
 
     @property
-    def hold_conditions(self) -> list[Any]:
+    def hold_conditions(self) -> list[ConditionBase]:
         self._describe()
         return self._hold_conditions
 
     @property
-    def post_conditions(self) -> list[Any]:
+    def post_conditions(self) -> list[ConditionBase]:
         self._describe()
         return self._post_conditions
 
+    @property
+    def present_conditions(self) -> tuple[list[ConditionBase], list[ConditionBase], list[ConditionBase]]:
+        """The pre-, hold- and post-conditions that the node has so far: before its start, perhaps only its own."""
+        return self._pre_conditions, self._hold_conditions, self._post_conditions
+
     def remap(self, initial_key: str, target_key: str, record: bool = True) -> None:
         super().remap(initial_key, target_key, record)
-        if self._instance is None and self._is_described:
+        if self.instance is None and self._is_described:
             self._params.remap(initial_key, target_key)
 
     def specifyParamDefault(self, key: str, values: Any) -> None:
         super().specifyParamDefault(key, values)
-        if self._instance is None and self._is_described:
-            self._params.specifyDefault(key, self._specified[key])
+        if self.instance is None and self._is_described:
+            self._params.specifyDefault(key, self.specified_values[key])
 
-    def addPreCondition(self, condition: Any, modify_description: bool = False) -> None:
+    def addPreCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a pre-condition to the node, with the keys as named in the parent."""
         self._own_pre_conditions.append(self._own_condition(condition))
         self._pre_conditions.append(condition)
 
-    def addHoldCondition(self, condition: Any, modify_description: bool = False) -> None:
+    def addHoldCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a hold-condition to the node, with the keys as named in the parent."""
         self._own_hold_conditions.append(self._own_condition(condition))
         self._hold_conditions.append(condition)
 
-    def addPostCondition(self, condition: Any, modify_description: bool = False) -> None:
+    def addPostCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a post-condition to the node, with the keys as named in the parent."""
         self._own_post_conditions.append(self._own_condition(condition))
         self._post_conditions.append(condition)
 
-    def _own_condition(self, condition: Any) -> Any:
+    def _own_condition(self, condition: ConditionBase) -> ConditionBase:
         own = condition.copy()
         for name in set(own.getKeys()):
             own.remap(name, self.own_name(name))
         return own
 
-    def candidates(self) -> list[Any]:
+    def candidates(self) -> Sequence[ImplementationPort]:
         """The implementations that the library has for the node.
 
         :raises UnknownName: there is none.
@@ -128,14 +137,13 @@ class DescribedNode(SkillInterface):
         """
         above = self._parent
         while above is not None and not isinstance(above, DescribedNode):
-            above = above._parent
+            above = above.parent
         self._depth = above._depth + 1 if above is not None else 1
         if self._depth > MAX_DEPTH:
             raise Refused(f"{self.printState()} is below {MAX_DEPTH} levels of skills: one of them contains itself")
-        if self._instanciator is None:
+        if self.library is None:
             raise UnknownName(f"{self.printState()} has no skill library")
-        found: list[Any] = self._instanciator.candidates(self._type, self._asked_label)
-        return found
+        return self.library.candidates(self._type, self._asked_label)
 
     def specifyParamsDefault(self, input_params: ParamHandler) -> None:
         """Same as `SkillInterface.specifyParamsDefault`; keys that the skill does not declare are ignored."""
@@ -148,7 +156,7 @@ class DescribedNode(SkillInterface):
         super().specifyParamsDefault(ParamHandler(known))
 
     @property
-    def own_pre_conditions(self) -> list[Any]:
+    def own_pre_conditions(self) -> list[ConditionBase]:
         """The pre-conditions added to the node, without those of the implementation."""
         return self._own_pre_conditions
 
@@ -161,23 +169,23 @@ class SkillWrapper(DescribedNode):
     :param instanciator: the skill library.
     """
 
-    def __init__(self, ptype: str, plabel: str, instanciator: Any = None) -> None:
+    def __init__(self, ptype: str, plabel: str, instanciator: Library | None = None) -> None:
         super().__init__(Sequential())
         self._type = full_name(ptype)
         self._label = plabel
         self._asked_label = plabel
-        self._instanciator = instanciator
+        self.library = instanciator
         #: Of the `self.skill(...)` that created it; None: not known.
         self.source_location: SourceLocation | None = None
         # State of the skill run, set by the executor.
-        self.implementation: Any = None
+        self.implementation: ImplementationPort  # of the instance; unset before the first selection
         self.expanded = False
         self.slots: list[Any] = []
         self.element_slots: list[Any] = []
-        self.seen_revision = -1  # at which the parameters were refreshed
-        self.steady_revision = -1  # same, of a running primitive that needs a refresh only when the revision changes
-        self.read_set: Any = None
-        self.lent: list[Any] = []  # parameters whose list of values the skill's code has got
+        self.stale = True  # the parameters have to be refreshed before the next `execute`
+        self.steady = False  # of a running primitive: nothing has to be done before its next `execute`
+        self.reads: tuple[tuple[str, ...], tuple[str, ...]] | None = None  # ids and blackboard keys; see `Readers`
+        self.lent: list[Param] = []  # parameters whose list of values the skill's code has got
         self.has_started = False
         self.volatile = False
         self.is_compound = False
@@ -186,6 +194,8 @@ class SkillWrapper(DescribedNode):
         self.failure_progress: tuple[str, int] | None = None  # message, code; set while it is `ending`
         self._in_run = False
         self.abandoned = False  # the instance must not be used again
+        #: The last evaluation of its conditions in this run, by stage.
+        self.evaluated: dict[str, list[ConditionStatus]] = {}
         if instanciator is not None:
             self._wmi = instanciator.wmi
         self._setState(State.Idle)
@@ -201,18 +211,18 @@ class SkillWrapper(DescribedNode):
         return self._asked_label
 
     def getLightCopy(self) -> SkillWrapper:
-        copy = SkillWrapper(self._type, self._asked_label, self._instanciator)
+        copy = SkillWrapper(self._type, self._asked_label, self.library)
         self._copy_to(copy)
         copy._label = self._asked_label
         return copy
 
     def hasInstance(self) -> bool:
         """Whether an implementation is selected."""
-        return self._instance is not None
+        return self.instance is not None
 
     def setInstance(self, instance: Any) -> None:
         """Selects an implementation: its label, parameters and conditions become the node's."""
-        self._instance = instance
+        self.instance = instance
         self._is_described = True
         self.abandoned = False
         self._label = instance.label
@@ -222,7 +232,7 @@ class SkillWrapper(DescribedNode):
 
     def adopt_description(self) -> None:
         """Copies the parameters and conditions of the implementation, which may have changed them in `onStart`."""
-        instance = self._instance
+        instance = self.instance
         self._params: ParamHandler = instance._params
         self._options = instance._options
         self._pre_conditions = [*instance._pre_conditions, *self._own_pre_conditions]
@@ -231,28 +241,28 @@ class SkillWrapper(DescribedNode):
 
     def getInstance(self) -> Any:
         """The instance of the implementation; None before selection."""
-        return self._instance
+        return self.instance
 
     def copy_progress(self) -> bool:
         """Copies the progress of the implementation. Returns whether it has changed."""
-        instance = self._instance
-        if instance is None or instance._progressed_at <= self._progressed_at:
+        instance = self.instance
+        if instance is None or instance.progressed_at <= self.progressed_at:
             return False
         self._progress_code = instance._progress_code
         self._progress_msg = instance._progress_msg
         self._progress_period = instance._progress_period
-        self._progressed_at = instance._progressed_at
+        self.progressed_at = instance.progressed_at
         return True
 
     def release(self) -> None:
         """Returns the instance to the library for reuse; the node keeps its parameters and progress."""
-        instance = self._instance
+        instance = self.instance
         if instance is None:
             return
         self.end_run()
-        if not (self.abandoned or instance._is_working):
+        if not (self.abandoned or instance.works_in_background):
             self.implementation.release(instance)
-        self._instance = None
+        self.instance = None
 
     def abandon(self) -> None:
         """Abandons the instance, one of whose hooks has not returned: it is never used again."""
@@ -270,7 +280,7 @@ class SkillWrapper(DescribedNode):
         if self._in_run:
             self._in_run = False
             self.implementation.count(-1)
-            self._instance._params = EndedParams(self._params)
+            self.instance._params = EndedParams(self._params)
 
     def wrapper_expand(self) -> None:
         """Replaces the children by the subtree that the implementation expands."""
@@ -278,11 +288,11 @@ class SkillWrapper(DescribedNode):
             child._parent = None
         self._children = []
         self._latched = None
-        instance = self._instance
-        instance._expands_into = self
+        instance = self.instance
+        instance.expands_into = self
         instance.expand(self)
 
-    def visit(self, visitor: Any) -> State:
+    def visit(self, visitor: Visitor) -> State:
         """Ticks the node once.
 
         The fast path of a primitive that stays Running; the executor does everything else.
@@ -291,20 +301,14 @@ class SkillWrapper(DescribedNode):
         """
         state: State
         parameters = visitor.parameters
-        if self.steady_revision != parameters.revision:
-            if self.steady_revision < 0:
-                state = visitor.execute_skill(self)
-                return state
-            failure = parameters.refresh(self)
-            if failure is not None:
-                state = visitor.fail_running(self, failure)
-                return state
-            self.steady_revision = self.seen_revision
+        if not self.steady or parameters.world_changed:
+            state = visitor.execute_skill(self)
+            return state
         calls = visitor.guard.calls
         calls.append((self, EXECUTE_HOOK))
         try:
             try:
-                answer: object = self._instance.execute()
+                answer: object = self.instance.execute()
             finally:
                 try:
                     calls.pop()
@@ -318,12 +322,12 @@ class SkillWrapper(DescribedNode):
         if answer is not _RUNNING or local_revision.current != parameters.local_revision:
             state = visitor.finish_tick(self, visitor.hooks.execute_state(self, answer), parameters.world_version)
             return state
-        if self._instance._progressed_at > self._progressed_at:
+        if self.instance.progressed_at > self.progressed_at:
             visitor.changed = True
         return _RUNNING
 
     def _setState(self, state: State) -> None:
-        self.steady_revision = -1
+        self.steady = False
         super()._setState(state)
 
     # The progress of a running node is that of its implementation.
@@ -349,17 +353,17 @@ class SkillWrapper(DescribedNode):
         return super().progress_time
 
     def onReset(self) -> None:
-        if self._instance is not None:
-            self._instance.onReset()
+        if self.instance is not None:
+            self.instance.onReset()
 
     def onPreempt(self) -> Any:
-        return self._instance.onPreempt() if self._instance is not None else None
+        return self.instance.onPreempt() if self.instance is not None else None
 
     def onStart(self) -> bool | None:
-        return self._instance.onStart() if self._instance is not None else False
+        return self.instance.onStart() if self.instance is not None else False
 
     def execute(self) -> State | None:
-        return self._instance.execute() if self._instance is not None else State.Failure
+        return self.instance.execute() if self.instance is not None else State.Failure
 
 
 class EndedParams(ParamHandler):

@@ -1,0 +1,94 @@
+"""The tasks of all managers, or of a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from skiros2_runs.core.progress import NodeMessage, has_ended
+from skiros2_runs.core.task_run import Recorded, TaskRun
+
+#: The most memory for ticks (bytes): minutes of a tree with 1000 nodes that all change at each tick, or many hours of a
+#: small one.
+MAX_KEPT = 64_000_000
+
+#: The most ended tasks kept.
+MAX_TASKS = 100
+
+
+class Runs:
+    """One thread at a time.
+
+    :param most_bytes: the most memory for ticks.
+    :param most_tasks: the most ended tasks.
+    :ivar evicted: the number of ended tasks discarded for lack of memory.
+    """
+
+    def __init__(self, most_bytes: int = MAX_KEPT, most_tasks: int = MAX_TASKS) -> None:
+        self._most_bytes = most_bytes
+        self._most_tasks = most_tasks
+        self._runs: list[TaskRun] = []
+        self._current: dict[tuple[str, int], TaskRun] = {}
+        self.evicted = 0
+
+    def __iter__(self) -> Iterator[TaskRun]:
+        """In the order of their first message."""
+        return iter(list(self._runs))
+
+    def __len__(self) -> int:
+        return len(self._runs)
+
+    def record(self, robot: str, nodes: Sequence[NodeMessage], time: float) -> Recorded | None:
+        """Records a message of a manager.
+
+        :param nodes: a `SkillProgress` for each node, the root first.
+        :param time: when it was received (s since the epoch).
+        :returns: the task and what has changed; None if `nodes` is empty.
+        """
+        if not nodes:
+            return None
+        root = nodes[0]
+        key = (robot or root.robot, root.task_id)
+        run = self._current.get(key)
+        if run is None or (run.latest.has_ended and not has_ended(nodes)):  # the id is used again
+            run = TaskRun(*key)
+            self._current[key] = run
+            self._runs.append(run)
+        run.is_lost = False  # its messages were only late
+        recorded = run.record(nodes, time)
+        self._make_room(run)
+        return recorded
+
+    def mark_lost(self, robot: str) -> None:
+        """Marks the running tasks of a manager that has disconnected as lost; later tasks with their ids are
+        new ones.
+        """
+        for run in self._runs:
+            if run.robot == robot and not run.latest.has_ended:
+                run.is_lost = True
+                self._current.pop((robot, run.task_id), None)
+
+    def clear_ended(self) -> None:
+        """Removes the tasks that have ended."""
+        self._runs = [run for run in self._runs if not run.is_finished]
+        self._current = {(run.robot, run.task_id): run for run in self._runs}
+
+    def _make_room(self, used: TaskRun) -> None:
+        ended = [run for run in self._runs if run.latest.has_ended and run is not used]
+        if len(ended) > self._most_tasks:
+            self._evict(ended.pop(0))
+        size = sum(run.size for run in self._runs)
+        while size > self._most_bytes and ended:
+            size -= ended[0].size
+            self._evict(ended.pop(0))
+        while size > self._most_bytes:
+            largest = max(self._runs, key=lambda run: run.size)
+            size -= largest.size
+            if not largest.drop_oldest():
+                return
+            size += largest.size
+
+    def _evict(self, run: TaskRun) -> None:
+        self._runs.remove(run)
+        if self._current.get((run.robot, run.task_id)) is run:
+            del self._current[run.robot, run.task_id]
+        self.evicted += 1

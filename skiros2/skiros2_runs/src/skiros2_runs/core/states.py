@@ -1,0 +1,87 @@
+"""The states of nodes and of tasks, and the style of each: symbol, word and colour role."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+
+class NodeState(IntEnum):
+    """The values of `SkillProgress.state`."""
+
+    SUCCESS = 1
+    FAILURE = 2
+    RUNNING = 3
+    IDLE = 4
+
+
+SUCCESS, FAILURE, RUNNING, IDLE = NodeState
+
+#: The states of a node that has ended.
+ENDS = (SUCCESS, FAILURE)
+
+
+class TaskState(StrEnum):
+    """The state of a task.
+
+    `PREEMPTED` is a task that failed because it was preempted by a command. `LOST` is a task whose manager has
+    disconnected while it was running.
+    """
+
+    RUNNING = "running"
+    PAUSED = "paused"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    PREEMPTED = "preempted"
+    LOST = "lost"
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the manager has reported the end of the task."""
+        return self in (TaskState.SUCCEEDED, TaskState.FAILED, TaskState.PREEMPTED)
+
+
+@dataclass(frozen=True)
+class StateStyle:
+    """How a state is shown.
+
+    :param symbol: one character.
+    :param ascii: the same for terminals without such characters.
+    :param word: fits after "is" or "has".
+    :param colour_role: `success`, `failure`, `running`, `paused`, `idle` or `changed`.
+    """
+
+    symbol: str
+    ascii: str
+    word: str
+    colour_role: str
+
+
+_STYLES: dict[int | TaskState, StateStyle] = {
+    SUCCESS: StateStyle("✓", "+", "succeeded", "success"),
+    FAILURE: StateStyle("✗", "x", "failed", "failure"),
+    RUNNING: StateStyle("▶", ">", "running", "running"),
+    IDLE: StateStyle("○", ".", "idle", "idle"),
+    TaskState.RUNNING: StateStyle("▶", ">", "running", "running"),
+    TaskState.PAUSED: StateStyle("‖", "=", "paused", "paused"),
+    TaskState.SUCCEEDED: StateStyle("✓", "+", "succeeded", "success"),
+    TaskState.FAILED: StateStyle("✗", "x", "failed", "failure"),
+    TaskState.PREEMPTED: StateStyle("■", "#", "preempted", "paused"),
+    TaskState.LOST: StateStyle("?", "?", "lost: its end was not reported", "failure"),
+}
+
+#: The style of any other value.
+_UNKNOWN = StateStyle("?", "?", "in an unknown state", "changed")
+
+
+def style_of(state: int | TaskState) -> StateStyle:
+    """Returns the style of a node's or a task's state; unknown values have one too."""
+    return _STYLES.get(state, _UNKNOWN)
+
+
+def state_name(state: int) -> str:
+    """Returns the name of a node's state in data: `success`, `failure`, `running`, `idle` or `unknown`."""
+    return NodeState(state).name.lower() if state in _NODE_STATES else "unknown"
+
+
+_NODE_STATES = frozenset(NodeState)

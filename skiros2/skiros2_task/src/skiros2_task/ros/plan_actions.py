@@ -1,0 +1,206 @@
+"""The actions that plan without executing: `~plan`, and `~task_plan` of the original task manager."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, Protocol
+
+from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.ros.goal_server import ACTIVE, GoalServer
+from skiros2_msgs.msg import (
+    AssignTaskAction,
+    AssignTaskFeedback,
+    AssignTaskResult,
+    MakePlanAction,
+    MakePlanFeedback,
+    MakePlanResult,
+)
+from skiros2_task.core.engines import Limits
+from skiros2_task.core.plan import Plan
+from skiros2_task.core.planners import Planner
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict, report_of
+from skiros2_task.core.preview import Preview
+from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
+from skiros2_task.ros.task_message import Offered, task_holder
+
+log = logging.getLogger(__name__)
+
+#: Of each verdict, the state in results of `MakePlan`.
+STATES = {verdict: verdict.value.replace(" ", "_") for verdict in Verdict}
+
+#: Returns the planner for a quality; raises WrongValue if the quality is unknown.
+Planners = Callable[[str], Planner]
+
+
+class _Handle(Protocol):
+    """The handle of a goal, of actionlib."""
+
+    def get_goal(self) -> Any: ...
+    def get_goal_status(self) -> Any: ...
+    def set_accepted(self) -> None: ...
+    def set_succeeded(self, result: object, text: str) -> None: ...
+    def set_canceled(self, result: object, text: str) -> None: ...
+    def set_aborted(self, result: object, text: str) -> None: ...
+    def publish_feedback(self, feedback: object) -> None: ...
+
+
+class PlanningOptions:
+    """Reads the options of goals."""
+
+    def __init__(self, planners: Planners) -> None:
+        self._planners = planners
+
+    def limits(self, seconds: float) -> Limits | None:
+        """Returns the limits for a time limit (s); None for 0.
+
+        :raises WrongValue: the time limit is negative or infinite.
+        """
+        if not 0.0 <= seconds < float("inf"):
+            raise WrongValue(f"seconds is {seconds}, expected a planning time, or 0")
+        return Limits(seconds) if seconds else None
+
+    def planner(self, quality: str) -> Planner | None:
+        """Returns the planner for a quality; None for "".
+
+        :raises WrongValue: the quality is unknown.
+        """
+        return self._planners(quality) if quality else None
+
+
+class _PlanningAction(GoalServer):
+    """Plans each goal in its own thread. Subclasses define how, and the result."""
+
+    def __init__(self, name: str, spec: Any) -> None:
+        super().__init__(name, spec)
+        self._running: list[tuple[_Handle, threading.Thread, threading.Event]] = []  # owned by the action's thread
+
+    def plan(self, goal: Any, cancelled: threading.Event, progress: Callable[[str], None]) -> PlanningResult:
+        """Plans a goal. Called in the goal's thread."""
+        raise NotImplementedError
+
+    def feedback(self, number: int, text: str) -> object:
+        """Returns the feedback message of the n-th activity."""
+        raise NotImplementedError
+
+    def result(self, result: PlanningResult) -> object:
+        """Returns the result message. Called in the goal's thread."""
+        raise NotImplementedError
+
+    def close(self, timeout: float = 1.0) -> None:
+        """Cancels all goals; clients get their results."""
+        running = list(self._running)
+        for _, _, cancelled in running:
+            cancelled.set()
+        for _, thread, _ in running:
+            thread.join(timeout)
+        super().close(timeout)
+
+    # -- in the thread of the action ---------------------------------------------------------------------------
+
+    def _begin(self, handle: _Handle) -> None:
+        cancelled = threading.Event()
+        thread = threading.Thread(target=self._serve_goal, args=(handle, cancelled), name="plan", daemon=True)
+        self._running = [running for running in self._running if running[1].is_alive()]
+        self._running.append((handle, thread, cancelled))
+        handle.set_accepted()
+        thread.start()
+
+    def _cancel(self, handle: _Handle) -> None:
+        for known, _, cancelled in self._running:
+            if known == handle:
+                cancelled.set()
+
+    def _unserved_result(self, cancelled: bool, message: str) -> object:
+        return self.result(PlanningResult(Verdict.CANCELLED if cancelled else Verdict.FAILED, message))
+
+    def _unfinished_handles(self) -> list[_Handle]:
+        return [handle for handle, _, _ in self._running]
+
+    # -- in the thread of a goal -------------------------------------------------------------------------------
+
+    def _serve_goal(self, handle: _Handle, cancelled: threading.Event) -> None:
+        goal, count = handle.get_goal(), 0
+
+        def progress(text: str) -> None:
+            nonlocal count
+            count += 1
+            log.info("%s", text)
+            handle.publish_feedback(self.feedback(count, text))
+
+        log.info("goal of %s: %s", goal.author or "unknown", goal.goals)
+        try:
+            planned = self.plan(goal, cancelled, progress)
+            result = self.result(planned)
+        except SkirosError as error:
+            planned = PlanningResult(Verdict.FAILED, str(error))
+            result = self.result(planned)
+        except Exception as error:  # the client still gets a result
+            log.exception("planning %s", goal.goals)
+            planned = PlanningResult(Verdict.FAILED, f"internal error: {type(error).__name__}: {error}")
+            result = self.result(planned)
+        if handle.get_goal_status().status not in ACTIVE:
+            return  # the server was closed meanwhile
+        if planned.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):
+            steps = f"plan of {len(planned.calls)} steps:\n" if planned.plan else ""
+            log.info("%s%s", steps, planned.message)
+            handle.set_succeeded(result, planned.verdict.value if planned.plan else planned.message)
+        elif planned.verdict is Verdict.CANCELLED:
+            log.info("%s", planned.message)
+            handle.set_canceled(result, planned.message)
+        else:
+            log.error("%s", planned.message)
+            handle.set_aborted(result, planned.message)
+
+
+class TaskPlanAction(_PlanningAction):
+    """The action `~task_plan`. The result has the plan as a task for a skill manager."""
+
+    def __init__(self, planner: TaskPlanner, offered: Offered) -> None:
+        """
+        :param offered: returns the parameters of skills as their managers list them.
+        """
+        super().__init__("~task_plan", AssignTaskAction)
+        self._planner = planner
+        self._offered = offered
+
+    def plan(self, goal: Any, cancelled: threading.Event, progress: Callable[[str], None]) -> PlanningResult:
+        return self._planner.plan(goal.goals, cancelled, progress, goal.author)
+
+    def feedback(self, number: int, text: str) -> object:
+        return AssignTaskFeedback(number, text)
+
+    def result(self, result: PlanningResult) -> object:
+        if result.plan is not None:
+            return AssignTaskResult(PLAN, task_holder(result.calls, self._offered).toJson())
+        return AssignTaskResult(NOTHING_TO_DO if result.verdict is Verdict.NOTHING_TO_DO else FAILED, result.message)
+
+
+class PlanAction(_PlanningAction):
+    """The action `~plan`. The result has the plan with its order, schedule, purpose and simulation."""
+
+    def __init__(self, planner: TaskPlanner, options: PlanningOptions, simulate: Callable[[Plan], Preview]) -> None:
+        """
+        :param simulate: simulates a plan on a copy of the scene.
+        """
+        super().__init__("~plan", MakePlanAction)
+        self._planner = planner
+        self._options = options
+        self._simulate = simulate
+
+    def plan(self, goal: Any, cancelled: threading.Event, progress: Callable[[str], None]) -> PlanningResult:
+        return self._planner.plan(
+            goal.goals,
+            cancelled,
+            progress,
+            limits=self._options.limits(goal.seconds),
+            planner=self._options.planner(goal.quality),
+        )
+
+    def feedback(self, number: int, text: str) -> object:
+        return MakePlanFeedback(text)
+
+    def result(self, result: PlanningResult) -> object:
+        return MakePlanResult(**asdict(report_of(result, self._simulate)))

@@ -1,0 +1,231 @@
+"""The tasks of all managers since the window was opened, with their commands and the reasons of failures."""
+
+from __future__ import annotations
+
+import time
+import weakref
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skiros2_gui.app.events import (
+    FailureExplained,
+    ManagersChanged,
+    RunRecorded,
+    StopRequested,
+    TaskProgress,
+    TasksChanged,
+)
+from skiros2_runs.core.progress import has_ended
+from skiros2_runs.core.runs import Runs
+from skiros2_runs.core.states import RUNNING, TaskState
+from skiros2_runs.core.task_run import TaskRun
+from skiros2_skill.client.description import Why
+from skiros2_skill.core.runtime.history import one_line
+
+if TYPE_CHECKING:
+    from skiros2_gui.app.window import Window
+
+#: The commands for a task.
+PAUSE, RESUME, STEP, STOP = "pause", "start", "tick_once", "preempt"
+_ACTIVITIES = {PAUSE: "pausing", RESUME: "resuming", STEP: "ticking", STOP: "stopping"}
+
+#: The id of all tasks in a command.
+_ALL = -1
+
+#: Managers publish the progress of each task once a second. After this time (s) a task is checked.
+_TIMEOUT = 3.0
+
+#: Without a message for this time a running task counts as silent (s).
+SILENCE_TIMEOUT = 5.0
+
+
+class TaskList:
+    """The one list of tasks, shown by several tabs. Used in the window's thread.
+
+    Publishes `TasksChanged`, `RunRecorded` and `FailureExplained`.
+
+    :param clock: returns the time (s since the epoch).
+    :ivar why_of: the task that `why` (in lines) explains.
+    """
+
+    def __init__(self, window: Window, clock: Callable[[], float] = time.time) -> None:
+        self._window = window
+        self._clock = clock
+        self._published: weakref.WeakKeyDictionary[TaskRun, TaskState] = weakref.WeakKeyDictionary()
+        self._managers: set[str] = set()  # those that are up
+        self._started: dict[str, int] = {}  # the task started last in this window, by manager
+        self.runs = Runs()
+        self.why_of: TaskRun | None = None
+        self.why: tuple[str, ...] = ()
+        window.subscribe(TaskProgress, lambda event: self._record(event.manager, event.nodes, event.stamp))
+        window.subscribe(ManagersChanged, lambda _: self._update_managers())
+        window.subscribe(StopRequested, lambda _: self.stop_all())
+        self._update_managers()
+
+    # -- tasks -------------------------------------------------------------------------------------------------
+
+    @property
+    def rows(self) -> list[TaskRun]:
+        """The running tasks, then the ended ones; the newest first."""
+        return sorted(self.runs, key=lambda run: (run.is_finished, -run.start, run.robot, run.task_id))
+
+    def find(self, robot: str, task_id: int) -> TaskRun | None:
+        """Returns the latest task with that id."""
+        return next((r for r in reversed(list(self.runs)) if (r.robot, r.task_id) == (robot, task_id)), None)
+
+    def newest(self) -> TaskRun | None:
+        """Returns the newest running task, or else the newest task."""
+        known = list(self.runs)
+        chosen = [run for run in known if not run.is_finished] or known
+        return chosen[-1] if chosen else None
+
+    def last_started(self, robot: str) -> TaskRun | None:
+        """Returns the task of a manager that was started last in this window; None if there is none."""
+        return self.find(robot, self._started[robot]) if robot in self._started else None
+
+    def started(self, robot: str, task_id: int, nodes: Sequence[Any], stamp: float) -> None:
+        """Adds a task that was started in this window.
+
+        :param nodes: the manager's answer; empty if the task has ended already.
+        :param stamp: when the manager was asked (s since the epoch).
+        """
+        self._started[robot] = task_id
+        self._record(robot, nodes, stamp)
+
+    def clear_ended(self) -> None:
+        """Removes the tasks that have ended."""
+        self.runs.clear_ended()
+        self._window.publish(TasksChanged())
+
+    def check(self, now: float) -> None:
+        """Asks for tasks without recent progress, in case the message of their end was lost. To be called periodically.
+
+        :param now: s since the epoch.
+        """
+        silent = [run for run in self.runs if not run.is_finished and now - run.latest.time > _TIMEOUT]
+        for robot in {run.robot for run in silent} & self._window.system.managers.keys():
+            manager = self._window.system.managers[robot]
+            done = partial(self._mark_missing, [run for run in silent if run.robot == robot], now)
+            self._window.jobs.run(manager.read_tasks, done, lambda error: None, queue=robot)
+
+    # -- commands ----------------------------------------------------------------------------------------------
+
+    def command(self, action: str, robot: str, task_id: int) -> None:
+        """Sends a command for a task.
+
+        :param action: `PAUSE`, `RESUME`, `STEP` (one tick) or `STOP`.
+        """
+        manager = self._window.system.managers.get(robot)
+        activity = f"{_ACTIVITIES[action]} {f'task {task_id}' if task_id >= 0 else 'all tasks'} of {robot}"
+        if manager is None:
+            self._window.problems.report(activity, f"{robot} is not running")
+            return
+
+        def send() -> tuple[list[Sequence[Any]], float]:
+            manager.command(action, task_id)
+            stamp = self._clock()
+            # A paused task publishes no progress.
+            return (manager.read_tasks(task_id) if action in (PAUSE, STEP) else []), stamp
+
+        # Not in the queue of the inspections: stopping does not wait, other commands wait for each other only.
+        self._window.jobs.run(
+            send,
+            lambda answer: self._record_all(robot, *answer),
+            activity=activity,
+            queue="" if action == STOP else f"{robot}: commands",
+        )
+
+    def toggle(self, run: TaskRun) -> None:
+        """Pauses a task, or resumes a paused one."""
+        self.command(RESUME if run.state is TaskState.PAUSED else PAUSE, run.robot, run.task_id)
+
+    def stop_all(self) -> None:
+        """Preempts all tasks of all managers."""
+        for robot in self._window.system.managers:
+            self.command(STOP, robot, _ALL)
+
+    def ask_why(self, run: TaskRun | None) -> None:
+        """Reads why a task failed into `why`."""
+        manager = self._window.system.managers.get(run.robot) if run is not None else None
+        self.why_of, self.why = run, ()
+        self._window.publish(FailureExplained())
+        if run is None or manager is None or run.state is not TaskState.FAILED:
+            return
+        self._window.jobs.run(
+            lambda: _failure_lines(manager.why(run.task_id)),
+            lambda lines: self._explain(run, lines),
+            activity=f"asking why task {run.task_id} of {run.robot} failed",
+            queue=run.robot,
+        )
+
+    def _explain(self, run: TaskRun, lines: tuple[str, ...]) -> None:
+        if run is self.why_of:
+            self.why = lines
+            self._window.publish(FailureExplained())
+
+    # -- progress ----------------------------------------------------------------------------------------------
+
+    def _record(self, robot: str, nodes: Sequence[Any], stamp: float) -> None:
+        """Records a message or a manager's answer; skips one that is older than the last, unless the task has ended."""
+        known = self.find(robot, int(nodes[0].id)) if nodes else None
+        if known is not None and stamp < known.latest.time and not has_ended(nodes):
+            return
+        recorded = self.runs.record(robot, nodes, stamp)
+        if recorded is None:
+            return
+        run = recorded.run
+        if self._published.get(run) != run.state:
+            self._published[run] = run.state
+            self._window.publish(TasksChanged())
+            if run is self.why_of:
+                self.ask_why(run)
+        self._window.publish(RunRecorded(run, recorded.is_new_shape))
+
+    def _record_all(self, robot: str, tasks: Sequence[Sequence[Any]], stamp: float) -> None:
+        for nodes in tasks:
+            self._record(robot, nodes, stamp)
+
+    def _mark_missing(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
+        alive = {nodes[0].id for nodes in tasks if nodes}
+        for run in silent:
+            if run.task_id not in alive and run.latest.time < asked and not run.is_finished:
+                run.is_lost = True
+                self._window.publish(TasksChanged())
+
+    def _update_managers(self) -> None:
+        """Marks the tasks of managers that have disconnected as lost."""
+        managers = set(self._window.system.managers)
+        for name in self._managers - managers:
+            self.runs.mark_lost(name)
+        self._managers = managers
+        self._window.publish(TasksChanged())
+
+
+def is_silent(run: TaskRun, now: float) -> bool:
+    """Returns whether a running task has published nothing for `SILENCE_TIMEOUT`.
+
+    :param now: s since the epoch.
+    """
+    return run.state is TaskState.RUNNING and now - run.latest.time > SILENCE_TIMEOUT
+
+
+def message_text(run: TaskRun) -> str:
+    """Returns the message of the root of a paused or ended task, else that of the deepest running node; one line."""
+    frame = run.latest
+    text = "the robot has disconnected" if run.state is TaskState.LOST else frame.message(0)
+    running = np.flatnonzero(frame.rows["state"] == RUNNING)
+    if run.state is TaskState.RUNNING and len(running) and running[-1]:
+        index = int(running[-1])
+        name = frame.shape.name(index)
+        text = f"{name}: {frame.message(index)}" if frame.message(index) else name
+    return one_line(text)
+
+
+def _failure_lines(why: Why) -> tuple[str, ...]:
+    """Returns why a task failed, in lines; the failure that ended it first."""
+    if not why.explanations:
+        return tuple(why.text.splitlines())
+    return tuple(line for explanation in reversed(why.explanations) for line in explanation.lines())

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
+import select
 import signal
 import subprocess
 import threading
@@ -119,6 +121,8 @@ class Program:
             self._process.wait()
         for process in family:
             process.kill()
+        for process in family:
+            process.wait()
         self._reader.join(5.0)
 
     def output_tail(self, lines: int = 80) -> str:
@@ -152,7 +156,21 @@ class ProcessId:
 
     def kill(self) -> None:
         if self.running:
-            os.kill(self.pid, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
+
+    def wait(self, timeout: float = 10.0) -> None:
+        """Waits until it has ended. It need not be a child of this process.
+
+        :raises AssertionError: it has not ended within that time (s).
+        """
+        with contextlib.suppress(ProcessLookupError):
+            descriptor = os.pidfd_open(self.pid)
+            try:
+                if self.running and not select.select([descriptor], [], [], timeout)[0]:
+                    raise AssertionError(f"{self} has not ended in {timeout:g} s")
+            finally:
+                os.close(descriptor)
 
     def __repr__(self) -> str:
         try:

@@ -1,0 +1,246 @@
+"""The law of a Cartesian impedance controller, as compliant arms in laboratories have it.
+
+    torques = J' (-K e - D J dq) + J' F + nullspace + bias
+
+with the Jacobian J of the tool, its pose error e and stiffness K in the tool frame, the damping D = 2 z sqrt(K) with the
+damping factors z, the commanded wrench F, the bias of gravity and Coriolis forces, and a posture that is kept in the
+nullspace of the tool: (I - J' J'+) (k (q0 - q) - 2 z0 sqrt(k) dq). (Khatib, A Unified Approach for Motion and Force Control
+of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots, 2003.)
+
+Reference, stiffness and wrench follow their commanded values through filters of first order, and the torques change by
+at most 1 Nm per ms: a sudden command does not jerk the arm. Pure computation; the stepping thread calls it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_sim.core.joint import finite
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose
+
+Array = npt.NDArray[np.float64]
+
+#: Default stiffness along and about the axes of the tool (N/m, Nm/rad), and damping factors: tool, nullspace.
+STIFFNESS = (600.0, 600.0, 600.0, 40.0, 40.0, 40.0)
+DAMPING_FACTORS = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+#: Limits of the stiffness (N/m, Nm/rad), the wrench (N, Nm) and the damping factors.
+MAX_STIFFNESS = (2000.0, 2000.0, 2000.0, 300.0, 300.0, 300.0)
+MAX_WRENCH = (30.0, 30.0, 30.0, 10.0, 10.0, 10.0)
+MAX_DAMPING_FACTOR = 2.0
+#: Maximum change of a joint torque (Nm/s).
+TORQUE_RATE = 1000.0
+
+#: Time constants (s) of the filters of the reference, and of stiffness, damping and wrench.
+_REFERENCE_FILTER, _COMMAND_FILTER = 0.02, 0.1
+#: Maximum error that produces a force (m, rad).
+_MAX_DISTANCE, _MAX_TURN = 0.15, 0.5
+#: Stiffness (Nm/rad) and damping factor of the posture.
+_POSTURE_STIFFNESS, _POSTURE_DAMPING = 10.0, 0.7
+#: Largest stiffness and damping that are stable with torques that change once per update, as a fraction of the inertia
+#: over the length of an update, squared for the stiffness.
+_STABLE_STIFFNESS, _STABLE_DAMPING = 0.2, 0.5
+#: Number of updates between computations of the inertia, which changes slowly with the posture.
+_INERTIA_PERIOD = 8
+#: Regularisation of the tool's inertia (1/kg, 1/(kg m2)) and of the projection at singularities.
+_SINGULAR = 1e-3
+_SINGULAR_POSTURE = 1e-6 * np.eye(6)
+
+
+class ArmState(NamedTuple):
+    """The measured state of an arm with n joints.
+
+    :param positions: n (rad).
+    :param velocities: n (rad/s).
+    :param tool: pose of the tool in the arm's base frame.
+    :param jacobian: of the tool in the base frame, 6 x n: linear, then angular.
+    :param masses: n x n (kg m2).
+    :param bias: torques of gravity and Coriolis forces, n (Nm).
+    """
+
+    positions: Array
+    velocities: Array
+    tool: Pose
+    jacobian: Array
+    masses: Array
+    bias: Array
+
+
+class Gains(NamedTuple):
+    """Stiffness and damping of the tool, 6 x 6 in its frame, and damping of the posture (n)."""
+
+    stiffness: Array
+    damping: Array
+    posture_damping: Array
+
+
+class Impedance:
+    """The controller's commanded values and filters. `restart` must be called before the first `torques`.
+
+    :param efforts: maximum torque of each joint (Nm).
+    """
+
+    def __init__(self, efforts: Sequence[float]) -> None:
+        self._efforts = np.array(efforts)
+        self._reference = IDENTITY
+        self._stiffness = np.array(STIFFNESS)
+        self._damping = np.array(DAMPING_FACTORS)
+        self._wrench = np.zeros(6)
+        self.posture = np.zeros(len(efforts))
+        #: Desired joint velocities (rad/s) of a motion along a known path; 0 otherwise.
+        self.velocities = np.zeros(len(efforts))
+        #: Offset that is added to the reference (m, in its frame), for example of an overlay motion.
+        self.overlay = np.zeros(3)
+        #: Filtered values.
+        self.reference = IDENTITY
+        self.stiffness = self._stiffness.copy()
+        self.wrench = np.zeros(6)
+        #: Pose error in the tool frame (m, rad) and joint torques (Nm) of the last update.
+        self.error = np.zeros(6)
+        self.commanded_torques = np.zeros(len(efforts))
+        self._gains: Gains | None = None
+        self._updates = 0
+
+    def restart(self, state: ArmState) -> None:
+        """Starts at the current pose and posture, without a wrench and without a jump of the torques."""
+        self.set_reference(state.tool)
+        self.reference = state.tool
+        self.posture, self.velocities = state.positions.copy(), np.zeros_like(state.positions)
+        self.set_wrench((0.0,) * 6)
+        self.wrench = np.zeros(6)
+        self.overlay = np.zeros(3)
+        self.commanded_torques = state.bias.copy()
+        self._updates = 0
+
+    def set_reference(self, pose: Pose) -> None:
+        """Sets the attractor of the tool, in the arm's base frame."""
+        self._reference = pose
+
+    def set_stiffness(self, values: Sequence[float]) -> None:
+        """Sets the stiffness along and about the axes of the tool (N/m, Nm/rad).
+
+        :raises WrongValue: a value is not finite or out of range; the text lists all of them.
+        """
+        self._stiffness = np.array(checked("stiffness", values, MAX_STIFFNESS, lowest=0.0))
+
+    def set_damping_factors(self, values: Sequence[float]) -> None:
+        """Sets the damping factors along and about the axes of the tool; 1 is critical damping.
+
+        :raises WrongValue: a value is not finite or out of range; the text lists all of them.
+        """
+        self._damping = np.array(checked("damping factor", values, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0))
+
+    def set_wrench(self, values: Sequence[float]) -> None:
+        """Sets the wrench that the tool exerts, in its frame (N, Nm).
+
+        :raises WrongValue: a value is not finite or out of range; the text lists all of them.
+        """
+        self._wrench = np.array(checked("wrench", values, MAX_WRENCH))
+
+    def torques(self, state: ArmState, dt: float, load: Array | None = None) -> Array:
+        """Returns the joint torques (Nm) for the next `dt` seconds.
+
+        :param load: force (N) in the base frame that compensates the weight of a carried object.
+        """
+        self._filter(dt)
+        into = Rotation.from_quat(state.tool.orientation).inv().as_matrix()
+        jacobian = state.jacobian
+        in_tool = np.vstack([into @ jacobian[:3], into @ jacobian[3:]])
+        if self._gains is None or self._updates % _INERTIA_PERIOD == 0:
+            self._gains = stable_gains(self.stiffness, self._damping, in_tool, state.masses, dt)
+        self._updates += 1
+        stiffness, damping, posture_damping = self._gains
+        self.error = self._offset(state.tool, into)
+        too_fast = state.velocities - self.velocities
+        wrench = -stiffness @ self.error - damping @ (in_tool @ too_fast) + self.wrench
+        if load is not None:
+            wrench[:3] += into @ load
+        posture = _POSTURE_STIFFNESS * (self.posture - state.positions) - posture_damping * too_fast
+        posture -= jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
+        wanted = in_tool.T @ wrench + posture + state.bias
+        step = TORQUE_RATE * dt
+        change = np.clip(wanted - self.commanded_torques, -step, step)
+        self.commanded_torques = np.clip(self.commanded_torques + change, -self._efforts, self._efforts)
+        return self.commanded_torques
+
+    def _filter(self, dt: float) -> None:
+        part = 1.0 - math.exp(-dt / _COMMAND_FILTER)
+        self.stiffness += part * (self._stiffness - self.stiffness)
+        self.wrench += part * (self._wrench - self.wrench)
+        if self.reference != self._reference:
+            self.reference = interpolated(self.reference, self._reference, 1.0 - math.exp(-dt / _REFERENCE_FILTER))
+
+    def _offset(self, tool: Pose, into: Array) -> Array:
+        """Returns the offset of the tool from the reference, in the tool frame, limited in length and rotation."""
+        turned = Rotation.from_quat(self.reference.orientation)
+        position = np.array(self.reference.position) + turned.apply(self.overlay)
+        turn = (Rotation.from_quat(tool.orientation) * turned.inv()).as_rotvec()
+        way = np.concatenate([into @ (np.array(tool.position) - position), into @ turn])
+        for part, most in ((slice(0, 3), _MAX_DISTANCE), (slice(3, 6), _MAX_TURN)):
+            length = float(np.linalg.norm(way[part]))
+            if length > most:
+                way[part] *= most / length
+        return way
+
+
+def interpolated(start: Pose, end: Pose, part: float) -> Pose:
+    """Interpolates between two poses: a straight line, and an even rotation in the shorter direction."""
+    position = np.array(start.position) + part * np.subtract(end.position, start.position)
+    first = Rotation.from_quat(start.orientation)
+    turn = (first.inv() * Rotation.from_quat(end.orientation)).as_rotvec()
+    x, y, z, w = (first * Rotation.from_rotvec(part * turn)).as_quat()
+    return Pose((float(position[0]), float(position[1]), float(position[2])), (float(x), float(y), float(z), float(w)))
+
+
+def stable_gains(stiffness: Array, factors: Array, jacobian: Array, masses: Array, dt: float) -> Gains:
+    """Returns K and D = 2 z sqrt(K), reduced in directions in which the tool's inertia is too low for them.
+
+    With the tool's inertia Q Q', a gain G is diagonal in Q^-1 G Q^-T; its elements are frequencies there, which must
+    stay below those of the updates.
+
+    :param stiffness: 6, in the frame of the Jacobian (N/m, Nm/rad).
+    :param factors: 6 damping factors.
+    :param jacobian: 6 x n, in the tool frame.
+    :param masses: n x n (kg m2).
+    :param dt: length of an update (s).
+    """
+    mobility = jacobian @ np.linalg.solve(masses, jacobian.T) + _SINGULAR * np.eye(6)
+    root = np.linalg.cholesky(mobility)
+    back = np.linalg.inv(root)
+    limited = []
+    for gain, most in (
+        (stiffness, _STABLE_STIFFNESS / dt**2),
+        (2.0 * factors * np.sqrt(stiffness), _STABLE_DAMPING / dt),
+    ):
+        modes, vectors = np.linalg.eigh(root.T @ (gain[:, None] * root))
+        if modes[-1] <= most:
+            limited.append(np.diag(gain))
+            continue
+        q = back.T @ vectors
+        limited.append((q * np.clip(modes, 0.0, most)) @ q.T)
+    posture = 2.0 * _POSTURE_DAMPING * np.sqrt(_POSTURE_STIFFNESS * np.diag(masses))
+    return Gains(limited[0], limited[1], posture)
+
+
+def checked(what: str, values: Sequence[float], most: Sequence[float], lowest: float | None = None) -> list[float]:
+    """Checks six numbers along and about x, y and z.
+
+    :param most: maximum of each one.
+    :param lowest: minimum of all; None for the negative maximum.
+    :raises WrongValue: a number is not finite or out of range; the text lists all of them.
+    """
+    numbers = finite(values, 6, f"{what} along and about x, y, z")
+    problems = [
+        f"{what} {value:g} of {axis}: expected {-top if lowest is None else lowest:g} to {top:g}"
+        for axis, value, top in zip(["x", "y", "z", "rx", "ry", "rz"], numbers, most, strict=True)
+        if not (-top if lowest is None else lowest) <= value <= top
+    ]
+    if problems:
+        raise WrongValue("; ".join(problems))
+    return numbers

@@ -2,10 +2,10 @@
 
     torques = J' (-K e - D J dq) + J' F + nullspace + bias
 
-with the Jacobian J of the tool, its pose error e and stiffness K in the tool frame, the damping D = 2 z sqrt(K) with the
-damping factors z, the commanded wrench F, the bias of gravity and Coriolis forces, and a posture that is kept in the
-nullspace of the tool: (I - J' J'+) (k (q0 - q) - 2 z0 sqrt(k) dq). (Khatib, A Unified Approach for Motion and Force Control
-of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots, 2003.)
+with the Jacobian J of the tool, its pose error e and stiffness K in the tool frame, the damping D = 2 z sqrt(K) with
+the damping factors z, the commanded wrench F, the bias of gravity and Coriolis forces, and a posture that is kept in
+the nullspace of the tool: (I - J' J'+) (k (q0 - q) - 2 z0 sqrt(k) dq). (Khatib, A Unified Approach for Motion and Force
+Control of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots, 2003.)
 
 Reference, stiffness and wrench follow their commanded values through filters of first order, and the torques change by
 at most 1 Nm per ms: a sudden command does not jerk the arm. Pure computation; the stepping thread calls it.

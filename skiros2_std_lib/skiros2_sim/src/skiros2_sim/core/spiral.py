@@ -1,7 +1,7 @@
 """An overlay motion: an Archimedean spiral in a plane, added to the reference of a compliant arm.
 
-The path is `r = d / (2 pi) theta` with the distance `d` between neighbouring turns. The point moves at the path velocity
-`v`: `theta' = v / r`, `r' = theta' d / (2 pi)`.
+The path is `r = d / (2 pi) theta` with the distance `d` between neighbouring turns. The point moves at the path
+velocity `v`: `theta' = v / r`, `r' = theta' d / (2 pi)`.
 """
 
 from __future__ import annotations

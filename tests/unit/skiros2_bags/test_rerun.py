@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.testing.recorded_task import recorded_tasks
-from skiros2_bags.testing.recording import Recording
-from skiros2_bags.testing.replay_settings import Settings
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.testing.recording import Recording, recorded_tasks
+from skiros2_bags.testing.replay import Settings
 from skiros2_bags.testing.rerun import rerun
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element

@@ -21,7 +21,7 @@ def read_bag(path: str) -> RunBag:
 
     :raises BagError: it cannot be read, or has no progress of tasks.
     """
-    from skiros2_bags.core.errors import BagError  # imported here, as it takes a second
+    from skiros2_bags.core.bag_file import BagError  # imported here, as it takes a second
     from skiros2_bags.core.run import Run
 
     run = Run.open(path)

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 import actionlib
 import rospy
 
-from skiros2_bags.core.checking import Finding
+from skiros2_bags.core.run import Finding
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.termination import exit_status
 from skiros2_common.core.world_element import Element

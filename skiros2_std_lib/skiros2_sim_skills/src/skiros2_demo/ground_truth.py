@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from skiros2_bags.core.checking import Finding
+from skiros2_bags.core.run import Finding
 from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, composed, half_extents, inverted, rotated
 
 #: Maximum gap between product and tray, and maximum overhang of its edges (m).

@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from skiros2_bags.core.action_call import Goal
-from skiros2_bags.core.checking import Finding
-from skiros2_bags.core.checking import check as check_bag
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.run import Run
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.run import Finding, Run
+from skiros2_bags.core.run import check as check_bag
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_demo.plan_text import Step, name_of, steps_of

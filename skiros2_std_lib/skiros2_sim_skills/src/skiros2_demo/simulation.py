@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, PoseStamped
 from PIL import Image as Picture
 from sensor_msgs.msg import Image
 
-from skiros2_bags.core.checking import Finding
+from skiros2_bags.core.run import Finding
 from skiros2_common.core.errors import Refused, TimedOut
 from skiros2_demo.ground_truth import Body, check_placement
 from skiros2_demo.world_state import Thing

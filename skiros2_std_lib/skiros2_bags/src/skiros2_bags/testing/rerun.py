@@ -23,15 +23,24 @@ from types import TracebackType
 import actionlib
 import rospy
 
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.world_diff import diff_changes, summary
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.diff import diff_changes, summary
 from skiros2_bags.testing.fake_action_clients import RecordedActions
-from skiros2_bags.testing.recorded_task import RecordedTask, recorded_tasks, task_changes, tick_times
 from skiros2_bags.testing.recorded_world import add_reasoners, input_operations, scene_before, world_model_with
-from skiros2_bags.testing.recording import ActionMessage, ClockTick, Event, Recording, TaskProgress, WorldChange
-from skiros2_bags.testing.replay_settings import ReplayResult, Settings
-from skiros2_bags.testing.rerun_manager import RerunManager
-from skiros2_bags.testing.rerun_task import RerunTask
+from skiros2_bags.testing.recording import (
+    ActionMessage,
+    ClockTick,
+    Event,
+    RecordedTask,
+    Recording,
+    TaskProgress,
+    WorldChange,
+    recorded_tasks,
+    task_changes,
+    tick_times,
+)
+from skiros2_bags.testing.replay import ReplayResult, Settings
+from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
 from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_runs.core.compare import Divergence
 from skiros2_runs.core.tolerance import Tolerance

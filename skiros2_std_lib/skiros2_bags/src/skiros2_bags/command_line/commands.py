@@ -1,22 +1,37 @@
-"""The commands `show`, `check`, `tasks`, `skills` and `plot`."""
+"""The commands that read bags, and `restore`."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import math
+import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable
+from dataclasses import asdict
+from datetime import datetime
 from typing import Any
 
-from skiros2_bags.core.checking import check
-from skiros2_bags.core.message import MONITOR, PROGRESS
-from skiros2_bags.core.run import Run
-from skiros2_bags.core.times import local_time, relative_time
-from skiros2_common.command_line.command import REFUSED, CommandResult
+from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError
+from skiros2_bags.core.diff import Difference, Kind, diff_runs, summary
+from skiros2_bags.core.restore import restore as restore_scene
+from skiros2_bags.core.run import Run, check
+from skiros2_bags.core.world_history import TimedChange
+from skiros2_common.command_line.command import REFUSED, CommandResult, UsageError, user
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import local_name
+from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_runs.core.history import NodeHistory, SkillRun, node_histories
 from skiros2_runs.core.states import ENDS, FAILURE, IDLE, state_name, style_of
 from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.tolerance import Tolerance
+from skiros2_world_model.command_line.reading import element_answer, scene_tree
+from skiros2_world_model.command_line.values import element_json
+from skiros2_world_model.core.apply_change import apply_change
+from skiros2_world_model.core.changes import RESET, Change
+from skiros2_world_model.core.history_entry import changed_lines, difference
+from skiros2_world_model.core.scene import Scene
 
 
 def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
@@ -223,3 +238,165 @@ def plot(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResu
     output = arguments.output or run.path.with_suffix(".png")
     save_gantt(run, output, arguments.depth)
     return CommandResult([str(output)], {"file": str(output)})
+
+
+#: Relations along which the tree of a scene is printed; a bag contains no ontologies to derive them from.
+_SPATIAL = ("skiros:contain", "skiros:hasA")
+
+#: Maximum number of lines per change without `--all`.
+_MAX_LINES = 12
+
+
+def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Prints the scene at a time, or one element of it."""
+    at = parse_time(arguments.at, run) if arguments.at else run.end
+    scene = run.world(at, arguments.partial)
+    elements = _elements(scene, [node.id for node in scene])
+    if arguments.id:
+        element = scene.element(arguments.id)
+        if element is None:
+            others = f"only {len(scene)} others"
+            raise BagError(f"{run.path}: there was no element {arguments.id!r} at {relative_time(at, run)} s, {others}")
+        answer = element_answer(element, screen)
+    else:
+        answer = scene_tree(elements, _SPATIAL, screen, "", arguments.all)
+    return CommandResult([screen.fitted(f"at {relative_time(at, run)} s:"), "", *answer.lines], answer.data)
+
+
+def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Prints the changes of the world model with time and author."""
+    since = parse_time(arguments.since, run) if arguments.since else float("-inf")
+    until = parse_time(arguments.until, run) if arguments.until else float("inf")
+    scene = Scene()
+    lines: list[str] = []
+    data: list[dict[str, Any]] = []
+    for timed in run.changes():
+        details = _change_lines(scene, timed)
+        change = timed.change
+        matches = not arguments.id or any(arguments.id in line.split() for line in details)
+        if since < timed.time <= until and arguments.author in ("", change.author) and matches:
+            lines += [screen.fitted(f"MISSING: {timed.gap}")] if timed.gap else []
+            lines += [screen.fitted(f"{relative_time(timed.time, run)} s  {change.author}  {change.action}")]
+            shown = details if arguments.all else details[:_MAX_LINES]
+            lines += [screen.fitted(f"    {line}") for line in shown]
+            lines += [f"    {len(details) - len(shown)} more: --all"] if len(shown) < len(details) else []
+            data.append(_change_json(timed))
+    return CommandResult(lines or ["no changes"], data)
+
+
+def _change_lines(scene: Scene, timed: TimedChange) -> list[str]:
+    """Returns the lines of a change, and applies it to the scene."""
+    change = timed.change
+    ids = [e.id for e in change.elements]
+    if change.action == RESET:
+        apply_change(scene, change)
+        return [f"the whole scene, {len(ids)} elements"]
+    facts = [(r["src"], r["dst"]) for part in (change, *change.elements) for r in _relations(part)]
+    facts += [(src, dst) for eid in ids for src, _, dst in scene.relations(dst=eid)]
+    touched = dict.fromkeys([*ids, *(end for fact in facts for end in fact if end != "-1")])
+    before = _elements(scene, touched)
+    apply_change(scene, change)
+    after = _elements(scene, touched)
+    return changed_lines(difference(before, after)) or [summary(change)]
+
+
+def _relations(part: Change | Element) -> Iterable[RelationDict]:
+    return part.relations if isinstance(part, Change) else part._rels
+
+
+def _elements(scene: Scene, ids: Iterable[str]) -> list[Element]:
+    return [element for eid in ids if (element := scene.element(eid)) is not None]
+
+
+def _change_json(timed: TimedChange) -> dict[str, Any]:
+    change = timed.change
+    return {
+        "time": timed.time,
+        "gap": timed.gap,
+        "author": change.author,
+        "action": change.action,
+        "snapshot_id": change.snapshot_id,
+        "elements": [element_json(e) for e in change.elements],
+        "relations": [{"src": r["src"], "type": r["type"], "dst": r["dst"]} for r in change.relations],
+    }
+
+
+def restore(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Replaces the scene of a running world model by the scene of the bag at a time, in one transaction."""
+    from skiros2_world_model.command_line.connection import connect  # takes a second to import, and needs ROS
+
+    at = parse_time(arguments.at, run) if arguments.at else run.end
+    scene = run.world(at, arguments.partial)
+    done = restore_scene(connect(arguments.wm, user()), scene)
+    counts = f"{done.added} added, {done.changed} changed, {done.removed} removed"
+    text = f"the scene is as at {relative_time(at, run)} s: {counts}"
+    return CommandResult([screen.fitted(text)], asdict(done))
+
+
+#: Maximum number of differences to print without `--all`.
+_MAX_ROWS = 20
+
+
+def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Compares a run with another one: the first divergence, then all differences."""
+    if not 0 <= arguments.tolerance < math.inf:
+        raise UsageError(f"--tolerance {arguments.tolerance}: expected a number of at least 0")
+    other = Run.open(arguments.other)
+    found = diff_runs(run, other, Tolerance(arguments.tolerance, arguments.tolerance))
+    if not found:
+        return CommandResult(["the runs are alike"], [])
+    shown = found if arguments.all else found[:_MAX_ROWS]
+    lines = ["first divergence:", *_difference_lines(found[0], screen)]
+    if len(found) > 1:
+        lines += ["", "all differences:"]
+        lines += [f"  {line}" for line in table(screen, map(_row, shown), ("at s", "what", "where", "expected", "got"))]
+        lines += [f"  {len(found) - len(shown)} more: --all"] if len(shown) < len(found) else []
+    return CommandResult(lines, [asdict(difference) for difference in found], REFUSED)
+
+
+def _difference_lines(difference: Difference, screen: Screen) -> list[str]:
+    lines = [f"at {difference.time:.2f} s, {difference.kind}: {difference.where}"]
+    lines += [f"expected: {difference.expected}"] if difference.expected else []
+    return [screen.fitted(f"  {line}") for line in [*lines, f"got:      {difference.got}"]]
+
+
+def _row(difference: Difference) -> tuple[str, ...]:
+    time = "" if difference.kind == Kind.SCENE else f"{difference.time:.2f}"
+    return time, difference.kind, difference.where, difference.expected, difference.got
+
+
+#: Numbers from here on are s since the epoch (1973); smaller numbers are s since the start of the bag.
+_ABSOLUTE = 1e8
+
+
+def parse_time(text: str, run: Run) -> float:
+    """Returns the time that a text denotes (s since the epoch).
+
+    `12.5` is 12.5 s after the start of the bag, `-3` is 3 s before its end, `2026-11-21 14:05:30` is a local time, `1795233085.4` is s
+    since the epoch.
+
+    :raises WrongValue: the text has none of these forms.
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        with contextlib.suppress(ValueError, OverflowError):
+            return datetime.fromisoformat(text.strip()).timestamp()
+        number = math.nan
+    if not math.isfinite(number):
+        raise WrongValue(
+            f"{text!r} is no time: expected s after the start (12.5) or before the end (-3), or '2026-11-21 14:05:30'"
+        )
+    if number >= _ABSOLUTE:
+        return number
+    return run.end + number if text.strip().startswith("-") else run.start + number
+
+
+def relative_time(at: float, run: Run) -> str:
+    """Formats a time as s after the start of the bag."""
+    return f"{at - run.start:.2f}"
+
+
+def local_time(at: float) -> str:
+    """Formats a time as local date and time."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(at))

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from skiros2_sim.core import joint_motion as codes
-from skiros2_sim.core.joint_motion import JointMotion
-from skiros2_sim.core.joint_path import JointGoal, JointPoint, JointTolerance
+from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint, JointTolerance
 from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted

@@ -20,6 +20,10 @@ SERVER_TIMEOUT = 5.0
 #: Timeout of the connections to a known server (s of wall time).
 _CONNECTION_TIMEOUT = 10.0
 
+#: Progress messages of the tick in which a goal is sent, and of the ticks before. Re-runs of bags find the tick of a
+#: goal by them, since nothing else in a recording shows it exactly.
+GOAL_SENT, WAITING = "Goal sent", "Waiting for the action server"
+
 
 class PrimitiveActionClient(ClientPrimitive):
     """Sends a goal to an action server and follows it. Override `buildClient` and `buildGoal`, and where needed
@@ -165,10 +169,10 @@ class PrimitiveActionClient(ClientPrimitive):
         if watch.is_connected():
             goal, self._goal = self._goal, None
             self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
-            return self.step("Goal sent")
+            return self.step(GOAL_SENT)
         if watch.time_since_status() > SERVER_TIMEOUT or watch.age() > _CONNECTION_TIMEOUT:
             return self.fail(f"Action server {watch.name} is not available.", NO_SERVER)
-        return self.step(f"Waiting for the action server {watch.name}")
+        return self.step(f"{WAITING} {watch.name}")
 
     def _result_missed(self) -> bool:
         # Answers that arrive before `send_goal` returns do not reach the callbacks.

@@ -372,8 +372,8 @@ _ABSOLUTE = 1e8
 def parse_time(text: str, run: Run) -> float:
     """Returns the time that a text denotes (s since the epoch).
 
-    `12.5` is 12.5 s after the start of the bag, `-3` is 3 s before its end, `2026-11-21 14:05:30` is a local time, `1795233085.4` is s
-    since the epoch.
+    `12.5` is 12.5 s after the start of the bag, `-3` is 3 s before its end, `2026-11-21 14:05:30` is a local time,
+    `1795233085.4` is s since the epoch.
 
     :raises WrongValue: the text has none of these forms.
     """

@@ -15,8 +15,8 @@ from skiros2_common.command_line.layout import Screen
 Command = Callable[[Run, argparse.Namespace, Screen], CommandResult]
 
 _TIMES = (
-    "A TIME is 12.5 (s after the start of the bag), -3 (before its end; write --at=-3), '2026-11-21 14:05:30', or s since "
-    "the epoch."
+    "A TIME is 12.5 (s after the start of the bag), -3 (before its end; write --at=-3), '2026-11-21 14:05:30', or "
+    "s since the epoch."
 )
 
 

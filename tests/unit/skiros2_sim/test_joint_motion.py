@@ -110,7 +110,7 @@ def test_cancelled_trajectory_brakes_on_its_path(robot: MovedRobot) -> None:
         ({"points": (JointPoint(0.0, (0.5, 0, 0, -1, 0, 1, 0)),)}, codes.INVALID_GOAL, "begins immediately .*joint1"),
         ({"start": math.nan}, codes.INVALID_GOAL, "start nan"),
         ({"goal_time_tolerance": -1.0}, codes.INVALID_GOAL, "goal time tolerance -1.0"),
-        ({"path_tolerance": {"panda_joint1": JointTolerance(math.nan)}}, codes.INVALID_GOAL, "path tolerance of"),
+        ({"path_tolerance": {"panda_joint1": JointTolerance(math.nan)}}, codes.INVALID_GOAL, "the tolerance of"),
         ({"goal_tolerance": {"x": JointTolerance(0.1)}}, codes.INVALID_JOINTS, "goal tolerance for 'arm/x'"),
     ],
 )

@@ -111,7 +111,7 @@ def test_tolerances_of_unknown_joints_are_rejected() -> None:
 
 def test_joint_beyond_its_limit_may_return() -> None:
     way = path(point(2.0, 1.8, 0.0), start=np.array([2.05, 0.0]))
-    assert way.end == pytest.approx([1.8, 0.0])
+    assert way.at(way.duration)[0] == pytest.approx([1.8, 0.0])
 
 
 def test_zero_speed_limit_is_unlimited() -> None:

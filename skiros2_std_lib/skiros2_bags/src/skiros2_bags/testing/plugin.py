@@ -16,12 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from skiros2_bags.testing.replay import Settings, replay
 from skiros2_runs.core.tolerance import NARROW, Tolerance
+
+if TYPE_CHECKING:
+    from skiros2_bags.testing.rerun import Settings
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -38,9 +40,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config, items: list[pytest.Item]) -> None:
+    bags = config.getoption("--replay")
+    if not bags:
+        return
+    from skiros2_bags.testing.rerun import Settings  # imported when needed, as ROS is slow to import
+
     workspace = config.getoption("--replay-workspace")
     settings = Settings(Path(workspace).resolve() if workspace else None)
-    for bag in config.getoption("--replay"):
+    for bag in bags:
         items.append(ReplayItem.from_parent(session, name=bag, bag=Path(bag).resolve(), settings=settings))
 
 
@@ -57,6 +64,8 @@ class ReplayItem(pytest.Item):
         self._settings = settings
 
     def runtest(self) -> None:
+        from skiros2_bags.testing.rerun import replay
+
         found = replay(self._bag, self._settings)
         if found.divergence is not None:
             raise Diverged(str(found))
@@ -76,6 +85,8 @@ def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
     marker = request.node.get_closest_marker("replay")
     if marker is None or len(marker.args) != 1:
         raise pytest.UsageError("the fixture `replayed` needs a marker: @pytest.mark.replay(BAG, ...)")
+    from skiros2_bags.testing.rerun import Settings, replay
+
     given = dict(marker.kwargs)
     workspace = given.pop("workspace", None)
     settings = Settings(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeGuard
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +46,6 @@ class JointTolerance:
 
     position: float = 0.0
     velocity: float = 0.0
-    acceleration: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -107,29 +106,14 @@ class JointPath:
         else:
             self._first = 1  # index in the goal of the end of the first segment
         self._times = np.array(times)
+        #: Time from the start to the last point (s).
+        self.duration = times[-1]
         self._q = np.array([row[0] for row in rows])
         self._qd = self._velocities([row[1] for row in rows])
         if len(rows) > 1:  # else it begins and ends at once
             self._path = self._spline([row[2] for row in rows])
             self._speed = self._path.derivative()
             self._check_between()
-
-    @property
-    def duration(self) -> float:
-        """Time from the start to the last point (s)."""
-        return float(self._times[-1])
-
-    @property
-    def start(self) -> Array:
-        """Positions at the start."""
-        start: Array = self._q[0]
-        return start
-
-    @property
-    def end(self) -> Array:
-        """Positions of the last point."""
-        end: Array = self._q[-1]
-        return end
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Positions and velocities at `time` seconds after the start; at rest before and after."""
@@ -288,7 +272,7 @@ class JointMotion:
         self._contacts = PartContacts(controller.world, controller.arm_prefix)
         self._actual = self._state()
         #: Time on the path (s); negative before the start.
-        self._time = min(0.0, controller.world.time - goal.start) if _is_finite(goal.start) else 0.0
+        self._time = 0.0 if goal.start is None else min(0.0, controller.world.time - goal.start)
         self._path: JointPath | None = None
         try:
             self._path = self._checked()
@@ -419,11 +403,10 @@ class JointMotion:
                 f"controller {controller.active!r} of arm {self._arm.name} is active; a trajectory needs "
                 f"{controller.names[0]!r}: switch to it first"
             )
-        for kind, tolerances in (("path", goal.path_tolerance), ("goal", goal.goal_tolerance)):
-            for name, tolerance in tolerances.items():
-                if not all(map(math.isfinite, (tolerance.position, tolerance.velocity))):
-                    raise WrongValue(f"{kind} tolerance of {name} is {tolerance}, which is not finite")
-        if not _is_finite(goal.goal_time_tolerance) or goal.goal_time_tolerance < 0.0:
+        for name, tolerance in [*goal.path_tolerance.items(), *goal.goal_tolerance.items()]:
+            if not all(map(math.isfinite, (tolerance.position, tolerance.velocity))):
+                raise WrongValue(f"the tolerance of {name} is {tolerance}, which is not finite")
+        if not 0.0 <= goal.goal_time_tolerance < math.inf:
             raise WrongValue(f"goal time tolerance {goal.goal_time_tolerance}: expected seconds, 0 or more")
         if goal.start is not None and not math.isfinite(goal.start):
             raise WrongValue(f"start {goal.start} is not a finite time")
@@ -437,7 +420,7 @@ class JointMotion:
                 self._end(State.REJECTED, OLD_HEADER_TIMESTAMP, text)
                 return None
             path = JointPath(replace(goal, points=left), self._arm.joints, *self._actual)
-        for joint, start, actual in zip(self._arm.joints, path.start, self._actual.positions, strict=True):
+        for joint, start, actual in zip(self._arm.joints, path.at(0.0)[0], self._actual.positions, strict=True):
             if abs(start - actual) > _PATH:
                 raise WrongValue(
                     f"the trajectory begins immediately with {joint.name} at {start:.4f}, but it is at {actual:.4f}"
@@ -465,7 +448,3 @@ def _with_full_names(goal: JointGoal, arm: str) -> JointGoal:
 def _limit(given: float, default: float) -> float:
     """Resolves a tolerance of control_msgs: 0 is the default, negative is unlimited."""
     return math.inf if given < 0.0 else given or default
-
-
-def _is_finite(value: float | None) -> TypeGuard[float]:
-    return value is not None and math.isfinite(value)

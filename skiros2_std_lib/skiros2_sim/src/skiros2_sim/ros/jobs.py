@@ -222,7 +222,7 @@ def _point(message: JointTrajectoryPoint) -> JointPoint:
 
 
 def _tolerances(messages: Sequence[JointToleranceMessage]) -> dict[str, JointTolerance]:
-    return {m.name: JointTolerance(m.position, m.velocity, m.acceleration) for m in messages}
+    return {m.name: JointTolerance(m.position, m.velocity) for m in messages}
 
 
 def _state(state: JointState) -> JointTrajectoryPoint:

@@ -22,7 +22,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_task.core import goal_text
-from skiros2_world_model.core.history_entry import changed_lines, difference
+from skiros2_world_model.core.history import changed_lines, difference
 
 #: Subject, predicate, object.
 Triple = tuple[str, str, str]

@@ -26,11 +26,10 @@ from skiros2_runs.core.history import NodeHistory, SkillRun, node_histories
 from skiros2_runs.core.states import ENDS, FAILURE, IDLE, state_name, style_of
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.tolerance import Tolerance
-from skiros2_world_model.command_line.reading import element_answer, scene_tree
-from skiros2_world_model.command_line.values import element_json
-from skiros2_world_model.core.apply_change import apply_change
+from skiros2_world_model.command_line.reading import element_answer, element_json, scene_tree
 from skiros2_world_model.core.changes import RESET, Change
-from skiros2_world_model.core.history_entry import changed_lines, difference
+from skiros2_world_model.core.history import changed_lines, difference
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 
 
@@ -323,7 +322,7 @@ def _change_json(timed: TimedChange) -> dict[str, Any]:
 
 def restore(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Replaces the scene of a running world model by the scene of the bag at a time, in one transaction."""
-    from skiros2_world_model.command_line.connection import connect  # takes a second to import, and needs ROS
+    from skiros2_world_model.command_line.program import connect  # takes a second to import, and needs ROS
 
     at = parse_time(arguments.at, run) if arguments.at else run.end
     scene = run.world(at, arguments.partial)

@@ -18,8 +18,8 @@ from skiros2_bags.core.bag_file import MONITOR, BagError, Message, check_md5
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.property import Property, format_value
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change, relation_dict, snapshot_number
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 
 

@@ -27,8 +27,8 @@ from skiros2_gui.app.widgets import main_widget
 from skiros2_gui.app.widgets.error_bar import ErrorHistory
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import palette_of
-from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_skill.client.description import Step
+from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import break_down, fetch, furnish
 
 

@@ -22,11 +22,11 @@ from skiros2_gui.app.window import Window
 from skiros2_gui.run.node_text import ConditionText, NodeText
 from skiros2_gui.run.widgets.details import NodeDetails
 from skiros2_gui.run.widgets.tab import RunTab
-from skiros2_gui.testing.local_system import LocalManager, LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_skill.client.description import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree
 from support.recorded_run import ROOT
+from support.window.local_system import LocalManager, LocalSystem
+from support.window.synchronous import make_window
 from unit.skiros2_skill.skills import describe
 
 

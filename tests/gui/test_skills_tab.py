@@ -33,7 +33,7 @@ from skiros2_gui.skills.fields import ElementChoice, Field
 from skiros2_gui.skills.presenter import SkillsPresenter
 from skiros2_gui.skills.widgets import editors
 from skiros2_gui.skills.widgets.tab import SkillsTab
-from skiros2_gui.testing.local_system import LocalSystem
+from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 FETCH = ("/robot", "skiros:Fetch", "")

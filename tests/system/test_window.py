@@ -16,12 +16,12 @@ from skiros2_gui.app.health import sentence
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.system import Part
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.testing.driver import Driver
 from skiros2_msgs.msg import TreeProgress
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import window_monitor
 from support.ros import INSTALL, Ros, RosMaster, wait_until
 from support.rqt_host import RqtHost, provide_rqt
+from support.window.driver import Driver
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 

@@ -22,7 +22,7 @@ from skiros2_gui.app.events import NodeShutdown
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import CHOICES, SYSTEM, apply_theme
-from skiros2_gui.display import display_problem
+from skiros2_gui.launcher import display_problem
 
 log = logging.getLogger(__name__)
 

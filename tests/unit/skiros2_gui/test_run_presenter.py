@@ -17,13 +17,13 @@ from skiros2_gui.app.tasks import PAUSE, RESUME, STEP, STOP
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
-from skiros2_gui.testing.local_system import LocalManager, LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.client.description import Step
 from support.progress import IDLE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree, root
 from support.recorded_run import ROOT
 from support.ros import wait_until
+from support.window.local_system import LocalManager, LocalSystem
+from support.window.synchronous import make_window
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe
 
 Guard = describe("Guard", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])

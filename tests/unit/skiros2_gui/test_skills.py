@@ -21,12 +21,12 @@ from skiros2_gui.skills.catalogue import rows_of
 from skiros2_gui.skills.fields import Editor, Field, ValueMode
 from skiros2_gui.skills.presenter import Refused, SkillsPresenter
 from skiros2_gui.skills.start_status import start_status
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_skill.client.description import Parameter
 from support.progress import SUCCESS, root
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 ROBOT = "/robot"

@@ -9,8 +9,6 @@ import pytest
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_gui.world.choices import CLASS, TEMPLATE, class_choices, element_choices, flat
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED, SceneHierarchy
@@ -20,6 +18,8 @@ from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model import WorldModel
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 
 
 @pytest.fixture(scope="module")

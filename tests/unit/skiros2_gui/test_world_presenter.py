@@ -7,8 +7,6 @@ import pytest
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ConnectionChanged, ElementSelected, WorldChanged
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import SynchronousJobs, make_window
 from skiros2_gui.world.presenter import HIGHLIGHT_SECONDS, WorldPresenter
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, UNPLACED
@@ -16,6 +14,8 @@ from skiros2_world_model.core.changes import RESET, Add, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_abstract_interface import WmException
+from support.window.local_system import LocalSystem
+from support.window.synchronous import SynchronousJobs, make_window
 
 BOX = "skiros:LargeBox"
 

@@ -1,4 +1,4 @@
-"""The port to the running system; the adapters are `app.ros.system` and `testing.local_system`."""
+"""The port to the running system; `app.ros.system` is its adapter; that of tests is in one process."""
 
 from __future__ import annotations
 

@@ -40,8 +40,6 @@ class SceneModel(QAbstractItemModel):
         self._numbers: dict[str, int] = {}
         self._ids: list[str] = []
         self._found: frozenset[str] = frozenset()
-        self._changed: dict[str, None] = {}
-        self._end_rows: Any = None
 
     # -- presenter's view --------------------------------------------------------------------------------------
 
@@ -54,36 +52,20 @@ class SceneModel(QAbstractItemModel):
             self._presenter.hierarchy.view = self
         self.endResetModel()
 
-    def begin_insert(self, parent: str, row: int) -> None:
-        self.beginInsertRows(self.index_of(parent), row, row)
-        self._end_rows = self.endInsertRows
+    def begin_layout(self) -> None:
+        self.layoutAboutToBeChanged.emit()
 
-    def begin_remove(self, parent: str, row: int) -> None:
-        self.beginRemoveRows(self.index_of(parent), row, row)
-        self._end_rows = self.endRemoveRows
+    def end_layout(self) -> None:
+        before = self.persistentIndexList()
+        after = [self.index_of(self.element(index)).siblingAtColumn(index.column()) for index in before]
+        self.changePersistentIndexList(before, after)
+        self.layoutChanged.emit()
 
-    def begin_reset(self) -> None:
-        self.beginResetModel()
-        self._end_rows = self.endResetModel
-
-    def end(self) -> None:
-        self._end_rows()
-
-    def element_changed(self, eid: str) -> None:
-        self._changed[eid] = None
-
-    def changes_ended(self) -> None:
-        rows: dict[str, list[int]] = {}
-        hierarchy, element_changed = self._presenter.hierarchy, self._changed
-        self._changed = {}
-        for eid in element_changed:
-            if hierarchy is not None and eid in self._numbers and hierarchy.is_shown(eid):
-                rows.setdefault(hierarchy.parent(eid), []).append(hierarchy.row(eid))
-        for parent, some in rows.items():
-            above = self.index_of(parent)
-            first, last = self.index(min(some), 0, above), self.index(max(some), len(HEADERS) - 1, above)
-            if first.isValid() and last.isValid():
-                self.dataChanged.emit(first, last)
+    def elements_changed(self, ids: Iterable[str]) -> None:
+        for eid in ids:
+            index = self.index_of(eid) if eid in self._numbers else QModelIndex()
+            if index.isValid():
+                self.dataChanged.emit(index, index.siblingAtColumn(len(HEADERS) - 1))
 
     def show_found(self, ids: Iterable[str]) -> None:
         """Shows elements in bold."""
@@ -116,9 +98,9 @@ class SceneModel(QAbstractItemModel):
     def index(self, row: int, column: int, parent: QModelIndex = _NOWHERE) -> QModelIndex:
         hierarchy = self._presenter.hierarchy
         above = self.element(parent)
-        if hierarchy is None or not 0 <= row < hierarchy.count(above) or not 0 <= column < len(HEADERS):
+        if hierarchy is None or not 0 <= row < len(hierarchy.children(above)) or not 0 <= column < len(HEADERS):
             return QModelIndex()
-        return self.createIndex(row, column, self._number(hierarchy.child(above, row)))
+        return self.createIndex(row, column, self._number(hierarchy.children(above)[row]))
 
     def parent(self, index: QModelIndex) -> QModelIndex:
         hierarchy = self._presenter.hierarchy
@@ -128,7 +110,7 @@ class SceneModel(QAbstractItemModel):
 
     def rowCount(self, parent: QModelIndex = _NOWHERE) -> int:
         hierarchy = self._presenter.hierarchy
-        return 0 if hierarchy is None or parent.column() > 0 else hierarchy.count(self.element(parent))
+        return 0 if hierarchy is None or parent.column() > 0 else len(hierarchy.children(self.element(parent)))
 
     def hasChildren(self, parent: QModelIndex = _NOWHERE) -> bool:
         hierarchy = self._presenter.hierarchy
@@ -171,7 +153,7 @@ class SceneModel(QAbstractItemModel):
         assert hierarchy is not None
         if column == 0:
             name = display_name(hierarchy, eid)
-            return f"{name} ({hierarchy.count(UNPLACED)})" if eid == UNPLACED else name
+            return f"{name} ({len(hierarchy.children(UNPLACED))})" if eid == UNPLACED else name
         record = hierarchy.scene.record(eid)
         if column == 1:
             return local_name(record.type) if record is not None else ""

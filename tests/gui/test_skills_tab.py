@@ -179,7 +179,7 @@ def test_reason_of_a_failure_is_shown_below_the_list(tab: SkillsTab, qtbot: QtBo
     qtbot.keyClick(loud, Qt.Key_Up)
     _click(qtbot, tab, "startButton")
     qtbot.waitUntil(lambda: "too loud" in _child(tab, QPlainTextEdit, "taskWhy").toPlainText())
-    assert tab.tasks.list.topLevelItem(0).text(1) == "✗ failed"
+    qtbot.waitUntil(lambda: tab.tasks.list.topLevelItem(0).text(1) == "✗ failed")
 
 
 def test_settings_are_restored_and_invalid_ones_skipped(tab: SkillsTab) -> None:

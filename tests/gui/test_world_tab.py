@@ -259,7 +259,7 @@ def test_relation_dialog_adds_a_relation(desk: Desk) -> None:
     assert not dialog.ok.isEnabled()
     _choose(desk, dialog.other, "screw")
     _choose(desk, dialog.predicate, "cora:robotPart")
-    assert "robotPart is meant for a subject of class Device, not LargeBox" in dialog.note.text()
+    assert "the subject of cora:robotPart is a sumo:Device, which skiros:LargeBox is not" in dialog.note.text()
     assert not desk.wm.get_relations(box, "cora:robotPart", part)
     _choose(desk, dialog.predicate, "skiros:at")
     desk.press(dialog)

@@ -77,7 +77,7 @@ def test_skill_is_started_and_stopped_by_clicks(window: Driver, demo: Ros) -> No
     window.open_tab("Running")
     window.open_tab("Messages")
     window.wait_for_row("messages", "Waiting: ")
-    window.click("stopTask")
+    window.click("stopButton")
     window.wait_for_row("messages", "Stopped while waiting")
     root = told.wait_for(lambda message: abs(message.progress[0].progress_code) == 1).progress[0]
     assert root.type == ":Root"

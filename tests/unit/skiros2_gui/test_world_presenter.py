@@ -274,6 +274,18 @@ def test_orientation_is_edited_in_degrees(cell: Cell) -> None:
     assert after.pose.angles == pytest.approx((0.0, 0.0, 90.0))
 
 
+def test_pose_is_removed_and_restored(cell: Cell) -> None:
+    box = cell.add()
+    cell.tab.select(box)
+    cell.change(lambda r: r.remove_pose(box))
+    details = cell.tab.details()
+    assert details is not None and details.pose is None and cell.problem == ""
+    assert not any(row.name.startswith(("Position", "Orientation")) for row in details.properties)
+    cell.undo()
+    details = cell.tab.details()
+    assert details is not None and details.pose is not None
+
+
 def test_external_drag_is_one_undo_command(cell: Cell) -> None:
     box = cell.add()
     element = cell.wm.get_element(box)

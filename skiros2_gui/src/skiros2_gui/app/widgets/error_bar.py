@@ -1,21 +1,17 @@
-"""The error bar and the error history."""
+"""The error bar."""
 
 from __future__ import annotations
 
 from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtGui import QGuiApplication, QKeySequence
+from python_qt_binding.QtGui import QGuiApplication
 from python_qt_binding.QtWidgets import (
-    QDialog,
-    QDialogButtonBox,
     QFrame,
     QHBoxLayout,
     QLabel,
-    QListWidget,
+    QPlainTextEdit,
     QPushButton,
-    QShortcut,
     QSizePolicy,
     QToolButton,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -70,10 +66,15 @@ class ErrorBar(QFrame):
             QGuiApplication.clipboard().setText(self._problems.newest.line)
 
     def show_history(self) -> None:
-        """Opens the error history."""
-        dialog = ErrorHistory(self._problems, self.window())
-        dialog.setAttribute(Qt.WA_DeleteOnClose)
-        dialog.open()
+        """Opens the list of errors, the newest first; its text can be selected and copied."""
+        self.history = QPlainTextEdit("\n".join(f"{clock(p.stamp)}  {p.line}" for p in self._problems.history))
+        self.history.setReadOnly(True)
+        self.history.setParent(self.window(), Qt.Dialog)
+        self.history.setAttribute(Qt.WA_DeleteOnClose)
+        self.history.setWindowTitle("Errors")
+        em = self.fontMetrics().height()
+        self.history.resize(45 * em, 25 * em)
+        self.history.show()
 
     def _show(self) -> None:
         newest = self._problems.newest
@@ -85,47 +86,6 @@ class ErrorBar(QFrame):
             self.text.setText(shown)
             more = f"\n{whole[:MAX_IN_TIP]}" if shown != whole else ""
             self.text.setToolTip(f"At {clock(newest.stamp)}{more}")
-
-
-class ErrorHistory(QDialog):
-    """The list of problems, the newest first."""
-
-    def __init__(self, problems: Problems, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setWindowTitle("Errors")
-        self._problems = problems
-        self.list = QListWidget()
-        self.list.setWordWrap(True)
-        self.list.setResizeMode(QListWidget.Adjust)
-        self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)
-        self.list.setSpacing(2)
-        self.list.setAlternatingRowColors(True)
-        self.list.setSelectionMode(QListWidget.ExtendedSelection)
-        for problem in problems.history:
-            self.list.addItem(f"{clock(problem.stamp)}  {problem.line}")
-        buttons = QDialogButtonBox(QDialogButtonBox.Close)
-        copy = buttons.addButton("Copy", QDialogButtonBox.ActionRole)
-        copy.setToolTip("Copies the selected lines, or all (Ctrl+C)")
-        clear = buttons.addButton("Clear", QDialogButtonBox.ResetRole)
-        copy.clicked.connect(self.copy)
-        clear.clicked.connect(self._clear)
-        buttons.rejected.connect(self.reject)
-        QShortcut(QKeySequence(QKeySequence.Copy), self.list, self.copy)
-        column = QVBoxLayout(self)
-        column.addWidget(self.list)
-        column.addWidget(buttons)
-        em = self.fontMetrics().height()
-        self.resize(45 * em, 25 * em)
-
-    def copy(self) -> None:
-        """Copies the selected lines, or all, to the clipboard."""
-        rows = [self.list.item(row) for row in range(self.list.count())]
-        chosen = [row for row in rows if row.isSelected()] or rows
-        QGuiApplication.clipboard().setText("\n".join(row.text() for row in chosen))
-
-    def _clear(self) -> None:
-        self._problems.clear()
-        self.list.clear()
 
 
 def _button(text: str, tip: str, clicked: object) -> QPushButton:

@@ -48,7 +48,7 @@ class ElementPanel(QWidget):
         self.label_edit.setPlaceholderText("no label")
         self.label_edit.setToolTip("The label: the template it was made from, or a free name. Enter writes it")
         self.label_edit.editingFinished.connect(self._write_label)
-        self.pose = PoseEditor(self._write_pose)
+        self.pose = PoseEditor(self._write_pose, self._remove_pose)
         self.properties = RowsView(
             RowsModel(("Property", "Value", "Unit"), _VALUE, self._write_value, lambda row: _in_place(row)), _VALUE
         )
@@ -174,6 +174,11 @@ class ElementPanel(QWidget):
         if details is not None:
             what = f"pose of {local_name(details.id)}"
             self._presenter.change(what, lambda r: r.set_pose(details.id, position, angles))
+
+    def _remove_pose(self) -> None:
+        details = self._shown
+        if details is not None:
+            self._presenter.change(f"remove pose of {local_name(details.id)}", lambda r: r.remove_pose(details.id))
 
     def _write_value(self, row: PropertyRow, text: str) -> None:
         self._write_values(row.key, [text] if text or row.kind is str else [])

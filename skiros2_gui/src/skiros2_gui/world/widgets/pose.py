@@ -23,10 +23,11 @@ class PoseEditor(QWidget):
     """Six numbers, written when they have been edited. A pose being edited is not updated.
 
     :param write: called with position (m) and angles (degrees), three numbers each.
+    :param remove: called to remove the pose.
     """
 
-    def __init__(self, write: Callable[[list[float], list[float]], None], parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, write: Callable[[list[float], list[float]], None], remove: Callable[[], None]) -> None:
+        super().__init__()
         self._write = write
         self._shown = _IDENTITY
         self.frame = QLabel()
@@ -35,6 +36,9 @@ class PoseEditor(QWidget):
         self.add.setObjectName("addPoseButton")
         self.add.setToolTip("Gives it a pose at the origin of its parent")
         self.add.clicked.connect(lambda: write([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
+        self.remove = QPushButton("Remove the pose")
+        self.remove.setObjectName("removePoseButton")
+        self.remove.clicked.connect(lambda: remove())
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(_WRITE_DELAY)
@@ -43,8 +47,9 @@ class PoseEditor(QWidget):
         self._labels = [QLabel(name) for name in _NUMBERS]
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
-        grid.addWidget(self.frame, 0, 0, 1, 6)
-        grid.addWidget(self.add, 0, 6)
+        grid.addWidget(self.frame, 0, 0, 1, 5)
+        grid.addWidget(self.add, 0, 5, 1, 2, Qt.AlignRight)
+        grid.addWidget(self.remove, 0, 5, 1, 2, Qt.AlignRight)
         for index, (label, box) in enumerate(zip(self._labels, self.boxes, strict=True)):
             row, column = 1 + index // 3, 2 * (index % 3)
             label.setAlignment(Qt.AlignRight | Qt.AlignVCenter)
@@ -63,6 +68,7 @@ class PoseEditor(QWidget):
         self._shown = pose or _IDENTITY
         self.frame.setText(f"Pose in {pose.frame}" if pose and pose.frame else "Pose" if pose else "No pose")
         self.add.setVisible(pose is None)
+        self.remove.setVisible(pose is not None)
         for label, box, number in zip(self._labels, self.boxes, self._numbers, strict=True):
             label.setVisible(pose is not None)
             box.setVisible(pose is not None)

@@ -84,7 +84,7 @@ class QueryPanel(QWidget):
         splitter.setStretchFactor(1, 2)
         column = QVBoxLayout(self)
         column.addWidget(splitter)
-        queries.hooks.answer.append(self._show)
+        queries.on_answer = self._show
         self._fill_examples()
 
     def ask(self) -> None:

@@ -11,6 +11,7 @@ from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_world_model.core.formatting import format_time
+from skiros2_world_model.core.history_entry import changed_lines
 from skiros2_world_model.core.report import VIOLATION, WARNING
 
 _COLOURS = {VIOLATION: "failure", WARNING: "paused"}
@@ -33,13 +34,8 @@ class ReportPanel(QWidget):
         self.table = RowsView(RowsModel(("Severity", "Element", "Property", "Message")))
         self.table.setObjectName("validationTable")
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._go_to())
-        row = QHBoxLayout()
-        row.addWidget(self.message, 1)
-        row.addWidget(self.again)
-        column = QVBoxLayout(self)
-        column.addLayout(row)
-        column.addWidget(self.table, 1)
-        queries.hooks.report.append(self._show)
+        _lay_out(self, self.message, self.again, self.table)
+        queries.on_report = self._show
 
     def _show(self) -> None:
         report = self._queries.report
@@ -82,13 +78,8 @@ class HistoryPanel(QWidget):
         self.again.clicked.connect(lambda: self.show_element(is_changed=True))
         self.table = RowsView(RowsModel(("Time", "Author", "Changes")))
         self.table.setObjectName("historyTable")
-        row = QHBoxLayout()
-        row.addWidget(self.message, 1)
-        row.addWidget(self.again)
-        column = QVBoxLayout(self)
-        column.addLayout(row)
-        column.addWidget(self.table, 1)
-        queries.hooks.history.append(self._show)
+        _lay_out(self, self.message, self.again, self.table)
+        queries.on_history = self._show
 
     def showEvent(self, event: Any) -> None:
         super().showEvent(event)
@@ -116,7 +107,8 @@ class HistoryPanel(QWidget):
             self.message.setText(f"{name}: {len(past.entries)} changes, the newest first")
         rows = []
         for entry in past.entries or ():
-            own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]
+            lines = [*([] if entry.action == "change" else [entry.action]), *changed_lines(entry)]
+            own = [line.replace(f"~ {past.eid} ", "~ ") for line in lines]
             author = "this window" if entry.author == self._presenter.author() else entry.author.strip("/")
             tip = "\n".join([f"{format_time(entry.stamp)}, {entry.author}", *own])
             rows.append(Row((format_time(entry.stamp), author, "   ".join(own)), tip, entry.number))
@@ -125,3 +117,12 @@ class HistoryPanel(QWidget):
         most = self.table.fontMetrics().averageCharWidth() * 24
         self.table.setColumnWidth(1, min(self.table.columnWidth(1), most))
         self.table.horizontalHeader().setStretchLastSection(True)
+
+
+def _lay_out(panel: QWidget, message: QLabel, button: QPushButton, table: RowsView) -> None:
+    row = QHBoxLayout()
+    row.addWidget(message, 1)
+    row.addWidget(button)
+    column = QVBoxLayout(panel)
+    column.addLayout(row)
+    column.addWidget(table, 1)

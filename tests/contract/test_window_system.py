@@ -12,8 +12,7 @@ import pytest
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import Event, TaskProgress, WorldChanged
+from skiros2_gui.app.events import Event, EventQueue, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pytestqt.qtbot import QtBot
 
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import ElementSelected, ProblemReported
+from skiros2_gui.app.events import ElementSelected, EventQueue, ProblemReported
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from support.window.local_system import LocalSystem
 

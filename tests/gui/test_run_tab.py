@@ -19,8 +19,8 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ElementSelected, TaskProgress, TaskStarted
 from skiros2_gui.app.window import Window
-from skiros2_gui.run.node_text import ConditionText, NodeText
-from skiros2_gui.run.widgets.details import NodeDetails
+from skiros2_gui.run.node import ConditionText, NodeText
+from skiros2_gui.run.widgets.side_tabs import NodeDetails
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_skill.client.description import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree

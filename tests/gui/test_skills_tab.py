@@ -28,8 +28,8 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.errors import Refused
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.skills.fields import ElementChoice, Field
+from skiros2_gui.goal.plan import GoalExecution
+from skiros2_gui.skills.form import ElementChoice, Field
 from skiros2_gui.skills.presenter import SkillsPresenter
 from skiros2_gui.skills.widgets import editors
 from skiros2_gui.skills.widgets.tab import SkillsTab

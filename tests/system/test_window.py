@@ -12,9 +12,8 @@ import pytest
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_gui.app.health import sentence
 from skiros2_gui.app.ros.system import RosSystem
-from skiros2_gui.app.system import Part
+from skiros2_gui.app.system import Part, sentence
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_msgs.msg import TreeProgress
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from skiros2_gui.app.events import GoalFeedback
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completion, Vocabulary, complete
-from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.goal.plan import check_syntax
+from skiros2_gui.goal.plan import GoalExecution, check_syntax
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.planners import planner_named

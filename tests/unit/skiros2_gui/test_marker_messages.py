@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 from visualization_msgs.msg import InteractiveMarkerControl, Marker
 
-from skiros2_gui.view3d.markers import AXES, BOX, MESH, ElementMarker, Visual
-from skiros2_gui.view3d.robot_model import RobotPart
+from skiros2_gui.view3d.markers import AXES, BOX, MESH, ElementMarker, RobotPart, Visual
 from skiros2_gui.view3d.ros.marker_messages import (
     TEXTS,
     deletions,

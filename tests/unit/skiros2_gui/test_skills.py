@@ -18,7 +18,7 @@ from skiros2_gui.app.events import TaskProgress
 from skiros2_gui.app.tasks import RESUME, STEP, is_silent
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import rows_of
-from skiros2_gui.skills.fields import Editor, Field, ValueMode
+from skiros2_gui.skills.form import Editor, Field, ValueMode
 from skiros2_gui.skills.presenter import Refused, SkillsPresenter
 from skiros2_gui.skills.start_status import start_status
 from skiros2_runs.core.states import TaskState

@@ -12,8 +12,7 @@ from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
 from skiros2_gui.app.tasks import PAUSE, RESUME
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.breakpoints import Breakpoints
-from skiros2_gui.run.node_text import NodeText
-from skiros2_gui.run.selected_node import SelectedNode
+from skiros2_gui.run.node import NodeText, SelectedNode
 from skiros2_gui.run.tree import RunTree
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.runs import Runs

@@ -11,14 +11,13 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ManagersChanged, TaskStarted, WorldChanged
+from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.system import Manager
 from skiros2_gui.app.tasks import STOP
-from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import Offer, RobotRow, offers_of, rows_of
-from skiros2_gui.skills.fields import ElementChoice, Field, ValueMode, element_choices
-from skiros2_gui.skills.form import Form
+from skiros2_gui.skills.form import ElementChoice, Field, Form, ValueMode, element_choices
 from skiros2_skill.client.description import Skill, Step
 from skiros2_skill.core.runtime.task_starter import StartPreview
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface

@@ -17,7 +17,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.run.node_text import clock_text, duration_text
+from skiros2_gui.run.node import clock_text, duration_text
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
 

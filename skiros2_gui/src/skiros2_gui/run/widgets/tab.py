@@ -15,8 +15,7 @@ from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import Redraw, RunPresenter
 from skiros2_gui.run.widgets.bars import HistoryBar, TreeBar
-from skiros2_gui.run.widgets.details import NodeDetails
-from skiros2_gui.run.widgets.side_tabs import BreakpointPanel, MessageList, TimeList
+from skiros2_gui.run.widgets.side_tabs import BreakpointPanel, MessageList, NodeDetails, TimeList
 from skiros2_gui.run.widgets.view import TreeView
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.states import FAILURE

@@ -6,7 +6,7 @@ from python_qt_binding.QtCore import QEvent, QPoint, QPointF, Qt, Signal
 from python_qt_binding.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QWheelEvent
 from python_qt_binding.QtWidgets import QGraphicsScene, QGraphicsView, QMenu, QToolTip, QWidget
 
-from skiros2_gui.run.node_text import CHOSEN_LATER, duration_text, processor_text
+from skiros2_gui.run.node import CHOSEN_LATER, duration_text, processor_text
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.widgets.bars import FOLDS
 from skiros2_gui.run.widgets.graph import TreeItem

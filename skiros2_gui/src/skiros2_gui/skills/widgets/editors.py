@@ -12,7 +12,7 @@ from python_qt_binding.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdi
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.widgets.search_box import SearchBox
-from skiros2_gui.skills.fields import Editor, ElementChoice, Field, ValueMode
+from skiros2_gui.skills.form import Editor, ElementChoice, Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
 
 E = TypeVar("E", bound="FieldEditor")

@@ -9,8 +9,7 @@ from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker
 
-from skiros2_gui.view3d.markers import AXES, BOX, MESH, TEXT_HEIGHT, ElementMarker, Visual
-from skiros2_gui.view3d.robot_model import CYLINDER, SPHERE, RobotPart
+from skiros2_gui.view3d.markers import AXES, BOX, CYLINDER, MESH, SPHERE, TEXT_HEIGHT, ElementMarker, RobotPart, Visual
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 
 #: The suffix of the namespace of text markers.

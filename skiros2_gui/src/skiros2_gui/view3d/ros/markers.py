@@ -18,11 +18,10 @@ from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.shutdown import spin
 from skiros2_gui.app.events import ProblemReported
+from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
-from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet, MarkerUpdate
-from skiros2_gui.view3d.markers import MarkerFactory
-from skiros2_gui.view3d.robot_model import read_robot
+from skiros2_gui.view3d.markers import MarkerFactory, read_robot
 from skiros2_gui.view3d.ros.marker_messages import deletions, element_markers, robot_marker
 from skiros2_gui.view3d.ros.selected_marker import OnProblem, SelectedMarker
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface

@@ -26,10 +26,8 @@ from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED
 from skiros2_gui.world.widgets.dialogs import AddDialog, ClassDialog, FileDialog, RemoveDialog
 from skiros2_gui.world.widgets.element import ElementPanel
-from skiros2_gui.world.widgets.query import QueryPanel
-from skiros2_gui.world.widgets.reports import HistoryPanel, ReportPanel
-from skiros2_gui.world.widgets.scene_model import SceneModel
-from skiros2_gui.world.widgets.scene_tree import ElementFinder, SceneTree
+from skiros2_gui.world.widgets.reports import HistoryPanel, QueryPanel, ReportPanel
+from skiros2_gui.world.widgets.scene_tree import ElementFinder, SceneModel, SceneTree
 from skiros2_world_model.core.scene import ROOT
 
 #: The period of checks for old highlights (ms).

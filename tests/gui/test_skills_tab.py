@@ -183,11 +183,13 @@ def test_reason_of_a_failure_is_shown_below_the_list(tab: SkillsTab, qtbot: QtBo
 
 
 def test_settings_are_restored_and_invalid_ones_skipped(tab: SkillsTab) -> None:
-    tab.skills.uses = {"skiros:Note|note": 3}
+    tab.goals.write("(skiros:contain box nut)")
     kept = tab.settings()
-    tab.restore({"uses": [], "across": 3, "down": "ä", "more": None})
+    tab.goals.write("")
+    tab.restore({"goals": 3, "goal": [], "across": 3, "down": "ä", "more": None})
+    assert tab.goals.text == ""
     tab.restore(kept)
-    assert tab.skills.rows[0].skills[0].offer.key == NOTE
+    assert tab.goals.text == "(skiros:contain box nut)"
 
 
 def test_registered_editor_edits_the_fields_that_it_accepts(

@@ -22,9 +22,6 @@ class SynchronousJobs(Jobs):
         self.deferred = deferred
         self._waiting: list[Job] = []
 
-    def post(self, call: Callable[[], None]) -> None:
-        call()
-
     def release(self) -> None:
         """Runs the delayed calls."""
         waiting, self._waiting = self._waiting, []

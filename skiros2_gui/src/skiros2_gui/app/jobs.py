@@ -90,14 +90,6 @@ class Jobs:
             self._start(job)
         self._notify_busy()
 
-    def post(self, call: Callable[[], None]) -> None:
-        """Schedules a call in the window's thread. Any thread; posted calls keep their order."""
-        with self._lock:
-            if self._is_closed:
-                return
-            self._ended.append(Job(_nothing, lambda _: call(), None, "", ""))
-        self._wake()
-
     def deliver(self) -> None:
         """Calls the callbacks of the calls that have ended."""
         while not self._is_closed:
@@ -105,12 +97,9 @@ class Jobs:
                 if not self._ended:
                     return
                 job = self._ended.popleft()
-            was_run = job in self._running
-            if was_run:
-                self._running.remove(job)
+            self._running.remove(job)
             self._call_back(job)
-            if was_run:
-                self._notify_busy()
+            self._notify_busy()
 
     def close(self) -> None:
         """Discards waiting calls and all results. Does not wait for running calls."""
@@ -165,10 +154,6 @@ class Jobs:
     def _notify_busy(self) -> None:
         for hook in self._busy_hooks:
             hook()
-
-
-def _nothing() -> None:
-    """The call of a posted job, whose work is done in `done`."""
 
 
 class Throttle:

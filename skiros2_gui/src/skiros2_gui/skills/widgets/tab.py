@@ -109,14 +109,12 @@ class SkillsTab(QWidget):
 
     def settings(self) -> dict[str, Any]:
         return {
-            **self.skills.settings(),
             **self.goals.settings(),
             "across": _text(self.across.saveState()),
             "down": _text(self.down.saveState()),
         }
 
     def restore(self, settings: Mapping[str, Any]) -> None:
-        self.skills.restore(settings)
         self.goals.restore(settings)
         for splitter, name in ((self.across, "across"), (self.down, "down")):
             state = settings.get(name)

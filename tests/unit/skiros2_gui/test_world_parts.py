@@ -14,7 +14,7 @@ from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED, SceneHierarchy
 from skiros2_gui.world.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.changes import ADD, RESET, UPDATE, Change
-from skiros2_world_model.core.history_entry import changed_lines
+from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT

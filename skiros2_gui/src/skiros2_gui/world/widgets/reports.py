@@ -25,7 +25,7 @@ from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView, fixed_font
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import CONTEXTS, WorldQueries
 from skiros2_world_model.core.formatting import format_time, format_value
-from skiros2_world_model.core.history_entry import changed_lines
+from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.core.report import VIOLATION, WARNING
 
 _CONTEXT_TEXTS = ("the scene and the ontologies", "the scene", "the ontologies")

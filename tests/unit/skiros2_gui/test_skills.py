@@ -324,7 +324,6 @@ def test_refused_start_has_explanation(lab: Lab) -> None:
     lab.skills.start()
     assert "there is no element" in lab.skills.refused.text
     assert "Thing" in {origin.key for origin in lab.skills.refused.explanation.tried[0].params}
-    assert lab.skills.uses == {}
 
 
 def test_first_line_of_a_refusal_is_its_text(lab: Lab) -> None:

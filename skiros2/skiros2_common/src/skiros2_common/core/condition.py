@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 #: The methods that state how a condition is evaluated, and those that say the same in a faster way.
 _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_inference")
-_SHORTCUTS = ("element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record")
+_SHORTCUTS = ("element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields")
 
 
 class Cost(IntEnum):
@@ -56,12 +56,218 @@ class ConditionRecord(Protocol):
     def parts(self) -> Sequence[ConditionRecord]: ...
 
 
-class _OfParameters:
-    """Reads the elements in the parameters of a condition, for evaluation and for explanations."""
+class ConditionBase:
+    """A condition on one parameter. Subclasses define the fact (`holds`) and how to apply it as an effect.
 
-    def __init__(self, clabel: str) -> None:
+    A subclass is a plug-in: it states here what inference, the engine, lint and planning need to know about it. A
+    subclass that changes how a condition is evaluated inherits no shortcut (`element_ids`, `candidate_ids`,
+    `indexed_value`, `satisfied_by`, `from_record`), and has to state again those that still apply.
+
+    :param clabel: label for people.
+    :param subj: key of the parameter.
+    :param desired_state: True: the fact has to hold; False: it must not hold.
+    """
+
+    #: The call that added it to a skill; None if unknown.
+    source_location: SourceLocation | None = None
+
+    #: Whether only planners use it; a running skill does not check it.
+    only_exported = False
+
+    #: Whether the fact may change while the world model and the parameters stay the same, so that every tick evaluates
+    #: the condition.
+    volatile: bool = False
+
+    #: The cost of an evaluation; inference evaluates cheap conditions first.
+    cost: Cost = Cost.ELEMENT
+
+    #: Whether it can hold for elements only.
+    wants_elements: bool = False
+
+    #: The fields of a `ConditionRecord` that the constructor takes; None: `from_record` creates none.
+    record_fields: ClassVar[tuple[str, ...] | None] = None
+
+    #: The loaded classes by name.
+    classes: ClassVar[dict[str, type[ConditionBase]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        ConditionBase.classes[cls.__name__] = cls
+        if not vars(cls).keys().isdisjoint(_EVALUATION):
+            for name in _SHORTCUTS:
+                if name not in vars(cls):
+                    setattr(cls, name, vars(ConditionBase)[name])
+
+    def __init__(self, clabel: str, subj: str, desired_state: bool) -> None:
         self._label = clabel
+        self._subject_key = subj
+        self._desired_state = desired_state
+        self._custom_description = ""
+        self._undo: list[Callable[[], object]] = []
         self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
+
+    def __eq__(self, other: object) -> bool:
+        return self.isEqual(other)
+
+    __hash__ = object.__hash__  # by identity: remaps change equality
+
+    @property
+    def label(self) -> str:
+        return self._label
+
+    @property
+    def _description(self) -> str:
+        # The text of `getDescription` without the label; libraries read and assign it.
+        return self._custom_description or f"{'' if self._desired_state else 'not '}{self.fact()}"
+
+    @_description.setter
+    def _description(self, text: str) -> None:
+        self._custom_description = text
+
+    @property
+    def desired_state(self) -> bool:
+        return self._desired_state
+
+    # -- to override -------------------------------------------------------------------------------------------
+
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        """Whether the fact holds, regardless of the desired state."""
+        raise NotImplementedError(f"{self.__class__.__name__} has to define holds")
+
+    def fact(self) -> str:
+        """The fact as text, with the parameter values of the last evaluation."""
+        return f"{self.__class__.__name__}({', '.join(self.getKeys())})"
+
+    @property
+    def parts(self) -> Sequence[ConditionBase]:
+        """The conditions that it is composed of."""
+        return ()
+
+    def ontology_names(self) -> list[tuple[str, str]]:
+        """The names of the ontology that it refers to, as pairs of kind (relation, property or class) and name."""
+        return []
+
+    # -- to override, where there is a faster way than `holds` -------------------------------------------------
+
+    def element_ids(self, ph: ParamHandler) -> set[str] | None:
+        """The ids of the elements that the result depends on, with their relations; None: any may change it.
+
+        The parameters themselves and the ontologies are not named. A volatile condition may omit what else changes it.
+        """
+        return None
+
+    def candidate_ids(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> set[str] | None:
+        """The ids of exactly those elements that satisfy it as the value of a parameter, from an index of the scene.
+
+        The other parameters are bound. None: no index has them.
+        """
+        return None
+
+    def indexed_value(self) -> tuple[str, Any] | None:
+        """A property and the value that it must have, if an index has the elements with that value."""
+        return None
+
+    def satisfied_by(self, element: Element) -> bool | None:
+        """Whether an element, as passed, satisfies it; None if that depends on more than the element."""
+        return None
+
+    @classmethod
+    def from_record(cls, record: ConditionRecord) -> Self | None:
+        """Creates the condition from its record; None if that is impossible."""
+        return cls(*(getattr(record, name) for name in cls.record_fields)) if cls.record_fields is not None else None
+
+    def _signature(self) -> tuple[Any, ...]:
+        """The values that identify the fact among conditions of this class."""
+        return (self._subject_key,)
+
+    # -- the contract's interface ------------------------------------------------------------------------------
+
+    def evaluate(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        """Whether the desired state holds."""
+        for key in self.getKeys():
+            self._remember(key, ph)
+        return self.holds(ph, wmi) == self._desired_state
+
+    def satisfied_for_inference(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        """Whether the current values are acceptable to inference; by default the same as `evaluate`."""
+        return self.evaluate(ph, wmi)
+
+    def describe(self) -> str:
+        """The condition as text, without label: with the elements of its last evaluation, before it with the keys."""
+        return self.getDescription().removeprefix(f"[{self._label}] ")  # libraries override only that
+
+    def getDescription(self) -> str:
+        """The label, and the condition with the elements of its last evaluation."""
+        return f"[{self._label}] {self._description}"
+
+    # -- changes of the world model ----------------------------------------------------------------------------
+
+    def affected_by(self, changed: Collection[str], ph: ParamHandler) -> bool:
+        """Whether a change of the world model may change the result.
+
+        :param changed: the ids of the changed elements; empty: the ontologies have changed. See `changed_ids`.
+        :param ph: the parameters of the running skill.
+        """
+        ids = self.element_ids(ph)
+        return ids is None or not changed or not ids.isdisjoint(changed)
+
+    def ids_in_parameters(self, ph: ParamHandler) -> set[str] | None:
+        """`element_ids` of a condition that reads only the elements in its parameters."""
+        ids: set[str] = set()
+        for key in self.getKeys():
+            param = ph._params.get(key)
+            if param is None or (param.is_element and not param.is_bound()):
+                return None  # an unset parameter may stand for any element of a class
+            if param.is_element:
+                ids.update(element.id for element in param.current)
+        return ids
+
+    # -- explanation -------------------------------------------------------------------------------------------
+
+    def explain(self, ph: ParamHandler, wmi: WorldModelPort) -> Finding:
+        """Explains why `evaluate` returned False. Searches the scene for near matches.
+
+        :raises SkirosError: as `evaluate`.
+        """
+        for key in self.getKeys():
+            self._remember(key, ph)
+        return Finding(
+            self.__class__.__name__,
+            self._label,
+            {key: self._name(key) for key in self.getKeys()},
+            self.expected(),
+            self.found(ph, wmi) or "it does not hold",
+            self._near_matches(ph, wmi),
+            self._changes(ph, wmi),
+        )
+
+    def expected(self) -> str:
+        """The wanted state, as text that completes that of `found`."""
+        return self.describe()
+
+    def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        """The actual state, when `evaluate` returned False; "" if unknown."""
+        return ""
+
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
+        """The condition as text that follows a number of candidates for a parameter: "3 skiros:Part <text>"."""
+        return f"for which [{self._label}] holds"
+
+    def found_for(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        """Same as `found`, for the element in one parameter."""
+        return self.found(ph, wmi)
+
+    def _near_matches(self, ph: ParamHandler, wmi: WorldModelPort) -> list[NearMatch]:
+        """Elements that satisfy the condition, at most `MAX_EXAMPLES`."""
+        return []
+
+    def _changes(self, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
+        """The last changes of the facts that it depends on."""
+        return []
+
+    def _same_fact(self, other: object) -> TypeGuard[Self]:
+        return type(other) is type(self) and self._signature() == other._signature()
+
+    # -- reading parameters, for evaluation and for explanations -------------------------------------------------
 
     def _remember(self, key: str, ph: ParamHandler) -> None:
         param = ph._params.get(key)
@@ -150,214 +356,6 @@ class _OfParameters:
             return []
         return [Change(value.id, name if is_in_scene(value, wmi) else "")]
 
-
-class ConditionBase(_OfParameters):
-    """A condition on one parameter. Subclasses define the fact (`holds`) and how to apply it as an effect.
-
-    A subclass is a plug-in: it states here what inference, the engine, lint and planning need to know about it. A
-    subclass that changes how a condition is evaluated inherits no shortcut (`element_ids`, `candidate_ids`,
-    `indexed_value`, `satisfied_by`, `from_record`), and has to state again those that still apply.
-
-    :param clabel: label for people.
-    :param subj: key of the parameter.
-    :param desired_state: True: the fact has to hold; False: it must not hold.
-    """
-
-    #: The call that added it to a skill; None if unknown.
-    source_location: SourceLocation | None = None
-
-    #: Whether only planners use it; a running skill does not check it.
-    only_exported = False
-
-    #: Whether the fact may change while the world model and the parameters stay the same, so that every tick evaluates
-    #: the condition.
-    volatile: bool = False
-
-    #: The cost of an evaluation; inference evaluates cheap conditions first.
-    cost: Cost = Cost.ELEMENT
-
-    #: Whether it can hold for elements only.
-    wants_elements: bool = False
-
-    #: The loaded classes by name.
-    classes: ClassVar[dict[str, type[ConditionBase]]] = {}
-
-    def __init_subclass__(cls) -> None:
-        ConditionBase.classes[cls.__name__] = cls
-        if not vars(cls).keys().isdisjoint(_EVALUATION):
-            for name in _SHORTCUTS:
-                if name not in vars(cls):
-                    setattr(cls, name, vars(ConditionBase)[name])
-
-    def __init__(self, clabel: str, subj: str, desired_state: bool) -> None:
-        super().__init__(clabel)
-        self._subject_key = subj
-        self._desired_state = desired_state
-        self._custom_description = ""
-        self._undo: list[Callable[[], object]] = []
-
-    def __eq__(self, other: object) -> bool:
-        return self.isEqual(other)
-
-    __hash__ = object.__hash__  # by identity: remaps change equality
-
-    @property
-    def label(self) -> str:
-        return self._label
-
-    @property
-    def _description(self) -> str:
-        # The text of `getDescription` without the label; libraries read and assign it.
-        return self._custom_description or f"{'' if self._desired_state else 'not '}{self.fact()}"
-
-    @_description.setter
-    def _description(self, text: str) -> None:
-        self._custom_description = text
-
-    @property
-    def desired_state(self) -> bool:
-        return self._desired_state
-
-    # -- to override -------------------------------------------------------------------------------------------
-
-    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        """Whether the fact holds, regardless of the desired state."""
-        raise NotImplementedError(f"{self.__class__.__name__} has to define holds")
-
-    def fact(self) -> str:
-        """The fact as text, with the parameter values of the last evaluation."""
-        return f"{self.__class__.__name__}({', '.join(self.getKeys())})"
-
-    @property
-    def parts(self) -> Sequence[ConditionBase]:
-        """The conditions that it is composed of."""
-        return ()
-
-    def ontology_names(self) -> list[tuple[str, str]]:
-        """The names of the ontology that it refers to, as pairs of kind (relation, property or class) and name."""
-        return []
-
-    # -- to override, where there is a faster way than `holds` -------------------------------------------------
-
-    def element_ids(self, ph: ParamHandler) -> set[str] | None:
-        """The ids of the elements that the result depends on, with their relations; None: any may change it.
-
-        The parameters themselves and the ontologies are not named. A volatile condition may omit what else changes it.
-        """
-        return None
-
-    def candidate_ids(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> set[str] | None:
-        """The ids of exactly those elements that satisfy it as the value of a parameter, from an index of the scene.
-
-        The other parameters are bound. None: no index has them.
-        """
-        return None
-
-    def indexed_value(self) -> tuple[str, Any] | None:
-        """A property and the value that it must have, if an index has the elements with that value."""
-        return None
-
-    def satisfied_by(self, element: Element) -> bool | None:
-        """Whether an element, as passed, satisfies it; None if that depends on more than the element."""
-        return None
-
-    @classmethod
-    def from_record(cls, record: ConditionRecord) -> Self | None:
-        """Creates the condition from its record; None if that is impossible."""
-        return None
-
-    def _signature(self) -> tuple[Any, ...]:
-        """The values that identify the fact among conditions of this class."""
-        return (self._subject_key,)
-
-    # -- the contract's interface ------------------------------------------------------------------------------
-
-    def evaluate(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        """Whether the desired state holds."""
-        for key in self.getKeys():
-            self._remember(key, ph)
-        return self.holds(ph, wmi) == self._desired_state
-
-    def satisfied_for_inference(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        """Whether the current values are acceptable to inference; by default the same as `evaluate`."""
-        return self.evaluate(ph, wmi)
-
-    def describe(self) -> str:
-        """The condition as text, without label: with the elements of its last evaluation, before it with the keys."""
-        return self.getDescription().removeprefix(f"[{self._label}] ")  # libraries override only that
-
-    def getDescription(self) -> str:
-        """The label, and the condition with the elements of its last evaluation."""
-        return f"[{self._label}] {self._description}"
-
-    # -- changes of the world model ----------------------------------------------------------------------------
-
-    def affected_by(self, changed: Collection[str], ph: ParamHandler) -> bool:
-        """Whether a change of the world model may change the result.
-
-        :param changed: the ids of the changed elements; empty: the ontologies have changed. See `changed_ids`.
-        :param ph: the parameters of the running skill.
-        """
-        ids = self.element_ids(ph)
-        return ids is None or not changed or not ids.isdisjoint(changed)
-
-    def _ids_in_parameters(self, ph: ParamHandler) -> set[str] | None:
-        """`element_ids` of a condition that reads only the elements in its parameters."""
-        ids: set[str] = set()
-        for key in self.getKeys():
-            param = ph._params.get(key)
-            if param is None or (param.is_element and not param.is_bound()):
-                return None  # an unset parameter may stand for any element of a class
-            if param.is_element:
-                ids.update(element.id for element in param.current)
-        return ids
-
-    # -- explanation -------------------------------------------------------------------------------------------
-
-    def explain(self, ph: ParamHandler, wmi: WorldModelPort) -> Finding:
-        """Explains why `evaluate` returned False. Searches the scene for near matches.
-
-        :raises SkirosError: as `evaluate`.
-        """
-        for key in self.getKeys():
-            self._remember(key, ph)
-        return Finding(
-            self.__class__.__name__,
-            self._label,
-            {key: self._name(key) for key in self.getKeys()},
-            self.expected(),
-            self.found(ph, wmi) or "it does not hold",
-            self._near_matches(ph, wmi),
-            self._changes(ph, wmi),
-        )
-
-    def expected(self) -> str:
-        """The wanted state, as text that completes that of `found`."""
-        return self.describe()
-
-    def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
-        """The actual state, when `evaluate` returned False; "" if unknown."""
-        return ""
-
-    def filter_text(self, key: str, ph: ParamHandler) -> str:
-        """The condition as text that follows a number of candidates for a parameter: "3 skiros:Part <text>"."""
-        return f"for which [{self._label}] holds"
-
-    def found_for(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
-        """Same as `found`, for the element in one parameter."""
-        return self.found(ph, wmi)
-
-    def _near_matches(self, ph: ParamHandler, wmi: WorldModelPort) -> list[NearMatch]:
-        """Elements that satisfy the condition, at most `MAX_EXAMPLES`."""
-        return []
-
-    def _changes(self, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
-        """The last changes of the facts that it depends on."""
-        return []
-
-    def _same_fact(self, other: object) -> TypeGuard[Self]:
-        return type(other) is type(self) and self._signature() == other._signature()
-
     # -- effects and other forms -------------------------------------------------------------------------------
 
     def remap(self, initial_key: str, target_key: str) -> None:
@@ -388,7 +386,11 @@ class ConditionBase(_OfParameters):
 
     def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         """Applies the effect to the world model, for simulation. Returns False if that is impossible."""
-        return self.evaluate(ph, wmi)
+        return self.evaluate(ph, wmi) or (self._make_true(ph, wmi) and self.evaluate(ph, wmi))
+
+    def _make_true(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        """To override: applies the effect and adds its inverse to `_undo`. Returns False if that is impossible."""
+        return False
 
     def revert(self, ph: ParamHandler | None = None, wmi: WorldModelPort | None = None) -> None:
         """Undoes `setTrue`."""

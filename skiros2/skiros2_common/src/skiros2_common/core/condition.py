@@ -56,7 +56,102 @@ class ConditionRecord(Protocol):
     def parts(self) -> Sequence[ConditionRecord]: ...
 
 
-class ConditionBase:
+class _OfParameters:
+    """Reads the elements in the parameters of a condition, for evaluation and for explanations."""
+
+    def __init__(self, clabel: str) -> None:
+        self._label = clabel
+        self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
+
+    def _remember(self, key: str, ph: ParamHandler) -> None:
+        param = ph._params.get(key)
+        self._checked[key] = param.value if param is not None else None
+
+    def _name(self, key: str) -> str:
+        value = self._checked.get(key, key)
+        if isinstance(value, Element):
+            return repr(value) if value.id else f"any {value!r}".rstrip("-")
+        return f"{key} (unset)" if value is None else str(value)
+
+    def _param_value(self, key: str, ph: ParamHandler) -> Any:
+        """The parameter's value.
+
+        :raises UnknownName: the skill has no such parameter.
+        """
+        param = ph._params.get(key)
+        if param is None:
+            raise UnknownName(f"condition {self._label!r} uses {key!r}; the skill has: {', '.join(ph.keys())}")
+        return param.value
+
+    def _element(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> Element | None:
+        """The element in a parameter; None if the parameter is unset or the world model no longer has the element.
+
+        An element with unwritten changes is returned as it is, any other in the world model's current state.
+
+        :raises UnknownName: the skill has no such parameter.
+        :raises WrongType: the parameter holds another value.
+        """
+        value = self._raw_element(key, ph)
+        if value is None or value.isAbstract() or not can_find_elements(wmi) or _has_changes(value):
+            return value
+        return wmi.refreshed(value) if hasattr(wmi, "refreshed") else wmi.find_element(value.id)
+
+    def _raw_element(self, key: str, ph: ParamHandler) -> Element | None:
+        """The element in a parameter as it was read; raises the same errors as `_element`."""
+        value = self._param_value(key, ph)
+        if value is not None and not isinstance(value, Element):
+            raise WrongType(f"condition {self._label!r}: parameter {key!r} is {value!r}, expected an element")
+        return value
+
+    def _missing_reason(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        """Why a parameter holds no element of the scene; "" if it holds one."""
+        value = self._param_value(key, ph)
+        if value is None:
+            return f"parameter {key!r} is unset"
+        if not isinstance(value, Element):
+            return f"parameter {key!r} is {value!r}"
+        if value.isAbstract():
+            return f"parameter {key!r} is {self._name(key)}"
+        return "" if is_in_scene(value, wmi) else f"{value!r} is not in the scene"
+
+    def _alternatives(
+        self,
+        key: str,
+        ph: ParamHandler,
+        wmi: WorldModelPort,
+        having: tuple[str, Any] | None = None,
+        ids: Iterable[str] | None = None,
+    ) -> Iterator[Element]:
+        """Other elements of the scene that suit a parameter, ordered by id.
+
+        :param having: a property and a value that the elements must have.
+        :param ids: the ids to select from; None: all.
+        """
+        param = ph._params.get(key)
+        if param is None or not param.is_element:
+            return
+        wanted = Element(param.element_type)
+        if having is not None:
+            wanted.setProperty(*having)
+        if ids is None:
+            found = wmi.resolve_elements(wanted)
+        else:
+            known = (wmi.find_element(eid) for eid in set(ids))
+            found = [e for e in known if e is not None and (wanted.type in ANY_TYPE or e.isInstance(wanted, wmi))]
+        current = {value.id for value in param.values}
+        for element in sorted(found, key=lambda e: id_order(e.id)):
+            if element.id not in current:
+                yield element
+
+    def _last_change(self, key: str, name: str, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
+        """The last change of a property or relation of the element in a parameter, still without number and author."""
+        value = self._param_value(key, ph)
+        if not isinstance(value, Element) or value.isAbstract():
+            return []
+        return [Change(value.id, name if is_in_scene(value, wmi) else "")]
+
+
+class ConditionBase(_OfParameters):
     """A condition on one parameter. Subclasses define the fact (`holds`) and how to apply it as an effect.
 
     A subclass is a plug-in: it states here what inference, the engine, lint and planning need to know about it. A
@@ -98,12 +193,11 @@ class ConditionBase:
                     setattr(cls, name, vars(ConditionBase)[name])
 
     def __init__(self, clabel: str, subj: str, desired_state: bool) -> None:
-        self._label = clabel
+        super().__init__(clabel)
         self._subject_key = subj
         self._desired_state = desired_state
         self._custom_description = ""
         self._undo: list[Callable[[], object]] = []
-        self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
 
     def __eq__(self, other: object) -> bool:
         return self.isEqual(other)
@@ -266,95 +360,6 @@ class ConditionBase:
 
     def _same_fact(self, other: object) -> TypeGuard[Self]:
         return type(other) is type(self) and self._signature() == other._signature()
-
-    # -- reading parameters, for evaluation and for explanations -------------------------------------------------
-
-    def _remember(self, key: str, ph: ParamHandler) -> None:
-        param = ph._params.get(key)
-        self._checked[key] = param.value if param is not None else None
-
-    def _name(self, key: str) -> str:
-        value = self._checked.get(key, key)
-        if isinstance(value, Element):
-            return repr(value) if value.id else f"any {value!r}".rstrip("-")
-        return f"{key} (unset)" if value is None else str(value)
-
-    def _param_value(self, key: str, ph: ParamHandler) -> Any:
-        """The parameter's value.
-
-        :raises UnknownName: the skill has no such parameter.
-        """
-        param = ph._params.get(key)
-        if param is None:
-            raise UnknownName(f"condition {self._label!r} uses {key!r}; the skill has: {', '.join(ph.keys())}")
-        return param.value
-
-    def _element(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> Element | None:
-        """The element in a parameter; None if the parameter is unset or the world model no longer has the element.
-
-        An element with unwritten changes is returned as it is, any other in the world model's current state.
-
-        :raises UnknownName: the skill has no such parameter.
-        :raises WrongType: the parameter holds another value.
-        """
-        value = self._raw_element(key, ph)
-        if value is None or value.isAbstract() or not can_find_elements(wmi) or _has_changes(value):
-            return value
-        return wmi.refreshed(value) if hasattr(wmi, "refreshed") else wmi.find_element(value.id)
-
-    def _raw_element(self, key: str, ph: ParamHandler) -> Element | None:
-        """The element in a parameter as it was read; raises the same errors as `_element`."""
-        value = self._param_value(key, ph)
-        if value is not None and not isinstance(value, Element):
-            raise WrongType(f"condition {self._label!r}: parameter {key!r} is {value!r}, expected an element")
-        return value
-
-    def _missing_reason(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
-        """Why a parameter holds no element of the scene; "" if it holds one."""
-        value = self._param_value(key, ph)
-        if value is None:
-            return f"parameter {key!r} is unset"
-        if not isinstance(value, Element):
-            return f"parameter {key!r} is {value!r}"
-        if value.isAbstract():
-            return f"parameter {key!r} is {self._name(key)}"
-        return "" if is_in_scene(value, wmi) else f"{value!r} is not in the scene"
-
-    def _alternatives(
-        self,
-        key: str,
-        ph: ParamHandler,
-        wmi: WorldModelPort,
-        having: tuple[str, Any] | None = None,
-        ids: Iterable[str] | None = None,
-    ) -> Iterator[Element]:
-        """Other elements of the scene that suit a parameter, ordered by id.
-
-        :param having: a property and a value that the elements must have.
-        :param ids: the ids to select from; None: all.
-        """
-        param = ph._params.get(key)
-        if param is None or not param.is_element:
-            return
-        wanted = Element(param.element_type)
-        if having is not None:
-            wanted.setProperty(*having)
-        if ids is None:
-            found = wmi.resolve_elements(wanted)
-        else:
-            known = (wmi.find_element(eid) for eid in set(ids))
-            found = [e for e in known if e is not None and (wanted.type in ANY_TYPE or e.isInstance(wanted, wmi))]
-        current = {value.id for value in param.values}
-        for element in sorted(found, key=lambda e: id_order(e.id)):
-            if element.id not in current:
-                yield element
-
-    def _last_change(self, key: str, name: str, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
-        """The last change of a property or relation of the element in a parameter, still without number and author."""
-        value = self._param_value(key, ph)
-        if not isinstance(value, Element) or value.isAbstract():
-            return []
-        return [Change(value.id, name if is_in_scene(value, wmi) else "")]
 
     # -- effects and other forms -------------------------------------------------------------------------------
 

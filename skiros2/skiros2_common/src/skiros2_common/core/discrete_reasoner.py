@@ -176,7 +176,7 @@ class ReasonerRegistry:
         self._by_name[reasoner.__class__.__name__] = reasoner
         owners: dict[str, DiscreteReasoner] = {}
         for known in self._by_name.values():
-            for name in (*codes_of(known), *data_of(known), *relations_of(known)):
+            for name in (*_names_of(known.getAssociatedProperties), *data_of(known), *relations_of(known)):
                 owners.setdefault(name, known)
         self._owners = owners
         self._cache = {}  # a new dict: a concurrent lookup writes its old result to the old one
@@ -187,36 +187,23 @@ class ReasonerRegistry:
     def all(self) -> list[DiscreteReasoner]:
         return list(self._by_name.values())
 
-    def find(self, name: str) -> DiscreteReasoner | None:
-        """The loaded reasoner that has this class name or owns this code, property or relation."""
-        for spelling in (name, *spellings(name)):
-            found = self._by_name.get(spelling) or self._owners.get(spelling)
-            if found is not None:
-                return found
-        return None
-
     def find_or_load(self, name: str) -> DiscreteReasoner | None:
-        """Same as `find`, but loads reasoners if needed and caches the result. Thread-safe."""
+        """The reasoner that has this class name or owns this code, property or relation. Cached, thread-safe."""
         cache = self._cache
         try:
             return cache[name]
         except KeyError:
             if len(cache) >= _MAX_CACHED:
                 cache.clear()
-        found = self.find(name)
-        if found is None and self._load():
-            return self.find_or_load(name)
-        cache[name] = found
+        cache[name] = found = self._search(name)
         return found
 
     def get(self, name: str) -> DiscreteReasoner:
-        """Same as `find`, but loads reasoners if needed.
+        """Same as `find_or_load`, without the cache.
 
         :raises UnknownName: no reasoner has this name.
         """
-        found = self.find(name)
-        if found is None and self._load():
-            found = self.find(name)
+        found = self._search(name)
         if found is None:
             loaded = ", ".join(self._by_name) or "none"
             raise UnknownName(f"no reasoner has the name or owns {name!r}; loaded: {loaded}")
@@ -224,13 +211,19 @@ class ReasonerRegistry:
 
     def owner_of_data(self, name: str) -> str:
         """The class name of the reasoner that owns a property (not a code or relation); "" if none does."""
-        full = full_name(name)
-        for known in (self.find(name), *self.all()):
-            if known is not None and full in map(full_name, data_of(known)):
-                return repr(known)
-        if self.find(name) is None and self._load():
-            return self.owner_of_data(name)
-        return ""
+        self._search(name)  # loads the reasoners, if none is known
+        return next((repr(known) for known in self.all() if full_name(name) in map(full_name, data_of(known))), "")
+
+    def _search(self, name: str) -> DiscreteReasoner | None:
+        found = self._find(name)
+        return self._find(name) if found is None and self._load() else found
+
+    def _find(self, name: str) -> DiscreteReasoner | None:
+        for spelling in (name, *spellings(name)):
+            found = self._by_name.get(spelling) or self._owners.get(spelling)
+            if found is not None:
+                return found
+        return None
 
     def _load(self) -> bool:
         """Loads the reasoners of the ROS parameter. Returns whether this call loaded them."""
@@ -243,11 +236,6 @@ class ReasonerRegistry:
             except ImportError as error:
                 log.debug("no reasoners are loaded, because ROS is not installed: %s", error)
             return self._is_loaded
-
-
-def codes_of(reasoner: DiscreteReasoner) -> Sequence[str]:
-    """The codes of a reasoner's data; () if it does not define them."""
-    return _names_of(reasoner.getAssociatedProperties)
 
 
 def data_of(reasoner: DiscreteReasoner) -> Sequence[str]:

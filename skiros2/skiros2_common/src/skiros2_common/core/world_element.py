@@ -9,8 +9,14 @@ from datetime import datetime
 from typing import Any
 
 from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY, DiscreteReasoner, reasoners, set_reasoners
-from skiros2_common.core.element_content import ElementChanges, ElementContent
-from skiros2_common.core.element_relations import RelationDict, holds, relation_key, selected
+from skiros2_common.core.element_content import (
+    ElementChanges,
+    ElementContent,
+    RelationDict,
+    holds,
+    relation_key,
+    selected,
+)
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name, id_number, is_of_class, spellings
 from skiros2_common.core.property import DATATYPES, Property, converted_property, same_value

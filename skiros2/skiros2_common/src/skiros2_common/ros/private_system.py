@@ -16,11 +16,9 @@ from xmlrpc.client import ServerProxy
 
 import rospy
 
+from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
-from skiros2_common.core.ports import free_port, is_free
-from skiros2_common.core.processes import end_processes
-from skiros2_common.core.termination import TerminationSignals
-from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
+from skiros2_common.core.processes import TerminationSignals, end_processes, free_port, is_free
 
 #: The timeout for a process to end after SIGINT before it is killed (s). roslaunch gives its nodes 15 s.
 STOP_TIMEOUT = 20.0

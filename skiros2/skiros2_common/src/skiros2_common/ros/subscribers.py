@@ -8,7 +8,7 @@ from typing import Any
 import rosgraph
 import rospy
 
-from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
+from skiros2_common.command_line.master import XMLRPC_ERRORS
 
 #: How long registered subscribers, which may have died, have to connect (s of wall time).
 CONNECTION_TIMEOUT = 1.0

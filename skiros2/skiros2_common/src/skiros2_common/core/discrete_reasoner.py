@@ -6,10 +6,13 @@ import importlib
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName
 from skiros2_common.core.names import full_name, spellings
+
+if TYPE_CHECKING:
+    from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +51,7 @@ class DiscreteReasoner:
         """
         self._wmi = wmi
 
-    def parse(self, element: Any, action: str) -> bool | None:
+    def parse(self, element: Element, action: str) -> bool | None:
         """To override: called for each changed element. `action` is `add`, `update` or `remove`. Return False to reject
         the change."""
         raise self._missing("parse")
@@ -100,18 +103,18 @@ class DiscreteReasoner:
         """To override: the reasoner's loop, which ends on `stopRequested`."""
         raise self._missing("run")
 
-    def addProperties(self, element: Any) -> None:
+    def addProperties(self, element: Element) -> None:
         """Adds the reasoner and its properties to the element."""
         name = self.__class__.__name__
         if not element.hasProperty(REASONER_PROPERTY, name):
             element.appendProperty(REASONER_PROPERTY, name)
         self.onAddProperties(element)
 
-    def onAddProperties(self, element: Any) -> None:
+    def onAddProperties(self, element: Element) -> None:
         """To override: adds the reasoner's missing properties."""
         raise self._missing("onAddProperties")
 
-    def removeProperties(self, element: Any) -> None:
+    def removeProperties(self, element: Element) -> None:
         """Removes the reasoner and its properties from the element."""
         name = self.__class__.__name__
         if element.hasProperty(REASONER_PROPERTY, name):
@@ -121,19 +124,19 @@ class DiscreteReasoner:
                 element.removeProperty(REASONER_PROPERTY)
         self.onRemoveProperties(element)
 
-    def onRemoveProperties(self, element: Any) -> None:
+    def onRemoveProperties(self, element: Element) -> None:
         """To override: removes the reasoner's properties."""
         raise self._missing("onRemoveProperties")
 
-    def hasData(self, element: Any, get_code: str) -> bool:
+    def hasData(self, element: Element, get_code: str) -> bool:
         """To override: whether the element has all data of the code."""
         raise self._missing("hasData")
 
-    def getData(self, element: Any, get_code: str) -> Any:
+    def getData(self, element: Element, get_code: str) -> Any:
         """To override: the data of the code, read from the element's properties."""
         raise self._missing("getData")
 
-    def setData(self, element: Any, data: Any, set_code: str) -> Any:
+    def setData(self, element: Element, data: Any, set_code: str) -> Any:
         """To override: writes the data of the code to the element's properties."""
         raise self._missing("setData")
 
@@ -149,7 +152,7 @@ class DiscreteReasoner:
         """To override: the properties that the reasoner owns, such as `skiros:PositionX`."""
         raise self._missing("getAssociatedData")
 
-    def computeRelations(self, sub: Any, obj: Any, with_metrics: bool = False) -> list[Any]:
+    def computeRelations(self, sub: Element, obj: Element, with_metrics: bool = False) -> list[Any]:
         """To override: the relations from `sub` to `obj`; with `with_metrics`, pairs of relation and distance(s)."""
         raise self._missing("computeRelations")
 
@@ -255,7 +258,7 @@ def _names_of(method: Callable[[], Sequence[str] | None]) -> Sequence[str]:
         return ()
 
 
-def set_reasoners(element: Any, names: Sequence[str]) -> None:
+def set_reasoners(element: Element, names: Sequence[str]) -> None:
     """Sets the reasoners of an element: added ones add their properties, removed ones remove theirs."""
     before = list(element.getProperty(REASONER_PROPERTY).values) if element.hasProperty(REASONER_PROPERTY) else []
     for name in dict.fromkeys([*before, *names]):

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.ros import subscribers
-from skiros2_common.ros.subscribers import RegisteredSubscribers, wait_for_subscribers
+from skiros2_common.ros.connections import RegisteredSubscribers, wait_for_subscribers
 
 
 class FakePublisher:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_gui.run.tree import COUSINS, SIBLINGS, Drawing, layout, pre_order
-from skiros2_runs.core.shape import Shape
+from skiros2_runs.core.frame import Shape
 from support.progress import ProgressNode, pick_and_place, random_tree, root
 
 #: Types and processors.

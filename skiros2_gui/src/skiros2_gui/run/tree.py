@@ -9,8 +9,7 @@ import itertools
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
-from skiros2_runs.core.frame import Frame
-from skiros2_runs.core.shape import Shape
+from skiros2_runs.core.frame import Frame, Shape
 from skiros2_runs.core.states import FAILURE, RUNNING
 
 #: The distance of two neighbouring leaves with the same parent, and with different parents.

@@ -12,7 +12,7 @@ from typing import Any
 
 import rosgraph
 
-from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
+from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
 from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_world_model.core.ontology import Ontology
@@ -200,9 +200,8 @@ def become_node(name: str) -> str:
     """Creates the node of this process, unless it has one. Any thread. Returns the node name."""
     import rospy
 
-    from skiros2_common.ros.inbound_connections import handshake_in_threads
     from skiros2_common.ros.master_watch import watch_master
-    from skiros2_common.ros.node import bridge_logging
+    from skiros2_common.ros.node import bridge_logging, handshake_in_threads
 
     if not rospy.core.is_initialized():
         rospy.init_node(name, anonymous=True, disable_signals=True)

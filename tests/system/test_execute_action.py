@@ -74,7 +74,7 @@ def skill(robot, label, **values):
     return holder
 
 
-# -- commands of a new client --------------------------------------------------------------------------------------------
+# -- commands of a new client ------------------------------------------------------------------------------------------
 
 
 def test_new_client_hears_of_the_end_of_a_task_that_it_starts_at_once(robot):

@@ -8,7 +8,7 @@ import rospy
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_msgs import msg as msgs
-from skiros2_skill.ros.progress import ProgressPublisher
+from skiros2_skill.ros.messages import ProgressPublisher
 from unit.skiros2_skill.skills import Note, primitive
 
 

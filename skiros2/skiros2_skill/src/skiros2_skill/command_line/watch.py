@@ -15,8 +15,8 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_runs.core.progress import NodeMessage, has_ended, task_state
 from skiros2_runs.core.states import SUCCESS, state_name
 from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.command_line.queries import World
 from skiros2_skill.command_line.tree import Changes, HoldConditions, frame_of, picture, summary
-from skiros2_skill.command_line.world import World
 
 #: A task: the `SkillProgress` of each node, parents before children.
 Nodes = Sequence[NodeMessage]
@@ -30,7 +30,7 @@ def watch(manager: ManagerClient, arguments: argparse.Namespace, page: Screen) -
     holds = Conditions(World(manager.name, manager.author))
     if arguments.once:
         return _picture(_tasks(manager, arguments.task), page, holds)
-    from skiros2_skill.command_line.monitor import TaskMonitor, become_node
+    from skiros2_skill.command_line.connection import TaskMonitor, become_node
 
     become_node("skill_watch")
     monitor = TaskMonitor(manager)  # before the query, so that no message is lost

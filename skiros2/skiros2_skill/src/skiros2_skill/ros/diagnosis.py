@@ -14,13 +14,12 @@ from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.diagnosis.authors import add_authors
-from skiros2_skill.core.diagnosis.inspection import inspect
+from skiros2_skill.core.diagnosis import add_authors, inspect
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.request import TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.core.runtime.task_starter import TaskStarter
 from skiros2_skill.ros.messages import explanations_json, param_messages, skill_request, wire_text
 
 log = logging.getLogger(__name__)

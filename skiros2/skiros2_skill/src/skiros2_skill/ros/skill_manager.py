@@ -18,14 +18,13 @@ from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.library.reload import reloading
 from skiros2_skill.core.lint.linter import log_faults
 from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.request import TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.core.runtime.task_starter import TaskStarter
 from skiros2_skill.ros.diagnosis import Diagnosis
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
-from skiros2_skill.ros.messages import param_messages, skill_request
-from skiros2_skill.ros.progress import ProgressPublisher
+from skiros2_skill.ros.messages import ProgressPublisher, param_messages, skill_request
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_world_model.core.last_will import last_will_author

@@ -21,8 +21,7 @@ from skiros2_skill.core.engine.failures import (
     Failure,
     Failures,
 )
-from skiros2_skill.core.tree.hook_guard import EXECUTE_HOOK, HookAbandoned, HookGuard
-from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.core.tree.skill_node import EXECUTE_HOOK, HookAbandoned, HookGuard, SkillWrapper
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""A node of a behaviour tree: its parent and children, its processor, its remaps and its specified parameters."""
+"""A node of a behaviour tree: its parent and children, its processor, its remaps and specified parameters."""
 
 from __future__ import annotations
 
@@ -348,3 +348,44 @@ def all_nodes(root: SkillInterface) -> Iterator[SkillInterface]:
         node = pending.pop()
         yield node
         pending.extend(reversed(node.children))
+
+
+class _Group(SkillInterface):
+    def __init__(self, ptype: str, name: str, children_processor: Processor, wmi: WorldModelPort | None) -> None:
+        super().__init__(children_processor)
+        self._type = ptype
+        self._label = name
+        self._wmi = wmi
+        self._setState(State.Idle)
+
+    def createDescription(self) -> None:
+        """A group has no description."""
+
+    def execute(self) -> State | None:
+        return None
+
+
+class Root(_Group):
+    """The root of a task. Its parameters are the task's blackboard.
+
+    :param name: shown to people.
+    """
+
+    def __init__(self, name: str, wmi: WorldModelPort | None = None) -> None:
+        super().__init__(":Root", name, Sequential(), wmi)
+
+
+class Skill(_Group):
+    """A group: a node with a processor and no skill.
+
+    :param name: shown to people.
+    :param children_processor: how the children are ticked.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        children_processor: Processor = Sequential(),  # noqa: B008 - the contract's default
+        wmi: WorldModelPort | None = None,
+    ) -> None:
+        super().__init__(":Skill", name, children_processor, wmi)

@@ -1,9 +1,10 @@
-"""A node that names a skill. Its implementation is selected when the node starts."""
+"""A node that names a skill. Its implementation is selected when the node starts, and called under a guard."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.condition import ConditionBase
@@ -15,8 +16,90 @@ from skiros2_common.core.source_location import SourceLocation
 from skiros2_runs.core.values import ConditionStatus
 from skiros2_skill.core.processors import Processor, Sequential
 from skiros2_skill.core.protocols import ImplementationPort, Library, Visitor
-from skiros2_skill.core.tree.hook_guard import EXECUTE_HOOK, HookAbandoned
 from skiros2_skill.core.tree.node import SkillInterface
+
+_T = TypeVar("_T")
+
+EXECUTE_HOOK = "execute"
+
+
+class HookAbandoned(Exception):
+    """Raised in the thread of an abandoned hook when the hook returns: this thread must not touch the tree any more."""
+
+
+@dataclass(eq=False)
+class HungHook:
+    """A hook that has not returned.
+
+    :param hook: its name, or what else the engine does for the node.
+    :param reason: why it was abandoned, for people.
+    """
+
+    node: SkillWrapper
+    hook: str
+    reason: str = ""
+
+    @property
+    def name(self) -> str:
+        return f"{self.node.type}-{self.node.label}: {self.hook}"
+
+
+class HookGuard:
+    """The hook that the ticking thread is calling, in a list of at most one entry.
+
+    The ticking thread appends the entry and pops it after the call. Another thread that pops it first abandons the
+    hook. `list.pop` is atomic, so exactly one of them gets the entry.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[SkillWrapper, str]] = []
+
+    @property
+    def current(self) -> str:
+        """The hook that is being called, "" when none is. Any thread."""
+        calls = self.calls[-1:]
+        return HungHook(*calls[0]).name if calls else ""
+
+    def enter(self, node: SkillWrapper, hook: str) -> list[tuple[SkillWrapper, str]]:
+        """Registers a hook before its call. Returns the argument for `leave`."""
+        calls = self.calls
+        calls.append((node, hook))
+        return calls
+
+    @staticmethod
+    def leave(calls: list[tuple[SkillWrapper, str]]) -> None:
+        """Removes the entry of a hook after its call.
+
+        :raises HookAbandoned: another thread has removed it.
+        """
+        try:
+            calls.pop()
+        except IndexError:
+            raise HookAbandoned from None
+
+    def call(self, node: SkillWrapper, hook: str, function: Callable[..., _T], *args: Any) -> _T:
+        """Calls a function under the guard.
+
+        :raises HookAbandoned: another thread has abandoned the call, whatever the function returns or raises.
+        """
+        calls = self.enter(node, hook)
+        try:
+            return function(*args)
+        finally:
+            self.leave(calls)
+
+    def abandon(self) -> HungHook | None:
+        """Abandons the hook that is being called; None when there is none.
+
+        Called by another thread, which alone may use the tree afterwards.
+        """
+        calls, self.calls = self.calls, []
+        try:
+            return HungHook(*calls.pop())
+        except IndexError:
+            self.calls = calls
+            return None
+
 
 #: Maximum depth of skills in a tree. Each level takes some stack frames.
 MAX_DEPTH = 5000

@@ -12,8 +12,9 @@ from skiros2_common.core.abstract_skill import SkillCore, State
 from skiros2_common.core.world_model_port import WorldModelPort
 
 if TYPE_CHECKING:
+    from skiros2_skill.core.tree.hook_guard import HookGuard
     from skiros2_skill.core.tree.node import SkillInterface
-    from skiros2_skill.core.tree.skill_node import HookGuard, SkillWrapper
+    from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 
 class TreeNode(Protocol):

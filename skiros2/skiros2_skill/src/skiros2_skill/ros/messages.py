@@ -96,32 +96,12 @@ def explanations_json(explanations: Iterable[Explanation]) -> str:
 _REPORTED_STATUS = (TaskState.PAUSED, TaskState.PREEMPTED)
 
 
-class _SerializedOnce(msgs.TreeProgress):  # type: ignore[misc]
-    """A message that is serialized once, however often it is published."""
-
-    def __init__(self, progress: list[Any]) -> None:
-        super().__init__(progress)
-        self._bytes = b""
-
-    def serialize(self, buff: Any) -> None:
-        if not self._bytes:
-            start = buff.tell()
-            super().serialize(buff)
-            self._bytes = buff.getvalue()[start:]
-        else:
-            buff.write(self._bytes)
-
-
 class ProgressPublisher:
-    """Publishes progress on `~monitor`. One thread at a time per task.
-
-    Messages are only created for subscribers; an unchanged message is not serialized again.
-    """
+    """Publishes progress on `~monitor`; messages are only created for subscribers. One thread at a time per task."""
 
     def __init__(self) -> None:
         self._robot = rospy.get_name()
         self._publisher = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=1000)  # many tasks may end at once
-        self._messages: dict[int, tuple[int, Any]] = {}  # revision and message by task id
         #: Whether messages include the parameters.
         self.with_params = False
 
@@ -132,25 +112,13 @@ class ProgressPublisher:
         :returns: the `SkillProgress` of each node, parents before children; [] when nobody needs it.
         """
         has_subscribers = self._publisher.get_num_connections() > 0
-        message = self._message(task) if has_subscribers or needed else None
-        if task.ended.is_set():
-            self._messages.pop(task.id, None)
-        if message is None:
-            return []
+        progress = self.nodes(task) if has_subscribers or needed else []
         if has_subscribers:
-            self._publisher.publish(message)
-        progress: list[Any] = message.progress
+            self._publisher.publish(msgs.TreeProgress(progress))
         return progress
 
     def close(self) -> None:
         self._publisher.unregister()
-
-    def _message(self, task: Task) -> Any:
-        revision, message = self._messages.get(task.id, (-1, None))
-        if revision != task.revision or self.with_params:
-            message = _SerializedOnce(self.nodes(task))
-            self._messages[task.id] = (task.revision, message)
-        return message
 
     def nodes(self, task: Task) -> list[Any]:
         """The present `SkillProgress` of each node, parents before children. Any thread."""

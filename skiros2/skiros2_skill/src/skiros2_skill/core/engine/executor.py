@@ -30,8 +30,9 @@ from skiros2_skill.core.engine.hooks import RAISED, Hooks, refusal_text
 from skiros2_skill.core.engine.parameters import Parameters
 from skiros2_skill.core.engine.selection import Take, preview, select_implementation, take
 from skiros2_skill.core.tree.compound import SkillBase
+from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.tree.node import SkillInterface, all_nodes
-from skiros2_skill.core.tree.skill_node import HookAbandoned, HungHook, SkillWrapper
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
 

@@ -21,7 +21,8 @@ from skiros2_skill.core.engine.failures import (
     Failure,
     Failures,
 )
-from skiros2_skill.core.tree.skill_node import EXECUTE_HOOK, HookAbandoned, HookGuard, SkillWrapper
+from skiros2_skill.core.tree.hook_guard import EXECUTE_HOOK, HookAbandoned, HookGuard
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
 

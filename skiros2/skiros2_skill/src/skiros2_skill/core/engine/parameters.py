@@ -23,7 +23,8 @@ from skiros2_skill.core.engine.blackboard import (
     unwritten_elements,
 )
 from skiros2_skill.core.engine.failures import HOLD_FAILED, Failure, check_conditions
-from skiros2_skill.core.tree.skill_node import HookGuard, SkillWrapper
+from skiros2_skill.core.tree.hook_guard import HookGuard
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
 

@@ -112,7 +112,8 @@ class SkillInterface(NodeParams):
         self._processor = children_processor.fresh()
         self.instance: Any = None
         self.library: Library | None = None
-        self._own_pre_conditions: list[ConditionBase] = []
+        #: The pre-conditions added to the node, without those of the implementation.
+        self.own_pre_conditions: list[ConditionBase] = []
         self._latched: SkillInterface | None = None
         self.input_values: dict[str, list[Any]] = {}
 
@@ -207,7 +208,7 @@ class SkillInterface(NodeParams):
         copy.remaps = dict(self.remaps)
         copy.specified_values = dict(self.specified_values)
         copy.suggested_values = dict(self.suggested_values)
-        copy._own_pre_conditions = [c.copy() for c in self._own_pre_conditions]
+        copy.own_pre_conditions = [c.copy() for c in self.own_pre_conditions]
 
     # -- processor ---------------------------------------------------------------------------------------------
 

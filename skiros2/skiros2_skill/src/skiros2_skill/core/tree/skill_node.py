@@ -1,10 +1,9 @@
-"""A node that names a skill. Its implementation is selected when the node starts, and called under a guard."""
+"""A node that names a skill. Its implementation is selected when the node starts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.condition import ConditionBase
@@ -16,90 +15,8 @@ from skiros2_common.core.source_location import SourceLocation
 from skiros2_runs.core.values import ConditionStatus
 from skiros2_skill.core.processors import Processor, Sequential
 from skiros2_skill.core.protocols import ImplementationPort, Library, Visitor
+from skiros2_skill.core.tree.hook_guard import HookAbandoned
 from skiros2_skill.core.tree.node import SkillInterface
-
-_T = TypeVar("_T")
-
-EXECUTE_HOOK = "execute"
-
-
-class HookAbandoned(Exception):
-    """Raised in the thread of an abandoned hook when the hook returns: this thread must not touch the tree any more."""
-
-
-@dataclass(eq=False)
-class HungHook:
-    """A hook that has not returned.
-
-    :param hook: its name, or what else the engine does for the node.
-    :param reason: why it was abandoned, for people.
-    """
-
-    node: SkillWrapper
-    hook: str
-    reason: str = ""
-
-    @property
-    def name(self) -> str:
-        return f"{self.node.type}-{self.node.label}: {self.hook}"
-
-
-class HookGuard:
-    """The hook that the ticking thread is calling, in a list of at most one entry.
-
-    The ticking thread appends the entry and pops it after the call. Another thread that pops it first abandons the
-    hook. `list.pop` is atomic, so exactly one of them gets the entry.
-    """
-
-    def __init__(self) -> None:
-        self.calls: list[tuple[SkillWrapper, str]] = []
-
-    @property
-    def current(self) -> str:
-        """The hook that is being called, "" when none is. Any thread."""
-        calls = self.calls[-1:]
-        return HungHook(*calls[0]).name if calls else ""
-
-    def enter(self, node: SkillWrapper, hook: str) -> list[tuple[SkillWrapper, str]]:
-        """Registers a hook before its call. Returns the argument for `leave`."""
-        calls = self.calls
-        calls.append((node, hook))
-        return calls
-
-    @staticmethod
-    def leave(calls: list[tuple[SkillWrapper, str]]) -> None:
-        """Removes the entry of a hook after its call.
-
-        :raises HookAbandoned: another thread has removed it.
-        """
-        try:
-            calls.pop()
-        except IndexError:
-            raise HookAbandoned from None
-
-    def call(self, node: SkillWrapper, hook: str, function: Callable[..., _T], *args: Any) -> _T:
-        """Calls a function under the guard.
-
-        :raises HookAbandoned: another thread has abandoned the call, whatever the function returns or raises.
-        """
-        calls = self.enter(node, hook)
-        try:
-            return function(*args)
-        finally:
-            self.leave(calls)
-
-    def abandon(self) -> HungHook | None:
-        """Abandons the hook that is being called; None when there is none.
-
-        Called by another thread, which alone may use the tree afterwards.
-        """
-        calls, self.calls = self.calls, []
-        try:
-            return HungHook(*calls.pop())
-        except IndexError:
-            self.calls = calls
-            return None
-
 
 #: Maximum depth of skills in a tree. Each level takes some stack frames.
 MAX_DEPTH = 5000
@@ -113,7 +30,7 @@ class DescribedNode(SkillInterface):
     def __init__(self, children_processor: Processor) -> None:
         super().__init__(children_processor)
         self._is_described = False
-        self._asked_label = ""
+        self.asked_label = ""
         self._depth = 0  # the number of skills from the root to this node; set when it starts
         self._own_hold_conditions: list[ConditionBase] = []
         self._own_post_conditions: list[ConditionBase] = []
@@ -193,7 +110,7 @@ class DescribedNode(SkillInterface):
 
     def addPreCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a pre-condition to the node, with the keys as named in the parent."""
-        self._own_pre_conditions.append(self._own_condition(condition))
+        self.own_pre_conditions.append(self._own_condition(condition))
         self._pre_conditions.append(condition)
 
     def addHoldCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
@@ -226,7 +143,7 @@ class DescribedNode(SkillInterface):
             raise Refused(f"{self.printState()} is below {MAX_DEPTH} levels of skills: one of them contains itself")
         if self.library is None:
             raise UnknownName(f"{self.printState()} has no skill library")
-        return self.library.candidates(self._type, self._asked_label)
+        return self.library.candidates(self._type, self.asked_label)
 
     def specifyParamsDefault(self, input_params: ParamHandler) -> None:
         """Same as `SkillInterface.specifyParamsDefault`; keys that the skill does not declare are ignored."""
@@ -237,11 +154,6 @@ class DescribedNode(SkillInterface):
             return
         known = {key: p for key, p in input_params.items() if declared.hasParam(self.own_name(key))}
         super().specifyParamsDefault(ParamHandler(known))
-
-    @property
-    def own_pre_conditions(self) -> list[ConditionBase]:
-        """The pre-conditions added to the node, without those of the implementation."""
-        return self._own_pre_conditions
 
 
 class SkillWrapper(DescribedNode):
@@ -256,7 +168,8 @@ class SkillWrapper(DescribedNode):
         super().__init__(Sequential())
         self._type = full_name(ptype)
         self._label = plabel
-        self._asked_label = plabel
+        #: The requested label; "" for any implementation.
+        self.asked_label = plabel
         self.library = instanciator
         #: Of the `self.skill(...)` that created it; None: not known.
         self.source_location: SourceLocation | None = None
@@ -288,15 +201,10 @@ class SkillWrapper(DescribedNode):
         """The label of the selected implementation; before selection, the requested one."""
         return self._label
 
-    @property
-    def asked_label(self) -> str:
-        """The requested label; "" for any implementation."""
-        return self._asked_label
-
     def getLightCopy(self) -> SkillWrapper:
-        copy = SkillWrapper(self._type, self._asked_label, self.library)
+        copy = SkillWrapper(self._type, self.asked_label, self.library)
         self._copy_to(copy)
-        copy._label = self._asked_label
+        copy._label = self.asked_label
         return copy
 
     def hasInstance(self) -> bool:
@@ -318,7 +226,7 @@ class SkillWrapper(DescribedNode):
         instance = self.instance
         self._params: ParamHandler = instance._params
         self._options = instance._options
-        self._pre_conditions = [*instance._pre_conditions, *self._own_pre_conditions]
+        self._pre_conditions = [*instance._pre_conditions, *self.own_pre_conditions]
         self._hold_conditions = [*instance._hold_conditions, *self._own_hold_conditions]
         self._post_conditions = [*instance._post_conditions, *self._own_post_conditions]
 
@@ -383,15 +291,15 @@ class SkillWrapper(DescribedNode):
         :param visitor: the executor.
         """
         state: State
-        parameters = visitor.parameters
+        parameters, instance = visitor.parameters, self.instance
         if not self.steady or parameters.world_changed:
             state = visitor.execute_skill(self)
             return state
         calls = visitor.guard.calls
-        calls.append((self, EXECUTE_HOOK))
+        calls.append(self)
         try:
             try:
-                answer: object = self.instance.execute()
+                answer: object = instance.execute()
             finally:
                 try:
                     calls.pop()
@@ -405,7 +313,7 @@ class SkillWrapper(DescribedNode):
         if answer is not _RUNNING or local_revision.current != parameters.local_revision:
             state = visitor.finish_tick(self, visitor.hooks.execute_state(self, answer), parameters.world_version)
             return state
-        if self.instance.progressed_at > self.progressed_at:
+        if instance.progressed_at > self.progressed_at:
             visitor.changed = True
         return _RUNNING
 

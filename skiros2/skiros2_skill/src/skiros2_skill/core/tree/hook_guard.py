@@ -1,0 +1,99 @@
+"""Calls the code of skills, and lets another thread abandon a call that does not return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+
+if TYPE_CHECKING:
+    from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+_T = TypeVar("_T")
+
+EXECUTE_HOOK = "execute"
+
+
+class HookAbandoned(Exception):
+    """Raised in the thread of an abandoned hook when the hook returns: this thread must not touch the tree any more."""
+
+
+@dataclass(eq=False)
+class HungHook:
+    """A hook that has not returned.
+
+    :param hook: its name, or what else the engine does for the node.
+    :param reason: why it was abandoned, for people.
+    """
+
+    node: SkillWrapper
+    hook: str
+    reason: str = ""
+
+    @property
+    def name(self) -> str:
+        return f"{self.node.type}-{self.node.label}: {self.hook}"
+
+
+Call: TypeAlias = "tuple[SkillWrapper, str] | SkillWrapper"
+
+
+def _hung(call: Call) -> HungHook:
+    return HungHook(*call) if isinstance(call, tuple) else HungHook(call, EXECUTE_HOOK)
+
+
+class HookGuard:
+    """The hook that the ticking thread is calling, in a list of at most one entry: node and hook, or the node alone.
+
+    The ticking thread appends the entry and pops it after the call. Another thread that pops it first abandons the
+    hook. `list.pop` is atomic, so exactly one of them gets the entry.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[Call] = []
+
+    @property
+    def current(self) -> str:
+        """The hook that is being called, "" when none is. Any thread."""
+        calls = self.calls[-1:]
+        return _hung(calls[0]).name if calls else ""
+
+    def enter(self, node: SkillWrapper, hook: str) -> list[Call]:
+        """Registers a hook before its call. Returns the argument for `leave`."""
+        calls = self.calls
+        calls.append((node, hook))
+        return calls
+
+    @staticmethod
+    def leave(calls: list[Call]) -> None:
+        """Removes the entry of a hook after its call.
+
+        :raises HookAbandoned: another thread has removed it.
+        """
+        try:
+            calls.pop()
+        except IndexError:
+            raise HookAbandoned from None
+
+    def call(self, node: SkillWrapper, hook: str, function: Callable[..., _T], *args: Any) -> _T:
+        """Calls a function under the guard.
+
+        :raises HookAbandoned: another thread has abandoned the call, whatever the function returns or raises.
+        """
+        calls = self.enter(node, hook)
+        try:
+            return function(*args)
+        finally:
+            self.leave(calls)
+
+    def abandon(self) -> HungHook | None:
+        """Abandons the hook that is being called; None when there is none.
+
+        Called by another thread, which alone may use the tree afterwards.
+        """
+        calls, self.calls = self.calls, []
+        try:
+            return _hung(calls.pop())
+        except IndexError:
+            self.calls = calls
+            return None

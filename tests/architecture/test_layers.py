@@ -60,7 +60,7 @@ ABOVE = {
     "tree": ("engine", "runtime", "library", "lint"),
     "engine": ("runtime", "lint"),
     "library": ("engine", "runtime", "lint"),
-    "runtime": ("lint"),
+    "runtime": ("lint",),
     "lint": ("engine", "runtime"),
 }
 

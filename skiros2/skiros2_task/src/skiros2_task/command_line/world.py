@@ -18,7 +18,7 @@ from skiros2_skill.command_line.local_world_model import world_model_of
 from skiros2_skill.core.library.description import Described
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_skill.ros.registration import Registration
-from skiros2_world_model.command_line.connection import connect
+from skiros2_world_model.command_line.program import connect
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 

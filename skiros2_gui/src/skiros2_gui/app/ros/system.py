@@ -14,7 +14,7 @@ from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, NodeShutd
 from skiros2_gui.app.ros.master import master_answers
 from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 log = logging.getLogger(__name__)
@@ -177,9 +177,8 @@ def become_node(name: str) -> str:
     """Creates the node of this process, unless it has one. Any thread. Returns the node name."""
     import rospy
 
-    from skiros2_common.ros.inbound_connections import handshake_in_threads
     from skiros2_common.ros.master_watch import watch_master
-    from skiros2_common.ros.node import bridge_logging
+    from skiros2_common.ros.node import bridge_logging, handshake_in_threads
 
     if not rospy.core.is_initialized():
         rospy.init_node(name, anonymous=True, disable_signals=True)

@@ -251,11 +251,6 @@ class GoalView(QWidget):
         column.addWidget(self.across, 1)
         self.show_goal()
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is nothing to show."""
-        return self._goals.plan is None and self._goals.execution is None and not self._goals.is_busy
-
     def show_goal(self) -> None:
         """Shows the presenter's plan or execution."""
         goals = self._goals

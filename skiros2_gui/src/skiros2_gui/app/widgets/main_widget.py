@@ -16,10 +16,8 @@ from python_qt_binding.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
     QComboBox,
-    QLabel,
     QLineEdit,
     QPlainTextEdit,
-    QPushButton,
     QShortcut,
     QTabWidget,
     QTextEdit,
@@ -42,6 +40,7 @@ from skiros2_gui.app.events import (
 from skiros2_gui.app.problems import ExceptHook
 from skiros2_gui.app.system import System, missing
 from skiros2_gui.app.widgets.bridge import Bridge
+from skiros2_gui.app.widgets.controls import push_button, text_label
 from skiros2_gui.app.widgets.focus_tracker import SPACE_TOGGLES, FocusTracker
 from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.theme import is_dark, tint
@@ -112,10 +111,12 @@ class MainWidget(QWidget):
             self.tabs.addTab(page, page.tab.title)
             self.tabs.setTabToolTip(number, f"{page.tab.title} (Alt+{number + 1})")
             self._on_keys(QKeySequence(f"Alt+{number + 1}"), partial(self.tabs.setCurrentIndex, number))
-        self.stop = QPushButton("■ Stop all")
-        self.stop.setObjectName("stopAllButton")
-        self.stop.setToolTip("Stops all tasks of all robots, and the goal  (Ctrl+.)")
-        self.stop.clicked.connect(lambda: self.shared.publish(StopRequested()))
+        self.stop = push_button(
+            "■ Stop all",
+            "stopAllButton",
+            lambda: self.shared.publish(StopRequested()),
+            "Stops all tasks of all robots, and the goal  (Ctrl+.)",
+        )
         self.tabs.setCornerWidget(self.stop)
         self._on_keys(QKeySequence("Ctrl+."), self.stop.click)
         self._on_keys(QKeySequence(QKeySequence.Find), lambda: self.tab.find())
@@ -220,10 +221,7 @@ class _Page(QWidget):
         super().__init__()
         self.tab = tab
         self._window = window
-        self.banner = QLabel()
-        self.banner.setObjectName("banner")
-        self.banner.setTextFormat(Qt.PlainText)
-        self.banner.setWordWrap(True)
+        self.banner = text_label("banner", is_selectable=False)
         self.banner.setMargin(6)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
-from python_qt_binding.QtWidgets import QFileDialog, QLabel, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QFileDialog, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ElementSelected
+from skiros2_gui.app.widgets.controls import push_button, text_label
 from skiros2_gui.app.widgets.task_table import TaskTable
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
@@ -240,24 +241,15 @@ class RunTab(QWidget):
         self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
-        self._source = QLabel()
-        self._source.setWordWrap(True)
-        self._source.setTextFormat(Qt.PlainText)
-        self._bag_button = QPushButton()
-        self._bag_button.setObjectName("openBag")
-        self._bag_button.setToolTip("show the tasks of a recorded run")
-        self._bag_button.clicked.connect(self._on_bag)
+        self._source = text_label("", is_selectable=False)
+        self._bag_button = push_button("", "openBag", self._on_bag, "show the tasks of a recorded run")
         left = QWidget()
         column = QVBoxLayout(left)
         column.setContentsMargins(6, 6, 6, 6)
         column.addWidget(self._source)
         column.addWidget(self._tasks, 1)
         column.addWidget(self._bag_button, 0, Qt.AlignLeft)
-        self._banner = QLabel()
-        self._banner.setObjectName("taskNote")
-        self._banner.setTextFormat(Qt.PlainText)
-        self._banner.setTextInteractionFlags(Qt.TextSelectableByMouse)
-        self._banner.setWordWrap(True)
+        self._banner = text_label("taskNote")
         self._banner.setMargin(6)
         self._banner.hide()
         middle = QWidget()

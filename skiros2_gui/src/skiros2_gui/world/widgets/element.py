@@ -23,6 +23,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
+from skiros2_gui.app.widgets.controls import push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, RelationRow
 from skiros2_gui.world.presenter import WorldPresenter
@@ -51,13 +52,13 @@ class PoseEditor(QWidget):
         self._shown = _IDENTITY
         self.frame = QLabel()
         self.frame.setTextFormat(Qt.PlainText)
-        self.add = QPushButton("Add a pose")
-        self.add.setObjectName("addPoseButton")
-        self.add.setToolTip("Gives it a pose at the origin of its parent")
-        self.add.clicked.connect(lambda: write([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
-        self.remove = QPushButton("Remove the pose")
-        self.remove.setObjectName("removePoseButton")
-        self.remove.clicked.connect(lambda: remove())
+        self.add = push_button(
+            "Add a pose",
+            "addPoseButton",
+            lambda: write([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+            "Gives it a pose at the origin of its parent",
+        )
+        self.remove = push_button("Remove the pose", "removePoseButton", lambda: remove())
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(_WRITE_DELAY)
@@ -182,16 +183,18 @@ class ElementPanel(QWidget):
         self.show_details()
 
     def _lay_out(self) -> None:
-        self.add_property_button = _button("Add property…", "Adds a property", self.add_property)
-        self.remove_property_button = _button(
-            "Remove property", "Removes the selected property (Delete)", self.remove_property
+        self.add_property_button = push_button(
+            "Add property…", "addPropertyButton", self.add_property, "Adds a property"
         )
-        self.add_relation_button = _button("Add relation…", "Adds a relation to another element", self.add_relation)
-        self.remove_relation_button = _button(
-            "Remove relation", "Removes the selected relation (Delete)", self.remove_relation
+        self.remove_property_button = push_button(
+            "Remove property", "removePropertyButton", self.remove_property, "Removes the selected property (Delete)"
         )
-        self.add_property_button.setObjectName("addPropertyButton")
-        self.add_relation_button.setObjectName("addRelationButton")
+        self.add_relation_button = push_button(
+            "Add relation…", "addRelationButton", self.add_relation, "Adds a relation to another element"
+        )
+        self.remove_relation_button = push_button(
+            "Remove relation", "removeRelationButton", self.remove_relation, "Removes the selected relation (Delete)"
+        )
         top = QVBoxLayout()
         top.addWidget(self.heading)
         top.addWidget(self.about)
@@ -405,13 +408,6 @@ def _about(details: Details, own: str) -> str:
         who = "this window" if details.author == own else details.author.strip("/")
         words += f"  ·  last changed by {who}, {format_time(details.stamp)}"
     return words
-
-
-def _button(text: str, tip: str, clicked: Any) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.clicked.connect(lambda: clicked())
-    return button
 
 
 def _with_buttons(view: QWidget, *buttons: QPushButton) -> QWidget:

@@ -8,6 +8,9 @@ from typing import Any
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import QLabel, QPushButton, QToolButton
 
+#: The property of buttons on which the space bar toggles the tab's task.
+SPACE_TOGGLES = "spaceToggles"
+
 
 def push_button(text: str, name: str, clicked: Callable[[], Any], tip: str = "") -> QPushButton:
     """Returns a button.

@@ -16,8 +16,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.controls import push_button, text_label
-from skiros2_gui.app.widgets.focus_tracker import SPACE_TOGGLES
+from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, push_button, text_label
 from skiros2_gui.app.widgets.theme import colour_label
 from skiros2_gui.skills.form import Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter

@@ -1,11 +1,11 @@
-"""Buttons and labels with their properties."""
+"""Buttons, labels and timers with their properties."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtCore import QObject, Qt, QTimer
 from python_qt_binding.QtWidgets import QLabel, QPushButton, QToolButton
 
 #: The property of buttons on which the space bar toggles the tab's task.
@@ -47,3 +47,12 @@ def text_label(name: str, is_selectable: bool = True) -> QLabel:
     if is_selectable:
         label.setTextInteractionFlags(Qt.TextSelectableByMouse)
     return label
+
+
+def timer(parent: QObject, period: int, call: Callable[[], Any], repeats: bool = False) -> QTimer:
+    """Returns a timer (ms), which is not started."""
+    made = QTimer(parent)
+    made.setSingleShot(not repeats)
+    made.setInterval(period)
+    made.timeout.connect(call)
+    return made

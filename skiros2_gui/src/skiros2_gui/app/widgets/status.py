@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtGui import QGuiApplication
 from python_qt_binding.QtWidgets import (
     QFrame,
@@ -17,7 +17,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.app.events import ConnectionChanged, ManagersChanged
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.system import clock, sentence, short, sign
-from skiros2_gui.app.widgets.controls import push_button, text_label, tool_button
+from skiros2_gui.app.widgets.controls import push_button, text_label, timer, tool_button
 from skiros2_gui.app.widgets.theme import tint
 from skiros2_gui.app.window import Window
 from skiros2_skill.core.runtime.history import one_line
@@ -52,10 +52,7 @@ class StatusLine(QWidget):
         self.bar.setFixedSize(5 * self.fontMetrics().height(), self.fontMetrics().height() // 2)
         self.bar.hide()
         self._row.addWidget(self.bar)
-        self._delay = QTimer(self)
-        self._delay.setSingleShot(True)
-        self._delay.setInterval(BUSY_AFTER)
-        self._delay.timeout.connect(self._show_busy)
+        self._delay = timer(self, BUSY_AFTER, self._show_busy)
         window.jobs.on_busy(self._on_busy)
         window.subscribe(ConnectionChanged, lambda _: self.show_parts())
         window.subscribe(ManagersChanged, lambda _: self.show_parts())

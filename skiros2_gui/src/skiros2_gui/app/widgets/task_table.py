@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 
-from python_qt_binding.QtCore import QSignalBlocker, Qt, QTimer, Signal
+from python_qt_binding.QtCore import QSignalBlocker, Qt, Signal
 from python_qt_binding.QtGui import QKeyEvent
 from python_qt_binding.QtWidgets import (
     QAbstractItemView,
@@ -19,7 +19,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
 from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, message_text
-from skiros2_gui.app.widgets.controls import push_button
+from skiros2_gui.app.widgets.controls import push_button, timer
 from skiros2_gui.app.widgets.theme import colour_state
 from skiros2_gui.app.window import Window
 from skiros2_runs.core.states import TaskState, style_of
@@ -79,13 +79,8 @@ class TaskTable(QWidget):
         column.setContentsMargins(0, 4, 0, 0)
         column.addLayout(self._buttons())
         column.addWidget(self.list, 1)
-        self._update_timer = QTimer(self)
-        self._update_timer.setSingleShot(True)
-        self._update_timer.setInterval(_UPDATE_DELAY)
-        self._update_timer.timeout.connect(self.show_tasks)
-        self._clock = QTimer(self)
-        self._clock.setInterval(_TIME_PERIOD)
-        self._clock.timeout.connect(self._show_times)
+        self._update_timer = timer(self, _UPDATE_DELAY, self.show_tasks)
+        self._clock = timer(self, _TIME_PERIOD, self._show_times, repeats=True)
         self._clock.start()
         window.subscribe(TasksChanged, lambda _: self._update_soon())
         window.subscribe(RunRecorded, lambda _: self._update_soon())

@@ -6,11 +6,11 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
+from python_qt_binding.QtCore import QByteArray, QEvent, Qt
 from python_qt_binding.QtWidgets import QFileDialog, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ElementSelected
-from skiros2_gui.app.widgets.controls import push_button, text_label
+from skiros2_gui.app.widgets.controls import push_button, text_label, timer
 from skiros2_gui.app.widgets.task_table import TaskTable
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
@@ -55,11 +55,10 @@ class RunTab(QWidget):
         self._lay_out()
         self._stale = Redraw.ALL
         self._slow_stale = True
-        self._timer = _timer(self, _PERIOD, self._draw)
-        self._slow_timer = _timer(self, _SLOW_PERIOD, self._draw_side_tabs)
-        self._watch = QTimer(self)
-        self._watch.timeout.connect(lambda: window.tasks.check(time.time()))
-        self._watch.start(_WATCH_PERIOD)
+        self._timer = timer(self, _PERIOD, self._draw)
+        self._slow_timer = timer(self, _SLOW_PERIOD, self._draw_side_tabs)
+        self._watch = timer(self, _WATCH_PERIOD, lambda: window.tasks.check(time.time()), repeats=True)
+        self._watch.start()
         self.presenter.on_change = self._on_change
         self._messages.picked.connect(self._on_message)
         self._times.picked.connect(self._go_to_node)
@@ -289,12 +288,3 @@ class RunTab(QWidget):
         self._draw_side_tabs()
         if self._side_tabs.currentWidget() is self._breakpoints:
             self.presenter.breakpoints.ask(self.presenter.robot)
-
-
-def _timer(parent: QWidget, period: int, call: Any) -> QTimer:
-    """Returns a single-shot timer (ms)."""
-    timer = QTimer(parent)
-    timer.setSingleShot(True)
-    timer.setInterval(period)
-    timer.timeout.connect(call)
-    return timer

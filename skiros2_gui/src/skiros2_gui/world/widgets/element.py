@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt, QTimer
+from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt
 from python_qt_binding.QtGui import QKeySequence, QWheelEvent
 from python_qt_binding.QtWidgets import (
     QComboBox,
@@ -23,7 +23,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.widgets.controls import push_button
+from skiros2_gui.app.widgets.controls import push_button, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, RelationRow
 from skiros2_gui.world.presenter import WorldPresenter
@@ -59,10 +59,7 @@ class PoseEditor(QWidget):
             "Gives it a pose at the origin of its parent",
         )
         self.remove = push_button("Remove the pose", "removePoseButton", lambda: remove())
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_WRITE_DELAY)
-        self._timer.timeout.connect(self.flush)
+        self._timer = timer(self, _WRITE_DELAY, self.flush)
         self.boxes = [_SpinBox(" m", 1e6, 0.01, 4) for _ in range(3)] + [_SpinBox("°", 360.0, 5.0, 3) for _ in range(3)]
         self._labels = [QLabel(name) for name in _NUMBERS]
         grid = QGridLayout(self)
@@ -102,7 +99,8 @@ class PoseEditor(QWidget):
         # Unchanged numbers are not rounded.
         numbers = [old if box.value() == round(old, box.decimals()) else box.value() for box, old in pairs]
         if numbers != self._numbers:
-            self._shown = PoseDetails((*numbers[:3],), (*numbers[3:],), self._shown.frame)  # type: ignore[arg-type]
+            x, y, z, roll, pitch, yaw = numbers
+            self._shown = PoseDetails((x, y, z), (roll, pitch, yaw), self._shown.frame)
             self._write(numbers[:3], numbers[3:])
 
     @property

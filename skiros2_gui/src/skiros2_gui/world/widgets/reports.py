@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtCore import QModelIndex, Qt
 from python_qt_binding.QtGui import QColor, QKeySequence, QTextCursor, QTextFormat
 from python_qt_binding.QtWidgets import (
     QComboBox,
@@ -125,8 +125,8 @@ class QueryPanel(QWidget):
             highlights.append(selection)
         self.box.setExtraSelections(highlights)
 
-    def _go_to(self, index: object) -> None:
-        cell = self.table.rows.rows[index.row()].item[index.column()]  # type: ignore[attr-defined]
+    def _go_to(self, index: QModelIndex) -> None:
+        cell = self.table.rows.rows[index.row()].item[index.column()]
         hierarchy = self._presenter.hierarchy
         if hierarchy is not None and isinstance(cell, str) and cell in hierarchy.scene:
             self._presenter.select(cell)

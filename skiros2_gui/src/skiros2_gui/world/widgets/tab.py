@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtGui import QKeySequence
 from python_qt_binding.QtWidgets import (
     QHBoxLayout,
@@ -20,7 +20,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.system import WORLD_MODEL
-from skiros2_gui.app.widgets.controls import tool_button
+from skiros2_gui.app.widgets.controls import timer, tool_button
 from skiros2_gui.app.window import Window
 from skiros2_gui.world.presenter import Redraw, WorldPresenter
 from skiros2_gui.world.queries import WorldQueries
@@ -69,9 +69,7 @@ class WorldTab(QWidget):
         ):
             self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
         self._lay_out()
-        self._highlight_timer = QTimer(self)
-        self._highlight_timer.setInterval(_HIGHLIGHT_PERIOD)
-        self._highlight_timer.timeout.connect(self._expire_highlights)
+        self._highlight_timer = timer(self, _HIGHLIGHT_PERIOD, self._expire_highlights, repeats=True)
         self.presenter.on_change = self._on_change
         self._on_change(Redraw.SCENE | Redraw.UNDO)
 

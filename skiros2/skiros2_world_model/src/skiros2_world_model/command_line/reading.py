@@ -16,7 +16,6 @@ from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.formatting import format_time, format_value, format_values, summary
 from skiros2_world_model.core.history import HistoryEntry, Point, changed_lines, difference
-from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
@@ -243,7 +242,7 @@ def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> 
             raise WmException(f"{arguments.file}: cannot be read: {getattr(error, 'strerror', error)}") from None
     else:
         text = arguments.sparql
-    names, rows = query_table(wm, text, arguments.context)
+    names, rows = wm.query_table(text, arguments.context)
     lines = table(screen, [["" if v is None else format_value(v) for v in row] for row in rows], names)
     if names and not rows:
         lines = ["no rows"]

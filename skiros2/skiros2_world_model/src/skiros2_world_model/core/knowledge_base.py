@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import threading
@@ -15,8 +16,8 @@ from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongVal
 from skiros2_world_model.core.changes import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
-from skiros2_world_model.core.rdf import RDF_TYPE, parse_term, python_value, read_triples, term_text
-from skiros2_world_model.core.triple_store import OxigraphStore, TripleStore
+from skiros2_world_model.core.rdf import RDF_TYPE, parse_term, python_value, read_triples, term_json, term_text
+from skiros2_world_model.core.triple_store import Answer, OxigraphStore, TripleStore
 
 log = logging.getLogger(__name__)
 
@@ -170,6 +171,19 @@ class KnowledgeBase:
         :raises TimedOut: the query takes too long.
         :raises Refused: the store is not available.
         """
+        rows = self._answer(query, context, flush).rows
+        texts = ([term_text(term, self.prefixes, cut_prefix) for term in row] for row in rows)
+        return [row[0] if len(row) == 1 else "".join(f"{text} " for text in row) for row in texts]
+
+    def query_json(self, query: str, context: str = "", flush: Callable[[], None] = lambda: None) -> str:
+        """Answers a SPARQL query in the SPARQL JSON format; see `query`."""
+        names, rows = self._answer(query, context, flush)
+        if not names:
+            return json.dumps({"head": {}, "boolean": rows[0][0].value == "true"})
+        bindings = [{n: term_json(t) for n, t in zip(names, row, strict=True) if t is not None} for row in rows]
+        return json.dumps({"head": {"vars": names}, "results": {"bindings": bindings}})
+
+    def _answer(self, query: str, context: str, flush: Callable[[], None]) -> Answer:
         generation = None
         while generation != self.store.generation:  # the store lost its content meanwhile: flush again
             if context != ONTOLOGY:
@@ -177,9 +191,8 @@ class KnowledgeBase:
             with self.lock:
                 flush()
                 generation = self.store.generation
-            rows = self.store.query(query, context, self.prefixes.namespaces())
-        texts = ([term_text(term, self.prefixes, cut_prefix) for term in row] for row in rows)
-        return [row[0] if len(row) == 1 else "".join(f"{text} " for text in row) for row in texts]
+            answer = self.store.query(query, context, self.prefixes.namespaces())
+        return answer
 
     # -- loading -----------------------------------------------------------------------------------------------
 

@@ -136,6 +136,10 @@ class LocalWorldModel(WorldModelAbstractInterface):
         with _wm_errors():
             return self.model.query(query, context, cut_prefix)
 
+    def _query_json(self, query: str, context: str) -> str:
+        with _wm_errors():
+            return self.model.query_json(query, context)
+
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         with _wm_errors():
             self.model.modify(statements, self._author, context)

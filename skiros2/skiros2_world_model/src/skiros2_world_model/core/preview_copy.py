@@ -103,6 +103,11 @@ class PreviewCopy(WorldModelAbstractInterface):
             raise WmException("a copy of a scene can only query the ontologies")
         return self._wm._query(query, cut_prefix, context)
 
+    def _query_json(self, query: str, context: str) -> str:
+        if context != "ontology":
+            raise WmException("a copy of a scene can only query the ontologies")
+        return self._wm._query_json(query, context)
+
     def _modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
         raise WmException("a copy of a scene cannot change the ontologies")
 

@@ -119,13 +119,16 @@ class WorldModelState:
         :param context: the context to query; "": all, `ontology`: only the ontologies.
         :raises WrongValue: the query cannot be answered.
         """
+        return self.knowledge_base.query(query, context, cut_prefix, lambda: self._flush(context))
 
-        def flush() -> None:
-            for name in [context] if context else self._contexts:
-                if name != ONTOLOGY:
-                    self._contexts.named(name).flush()
+    def query_json(self, query: str, context: str = "") -> str:
+        """Answers a SPARQL query in the SPARQL JSON format; see `query`."""
+        return self.knowledge_base.query_json(query, context, lambda: self._flush(context))
 
-        return self.knowledge_base.query(query, context, cut_prefix, flush)
+    def _flush(self, context: str) -> None:
+        for name in [context] if context else self._contexts:
+            if name != ONTOLOGY:
+                self._contexts.named(name).flush()
 
     def triples(self, context: str = SCENE) -> Iterator[ox.Triple]:
         """The triples of a context in its current state, generated lazily. Iterating needs no lock."""

@@ -29,11 +29,12 @@ class Ontologies(Protocol):
     """A world model, or a knowledge base with only the ontologies."""
 
     def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]: ...
+    def query_json(self, query: str, context: str = "") -> str: ...
     def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> object: ...
 
 
 class OntologyServices:
-    """`~ontology/query`, `~ontology/modify` and `~lock` of this node.
+    """`~ontology/query`, `~ontology/sparql`, `~ontology/modify` and `~lock` of this node.
 
     :param ontologies: answers the queries and takes the statements.
     :param lock: the lock that `~lock` acquires and releases.
@@ -44,12 +45,16 @@ class OntologyServices:
         self._lock = lock
         self._services = [
             rospy.Service("~ontology/query", srvs.WoQuery, service_handler(self._on_query)),
+            rospy.Service("~ontology/sparql", srvs.WmSparql, service_handler(self._on_sparql)),
             rospy.Service("~ontology/modify", srvs.WoModify, service_handler(self._on_modify)),
             rospy.Service("~lock", SetBool, self._on_lock),
         ]
 
     def _on_query(self, request: srvs.WoQueryRequest) -> srvs.WoQueryResponse:
         return srvs.WoQueryResponse(self._ontologies.query(request.query_string, request.context, request.cut_prefix))
+
+    def _on_sparql(self, request: srvs.WmSparqlRequest) -> srvs.WmSparqlResponse:
+        return srvs.WmSparqlResponse(self._ontologies.query_json(request.query, request.context))
 
     def _on_modify(self, request: srvs.WoModifyRequest) -> srvs.WoModifyResponse:
         statements = [

@@ -233,7 +233,7 @@ class SceneReader:
     def removal(self, eid: str, context: str) -> Provenance | None:
         """The change that removed an element; None: the element exists, or its removal is unknown."""
         with self._lock:
-            known = (scene.removals.get(eid) for scene in self._scenes(context))
+            known = (scene.removal(eid) for scene in self._scenes(context))
             return next((provenance for provenance in known if provenance is not None), None)
 
     def matching(self, wanted: Element, context: str) -> list[Element]:

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import astuple
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_world_model.core.changes import SCENE
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.rdf import parse_n_triples
@@ -25,6 +25,8 @@ from skiros2_world_model.core.validation import validate, validate_file
 from skiros2_world_model.core.world_model import WorldModel
 
 log = logging.getLogger(__name__)
+
+_Result = TypeVar("_Result")
 
 _PROGRAM = "skiros2_world_model.core.validator"
 
@@ -40,49 +42,26 @@ class Validator:
     def __init__(self, model: WorldModel) -> None:
         self._model = model
         self._pool = ThreadPoolExecutor(1, "validation")
-        self._files: dict[str, Future[Report]] = {}  # by context, for the last loaded file
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
         self._lock = threading.Lock()
 
     def file_loaded(self, context: str) -> None:
-        """Starts the validation of the file that was loaded into a context. The findings are logged."""
-        with self._lock:
-            before = self._files.get(context)
-            if before is not None:
-                before.cancel()  # no effect if it has started
-            self._files[context] = self._submit(self._validate_file, context)
+        """Starts the validation of the file that was loaded into a context. The findings are logged.
 
-    def file_report(self, context: str = SCENE) -> Report:
-        """Waits for and returns the report on the file that was last loaded into a context.
-
-        :raises UnknownName: no file was loaded.
-        :raises Refused: the validation failed.
+        :raises Refused: the validation was stopped.
         """
-        if context not in self._model.loaded:
-            raise UnknownName(f"no file was loaded into the context {context!r}")
-        while True:
-            with self._lock:
-                future = self._files.get(context)
-            if future is None:
-                self.file_loaded(context)
-                continue
-            try:
-                return future.result()
-            except CancelledError:
-                self._check_running()  # otherwise another file was loaded meanwhile
+        self._submit(self._log_findings, context)
 
     def validate_context(self, context: str = SCENE) -> Report:
         """Validates the current state of a context and returns the report. Blocks.
 
-        :raises UnknownName: the context does not exist.
+        :raises WrongValue: the name of the context, or a shape file, is invalid.
         :raises Refused: the validation failed.
         """
         triples = self._model.triples(context)
-        with self._lock:
-            future = self._submit(self._validate, f"context {context}", context, triples)
         try:
-            return future.result()
+            return self._submit(self._validate, f"context {context}", context, triples).result()
         except CancelledError:
             raise Refused(_ENDED) from None
 
@@ -94,27 +73,28 @@ class Validator:
                 self._process.kill()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def _submit(self, task: Callable[..., Report], *arguments: object) -> Future[Report]:
-        self._check_running()
-        return self._pool.submit(task, *arguments)
+    def _submit(self, task: Callable[..., _Result], *arguments: object) -> Future[_Result]:
+        with self._lock:
+            self._check_running()
+            return self._pool.submit(task, *arguments)
 
     def _check_running(self) -> None:
         if self._stopped:
             raise Refused(_ENDED)
 
-    def _validate_file(self, context: str) -> Report:
+    def _log_findings(self, context: str) -> None:
+        """Logs the findings in the last loaded file of a context, except the flaws that loading has logged."""
         path = self._model.loaded[context]
         try:
             report = self._validate(str(path), context, None)
         except SkirosError as error:
             if not self._stopped:
                 log.warning("%s", error)
-            raise
+            return
         new = [f for f in report.findings if f not in self._model.flaws.get(context, ())]
         if new:
             lines = Report(report.origin, new).lines(_MAX_LOGGED)
             log.warning("\n    ".join([f"{path}: {report.summary}", *lines]))
-        return report
 
     def _validate(self, origin: str, context: str, triples: Iterable[ox.Triple] | None) -> Report:
         knowledge_base = self._model.knowledge_base

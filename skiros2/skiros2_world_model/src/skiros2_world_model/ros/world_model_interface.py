@@ -182,7 +182,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
         :raises WmException: the context does not exist, or a shape file is invalid.
         """
-        answer = self._validation_service.call(srvs.WmValidationRequest(context_id, False))
+        answer = self._validation_service.call(srvs.WmValidationRequest(context_id))
         findings = [Finding(m.severity, m.file, m.element, m.property, m.text) for m in answer.findings]
         return Report(f"context {context_id}", findings, answer.stamp.to_sec())
 

@@ -111,7 +111,7 @@ class ValidationService:
 
     def _on_validation(self, request: srvs.WmValidationRequest) -> srvs.WmValidationResponse:
         context = request.context or SCENE
-        report = self._validator.file_report(context) if request.loaded else self._validator.validate_context(context)
+        report = self._validator.validate_context(context)
         findings = [msgs.WmFinding(f.severity, f.element, f.property, f.file, f.text) for f in report.findings]
         return srvs.WmValidationResponse(rospy.Time.from_sec(report.stamp), findings)
 

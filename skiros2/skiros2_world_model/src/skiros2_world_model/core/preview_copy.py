@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.change_notifier import ChangeNotifier, PendingChange
 from skiros2_world_model.core.changes import REMOVE, UPDATE, Operation, Outcome, Statement
@@ -18,7 +17,7 @@ from skiros2_world_model.core.prefixes import Prefixes
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.transaction import Transaction
-from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
+from skiros2_world_model.core.world_model_abstract_interface import WmException, wm_errors
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 _SCENE = "scene"
@@ -54,9 +53,6 @@ class PreviewCopy(WorldModelAbstractInterface):
     def is_connected(self) -> bool:
         """True: the copy is in this process."""
         return True
-
-    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
-        return self._reader.find(eid, context_id)
 
     def add_listener(self, callback: Callable[[Any], None]) -> None:
         self._notifier.add_listener(callback)
@@ -95,6 +91,9 @@ class PreviewCopy(WorldModelAbstractInterface):
     def _ontology(self) -> Ontology:
         return self._wm._ontology
 
+    def _local(self, context: str) -> SceneReader:
+        return self._reader
+
     def _scenes(self, context: str) -> list[Scene]:
         return [self._scene] if context in ("", _SCENE) else []
 
@@ -115,12 +114,6 @@ class PreviewCopy(WorldModelAbstractInterface):
         with self._lock:
             return self.get_scene_elements(), self._notifier.snapshot_id
 
-    def _matching(self, wanted: Element, context: str) -> list[Element]:
-        return self._reader.matching(wanted, context)
-
-    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
-        return self._reader.branch(eid, relation_filter, type_filter, context)
-
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
         return self._reader.related(src, pred, dst, _SCENE)
 
@@ -134,11 +127,10 @@ class PreviewCopy(WorldModelAbstractInterface):
             transaction = Transaction(self._scene, self._ontology, checks, self.author)
             self._scene.begin()
             try:
-                ids = transaction.run(operations)
-            except Exception as error:
+                with wm_errors():
+                    ids = transaction.run(operations)
+            except Exception:
                 self._scene.roll_back()
-                if isinstance(error, SkirosError):
-                    raise refusal(str(error), error.code, error.position) from error
                 raise
             provenance = self._notifier.next(self.author)
             committed = self._scene.commit(provenance)

@@ -26,9 +26,9 @@ from skiros2_world_model.core.changes import (
 )
 from skiros2_world_model.core.coordination import Coordination
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
-from skiros2_world_model.core.queries import combinations, describes, no_element
+from skiros2_world_model.core.queries import SceneReader, combinations, no_element
 from skiros2_world_model.core.scene import ROOT, Provenance
-from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmException
+from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmException, wm_errors
 
 log = logging.getLogger(__name__)
 
@@ -60,31 +60,12 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         """
 
     @abstractmethod
-    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
-        """Returns the current state of an element, or None when it does not exist."""
-
-    def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
-        """Returns the given element if it has not changed since it was read, else the result of `find_element`."""
-        return self.find_element(e.id, context_id)
-
-    def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:
-        """Returns the provenance of an element's removal, which may be the load of another scene.
-
-        :returns: None when the element exists or its removal is unknown.
-        """
-        return None
-
-    @abstractmethod
-    def _matching(self, wanted: Element, context: str) -> list[Element]:
-        """The elements that match an abstract element."""
+    def _local(self, context: str) -> SceneReader:
+        """The reader of scenes in this process. Adapters without one for a context override the calls that use it."""
 
     @abstractmethod
     def _scene_now(self) -> tuple[list[Element], str]:
         """The root of the scene and its descendants, and the snapshot id of that state."""
-
-    @abstractmethod
-    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
-        """An element and its descendants."""
 
     @abstractmethod
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
@@ -95,6 +76,24 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         """Returns a template as an element without id."""
 
     # -- reading -----------------------------------------------------------------------------------------------
+
+    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
+        """Returns the current state of an element, or None when it does not exist."""
+        with wm_errors():
+            return self._local(context_id).find(eid, context_id)
+
+    def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
+        """Returns the given element if it has not changed since it was read, else the result of `find_element`."""
+        with wm_errors():
+            return self._local(context_id).refreshed(e, context_id)
+
+    def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:
+        """Returns the provenance of an element's removal, which may be the load of another scene.
+
+        :returns: None when the element exists or its removal is unknown.
+        """
+        with wm_errors():
+            return self._local(context_id).removal(eid, context_id)
 
     def get_scene_name(self) -> str:
         """The scene file with which the world model started, relative to its workspace; "": none."""
@@ -348,18 +347,19 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     def _elements_of(self, cls: str, recursive: bool) -> list[str]:
         return [e.id for e in self._matching(Element(cls), _SCENE) if recursive or e.type == cls]
 
+    def _matching(self, wanted: Element, context: str) -> list[Element]:
+        """The elements that match an abstract element."""
+        with wm_errors():
+            return self._local(context).matching(wanted, context)
+
+    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
+        """An element and its descendants."""
+        with wm_errors():
+            return self._local(context).branch(eid, relation_filter, type_filter, context)
+
     def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
         """Whether a relation of the scene or one of its subproperties holds."""
-        if not subj.id and not obj.id:
-            return any(self._holds(found, pred, obj) for found in self._matching(subj, _SCENE))
-        for relation in self._related(subj.id, pred, obj.id):
-            if subj.id and obj.id:
-                return True
-            other, wanted = (relation["dst"], obj) if subj.id else (relation["src"], subj)
-            found = self.find_element(other)
-            if found is not None and describes(self._ontology, wanted, found.type, found.label, found._props):
-                return True
-        return False
+        return self._local(_SCENE).holds(subj, pred, obj, _SCENE)
 
     def _stated(self, subj: Element, pred: str, obj: Element) -> bool:
         """Implements `check_relation` with `abstract`."""

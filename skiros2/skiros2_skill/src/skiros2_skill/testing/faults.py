@@ -13,7 +13,7 @@ from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.world_model_abstract_interface import refusal
 
 #: The methods that all adapters of the world model use for changes and for reading.
-_CHANGES = ("_transact", "_modify", "load")
+_CHANGES = ("transact", "_modify", "load")
 _READS = ("find_element", "_matching", "_branch", "_related", "_holds", "_query", "_template")
 
 _GENUINE = object()

@@ -1,4 +1,4 @@
-"""The knowledge base: all graphs, the ontologies with their index, the prefixes, and queries."""
+"""The knowledge base: all graphs, the ontologies with their index, the prefixes, queries, and the advisory lock."""
 
 from __future__ import annotations
 
@@ -275,3 +275,32 @@ def _folder(path: Path, what: str) -> Path:
     if not path.is_dir():
         raise ConfigurationError(f"{what} folder {path}: there is no such folder")
     return path
+
+
+class AdvisoryLock:
+    """A lock with one owner, which any client may release. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._free = threading.Condition()
+        self.owner: str | None = None
+
+    def acquire(self, owner: str, timeout: float | None = None) -> bool:
+        """Blocks until the lock is free and acquires it. Returns False at the timeout.
+
+        :param owner: the name of the new owner.
+        :param timeout: in s; None: no limit.
+        """
+        with self._free:
+            if not self._free.wait_for(lambda: self.owner is None, timeout):
+                return False
+            self.owner = owner
+            return True
+
+    def release(self, owner: str | None = None) -> bool:
+        """Releases the lock. Returns False when it is free, or held by another owner than `owner` (None: any)."""
+        with self._free:
+            if self.owner is None or owner not in (None, self.owner):
+                return False
+            self.owner = None
+            self._free.notify()
+            return True

@@ -133,16 +133,16 @@ class LocalWorldModel(WorldModelAbstractInterface):
         with wm_errors():
             self.model.modify(statements, self._author, context)
 
-    def _scene_now(self) -> tuple[list[Element], str]:
+    def get_scene(self) -> tuple[list[Element], str]:
         with self.model.lock:
             return self.get_scene_elements(), self.model.snapshot_id
 
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
         return self.model.related(src, pred, dst)
 
-    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+    def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
         with wm_errors():
-            return self.model.transact(operations, self._author, context)
+            return self.model.transact(operations, self._author, context_id)
 
     def _template(self, name: str) -> Element:
         with wm_errors():

@@ -110,7 +110,7 @@ class PreviewCopy(WorldModelAbstractInterface):
     def _modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
         raise WmException("a copy of a scene cannot change the ontologies")
 
-    def _scene_now(self) -> tuple[list[Element], str]:
+    def get_scene(self) -> tuple[list[Element], str]:
         with self._lock:
             return self.get_scene_elements(), self._notifier.snapshot_id
 
@@ -120,7 +120,7 @@ class PreviewCopy(WorldModelAbstractInterface):
     def _template(self, name: str) -> Element:
         return self._wm._template(name)
 
-    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+    def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
         with self._lock:
             # Prefixes matter only for names that are IRIs; a scene has none.
             checks = Checks(self._ontology, Prefixes(), self.author, warned=self._warned)

@@ -119,10 +119,8 @@ class Scene:
 
     def drop(self, eid: str) -> None:
         """Removes an element and all its relations, in both directions."""
-        for src, pred, dst in list(self.relations(eid)):
-            self.unrelate(src, pred, dst)
-        for src, pred, dst in list(self.relations(dst=eid)):
-            self.unrelate(src, pred, dst)
+        for relation in [*self.relations(eid), *self.relations(dst=eid)]:
+            self.unrelate(*relation)
         self.replace(eid, None)
 
     def free_id(self, etype: str, desired: int = -1, others: Sequence[Scene] = ()) -> str:
@@ -159,10 +157,9 @@ class Scene:
             if found is not None:
                 for src in (found,) if isinstance(found, str) else found:
                     relations.append(relation_dict(src, pred, "-1"))
-        found_relations = tuple(relations)
-        if len(found_relations) >= _CACHED_RELATIONS:
-            self._relation_cache[eid] = found_relations
-        return found_relations
+        if len(relations) >= _CACHED_RELATIONS:
+            self._relation_cache[eid] = tuple(relations)
+        return tuple(relations)
 
     def related(self, src: str, pred: str, dst: str) -> bool:
         """Whether this relation is stated; subproperties do not count."""
@@ -280,14 +277,10 @@ class Scene:
         return self._removals.get(eid)
 
     def inherit_removals(self, before: Scene, provenance: Provenance | None) -> None:
-        """Takes the removals of a scene that this one replaces. Elements that only that scene has count as removed.
-
-        :param provenance: the change that replaced the scene; None: unknown.
-        """
-        for eid, removed in before._removals.items():
+        """Takes the removals of a scene that a change (None: unknown) replaces by this one."""
+        removals = {**before._removals, **dict.fromkeys(before._records, provenance)}
+        for eid, removed in removals.items():
             self._record_removal(eid, None if eid in self else removed)
-        for eid in before._records:
-            self._record_removal(eid, None if eid in self else provenance)
 
     def _record_removal(self, eid: str, provenance: Provenance | None) -> None:
         """Records that a change removed an element, or (None) that it exists or nothing is known."""

@@ -27,10 +27,9 @@ from skiros2_world_model.core.changes import (
 )
 from skiros2_world_model.core.checks import Checks, FileChecks
 from skiros2_world_model.core.context import Context, Contexts, element_operations
-from skiros2_world_model.core.coordination import AdvisoryLock
 from skiros2_world_model.core.history import History
 from skiros2_world_model.core.journal import Journal, JournalState, first_number
-from skiros2_world_model.core.knowledge_base import KnowledgeBase
+from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.queries import SceneReader

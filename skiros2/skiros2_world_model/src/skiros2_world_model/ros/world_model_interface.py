@@ -187,7 +187,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     # -- the primitives of `WorldModelAbstractInterface` -------------------------------------------------------
 
-    def _scene_now(self) -> tuple[list[Element], str]:
+    def get_scene(self) -> tuple[list[Element], str]:
         if self._replica is not None:
             reader = self._local(_SCENE)
             with self._replica.lock:
@@ -237,16 +237,16 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         if context not in ("", ONTOLOGY):
             self.catch_up()
 
-    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+    def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
         with wm_errors():
             messages = [operation2msg(o) for o in operations]
-        request = srvs.WmTransactionRequest(self._author_name, context, messages)
+        request = srvs.WmTransactionRequest(self._author_name, context_id, messages)
         try:
             response = self._transaction_service.call(request, repeatable=False)
         except WmConflict:
             self.catch_up()  # a retry must read the conflicting change
             raise
-        outcome = Outcome(list(response.ids), [msg2change(m, context) for m in response.changes])
+        outcome = Outcome(list(response.ids), [msg2change(m, context_id) for m in response.changes])
         if self._replica is not None:
             self._replica.include(outcome.changes)
         return outcome

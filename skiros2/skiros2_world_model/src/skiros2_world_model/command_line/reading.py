@@ -289,9 +289,9 @@ def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> C
         what = "" if entry.action == "change" else f"  {entry.action}"
         lines += [screen.fitted(f"{format_time(entry.stamp)}  {entry.author}{what}  #{entry.number}")]
         changes = changed_lines(entry)
-        format_value = changes if arguments.all else changes[:_SHOWN]
-        lines += [screen.fitted(f"    {line}") for line in format_value]
-        lines += [f"    {len(changes) - len(format_value)} more: --all"] if len(format_value) < len(changes) else []
+        shown = changes if arguments.all else changes[:_SHOWN]
+        lines += [screen.fitted(f"    {line}") for line in shown]
+        lines += [f"    {len(changes) - len(shown)} more: --all"] if len(shown) < len(changes) else []
     if not entries:
         lines = ["no changes"]
     elif limit and len(entries) == limit:

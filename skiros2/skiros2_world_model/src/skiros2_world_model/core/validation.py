@@ -84,12 +84,12 @@ def validate(
     :param origin: the file or context, for the findings.
     """
     checks = CollectingChecks(knowledge_base, origin, strict)
-    scene, extras = Context(context, knowledge_base).read(triples, checks, origin, Provenance())
+    scene, extras = Context(context, knowledge_base).read(triples, checks, Provenance())
     placed: Iterable[Finding] = ()
     if context == SCENE:
         ontology = knowledge_base.index
         placed = chain(misplaced(scene, ontology, origin), unconnected_frames(scene, ontology, origin))
-    return Report(origin, [*checks.findings, *placed, *shape_findings(scene, extras, knowledge_base, origin)])
+    return Report(origin, [*checks.flaws, *placed, *shape_findings(scene, extras, knowledge_base, origin)])
 
 
 def shape_findings(

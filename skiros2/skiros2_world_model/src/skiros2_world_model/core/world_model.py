@@ -293,7 +293,7 @@ class WorldModel:
             path = workspace_file(self._workspace, filename or target.file)
             checks = FileChecks(self.knowledge_base, path, self.strict)
             provenance = self._notifier.next(author)
-            scene, extras = target.read(scene_file_triples(path), checks, str(path), provenance, adds_root)
+            scene, extras = target.read(scene_file_triples(path), checks, provenance, adds_root)
             if self.strict:
                 Report(str(path), shape_findings(scene, extras, self.knowledge_base, str(path))).refuse_violations()
             if context == SCENE:
@@ -313,7 +313,7 @@ class WorldModel:
             self._contexts[context] = target
             self.loaded[context] = path
             self._readable.add(path)
-            self.flaws[context] = frozenset(checks.findings)
+            self.flaws[context] = frozenset(checks.flaws)
             pending = [PendingChange(RESET if context == SCENE else UPDATE)]
             return self._notifier.publish(pending, provenance, context, scene)[0]
 

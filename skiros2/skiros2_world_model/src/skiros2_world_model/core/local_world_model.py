@@ -35,29 +35,21 @@ class LocalWorldModel(WorldModelAbstractInterface):
         return self._author
 
     def is_connected(self) -> bool:
-        """True: the world model is in this process."""
         return True
 
     def lock(self) -> bool:
-        """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
         self.model.advisory_lock.acquire(self._author)
         return True
 
     def unlock(self) -> bool:
-        """Releases the advisory lock. Returns False when it is not held."""
         return self.model.advisory_lock.release()
 
     def load(self, filename: str = "", context: str = "scene") -> bool:
-        """Replaces a context with the content of a file of the workspace. Returns True.
-
-        :raises WmException: the file is refused; the current content stays.
-        """
         with wm_errors():
             self.model.load(filename, self._author, context)
         return True
 
     def save(self, filename: str = "", context: str = "scene") -> bool:
-        """Writes a context to a file of the workspace. Returns True."""
         with wm_errors():
             self.model.save(filename, context)
         return True
@@ -109,7 +101,6 @@ class LocalWorldModel(WorldModelAbstractInterface):
             return self.model.history.difference(since, until, context_id)
 
     def validate(self, context_id: str = "scene") -> Report:
-        """Validates the current state of a context against the ontologies and the shapes."""
         with wm_errors():
             triples = self.model.triples(context_id)
             return validate(triples, f"context {context_id}", self.model.knowledge_base, context_id, self.model.strict)

@@ -69,6 +69,33 @@ class OntologyAbstractInterface(ABC):
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         """Adds and removes statements, all or none."""
 
+    @abstractmethod
+    def is_connected(self) -> bool:
+        """Whether the server answers."""
+
+    @abstractmethod
+    def lock(self) -> bool:
+        """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
+
+    @abstractmethod
+    def unlock(self) -> bool:
+        """Releases the advisory lock. Returns False when it is not held."""
+
+    @abstractmethod
+    def load(self, filename: str = "", context: str = "scene") -> bool:
+        """Replaces a context with the content of a file of the server's workspace. Returns True.
+
+        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
+        :raises WmException: the file is refused; the current content stays.
+        """
+
+    @abstractmethod
+    def save(self, filename: str = "", context: str = "scene") -> bool:
+        """Writes a context to a file of the server's workspace as Turtle; `filename` as for `load`. Returns True.
+
+        :raises WmException: the file is refused.
+        """
+
     def _elements_of(self, cls: str, recursive: bool) -> list[str]:
         """The ids of the elements of the scene of a class, and with `recursive` of its subclasses."""
         classes = self._ontology.subclasses(cls) if recursive else [cls]

@@ -10,7 +10,6 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.change_notifier import ChangeNotifier, PendingChange
 from skiros2_world_model.core.changes import REMOVE, UPDATE, Operation, Outcome, Statement
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
@@ -51,7 +50,6 @@ class PreviewCopy(WorldModelAbstractInterface):
         return self._notifier.number
 
     def is_connected(self) -> bool:
-        """True: the copy is in this process."""
         return True
 
     def add_listener(self, callback: Callable[[Any], None]) -> None:
@@ -78,9 +76,9 @@ class PreviewCopy(WorldModelAbstractInterface):
         """:raises WmException: always."""
         raise WmException("a copy of a scene cannot be saved")
 
-    def history(self, eid: str = "", *, until: Point | None = None, limit: int = 0) -> list[HistoryEntry]:
-        """Returns []: a copy has no journal."""
-        return []
+    def validate(self, context_id: str = _SCENE) -> NoReturn:
+        """:raises WmException: always."""
+        raise WmException("a copy of a scene cannot be validated")
 
     def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
         """No effect: the copy ends with its process."""

@@ -16,7 +16,6 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import (
     relation_dict,
 )
-from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 from skiros2_world_model.core.queries import SceneReader, no_element
 from skiros2_world_model.core.scene import ROOT, Provenance
@@ -50,10 +49,6 @@ class SceneAbstractInterface(OntologyAbstractInterface):
     @abstractmethod
     def remove_listener(self, callback: Callable[[Any], None]) -> None:
         """Removes a listener."""
-
-    @abstractmethod
-    def history(self, eid: str = "", *, until: Point | None = None, limit: int = 0) -> list[HistoryEntry]:
-        """The journal's entries about an element."""
 
     @abstractmethod
     def get_scene(self) -> tuple[list[Element], str]:
@@ -222,13 +217,6 @@ class SceneAbstractInterface(OntologyAbstractInterface):
         if verbose:
             log.info("%s may be: %s", ", ".join(names), found.tolist())
         return {names[0]: found[:, 0]} if len(names) == 1 else {names: found}
-
-    def last_change(self, eid: str) -> HistoryEntry:
-        """The last change of an element, with its time (`stamp`) and its `author`.
-
-        :raises WmException: the element does not exist, or the world model has no journal.
-        """
-        return self.history(eid, limit=1)[-1]
 
     def wait_until(self, check: Callable[[], bool], timeout: float | None = None) -> bool:
         """Blocks until `check()` is true. It is evaluated after each change of the scene.

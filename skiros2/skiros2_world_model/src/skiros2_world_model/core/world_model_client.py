@@ -24,12 +24,15 @@ from skiros2_world_model.core.changes import (
     written_properties,
 )
 from skiros2_world_model.core.changeset import ChangeSet
-from skiros2_world_model.core.history import HistoryEntry
+from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
+from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene_client import SceneAbstractInterface, id_of
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 _SCENE = "scene"
+
+_NO_JOURNAL = "this world model has no journal, so its history is unknown"
 
 
 class WorldModelAbstractInterface(SceneAbstractInterface):
@@ -179,6 +182,59 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         """
         change_set = change.changes if isinstance(change, HistoryEntry) else change
         return self.transact([Apply(change_set.inverse())], context_id)
+
+    # -- history and validation ----------------------------------------------------------------------------------
+
+    def history(
+        self,
+        eid: str = "",
+        since: Point | None = None,
+        until: Point | None = None,
+        author: str = "",
+        limit: int = 0,
+        context_id: str = _SCENE,
+    ) -> list[HistoryEntry]:
+        """The changes after one point and up to another: an entry for each request, oldest first.
+
+        :param eid: only changes of this element; "": all.
+        :param since: the number of a change (int) or a time (float, s since the epoch); None: the beginning.
+        :param until: the end, in the same format; None: now.
+        :param author: only changes by this author; "": all.
+        :param limit: at most this number of entries, the latest ones; 0: all.
+        :param context_id: the context; `ontology`: the statements of the ontologies.
+        :raises WmException: no journal, an unknown element or context, or a point outside the journal.
+        """
+        raise WmException(_NO_JOURNAL)
+
+    def scene_at(self, at: Point, context_id: str = _SCENE) -> HistoryEntry:
+        """A past state of a context: `after` has its elements, each with its outgoing relations.
+
+        :param at: as `since` in `history`. The other fields of the entry describe the change that led to this state.
+        :raises WmException: as for `history`.
+        """
+        raise WmException(_NO_JOURNAL)
+
+    def difference(self, since: Point, until: Point | None = None, context_id: str = _SCENE) -> HistoryEntry:
+        """The difference of a context between two points: one entry, which is false when there is none.
+
+        :param since, until: as for `history`.
+        :raises WmException: as for `history`.
+        """
+        raise WmException(_NO_JOURNAL)
+
+    def last_change(self, eid: str) -> HistoryEntry:
+        """The last change of an element, with its time (`stamp`) and its `author`.
+
+        :raises WmException: the element does not exist, or the world model has no journal.
+        """
+        return self.history(eid, limit=1)[-1]
+
+    @abstractmethod
+    def validate(self, context_id: str = _SCENE) -> Report:
+        """Validates the current state of a context against the ontologies and shapes. Takes a second or more.
+
+        :raises WmException: a shape file is invalid.
+        """
 
     # -- helpers -------------------------------------------------------------------------------------------------
 

@@ -54,33 +54,21 @@ class OntologyInterface(OntologyAbstractInterface):
         self._follow()
 
     def is_connected(self) -> bool:
-        """Whether the server answers."""
         return self._query_service.is_there()
 
     def lock(self) -> bool:
-        """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
         answer = self._lock_service.call(SetBoolRequest(True))
         if not answer.success:
             raise WmException(f"the world model cannot be locked: {answer.message}")
         return True
 
     def unlock(self) -> bool:
-        """Releases the advisory lock. Returns False when it is not held."""
         return bool(self._lock_service.call(SetBoolRequest(False)).success)
 
     def load(self, filename: str = "", context: str = "scene") -> bool:
-        """Replaces a context with the content of a file of the server's workspace. Returns True.
-
-        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
-        :raises WmException: the file is refused; the current content stays.
-        """
         return self._files(srvs.WoLoadAndSaveRequest.LOAD, filename, context)
 
     def save(self, filename: str = "", context: str = "scene") -> bool:
-        """Writes a context to a file of the server's workspace as Turtle; `filename` as for `load`. Returns True.
-
-        :raises WmException: the file is refused.
-        """
         return self._files(srvs.WoLoadAndSaveRequest.SAVE, filename, context)
 
     # -- the primitives of `OntologyAbstractInterface` ---------------------------------------------------------

@@ -82,11 +82,6 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             self._replica.reach(answer.snapshot_id)
 
     def load(self, filename: str = "", context: str = _SCENE) -> bool:
-        """Replaces a context with the content of a file of the server's workspace. Returns True when it can be read.
-
-        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
-        :raises WmException: the file is refused; the current content stays.
-        """
         loaded = super().load(filename, context)
         self.catch_up()
         return loaded
@@ -132,8 +127,6 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
         self._last_will_service.call(last_will_request(actions))
 
-    # -- history -----------------------------------------------------------------------------------------------
-
     def history(
         self,
         eid: str = "",
@@ -143,44 +136,18 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         limit: int = 0,
         context_id: str = _SCENE,
     ) -> list[HistoryEntry]:
-        """The changes after one point and up to another: an entry for each request, oldest first.
-
-        :param eid: only changes of this element; "": all.
-        :param since: the number of a change (int) or a time (float, s since the epoch); None: the beginning.
-        :param until: the end, in the same format; None: now.
-        :param author: only changes by this author; "": all.
-        :param limit: at most this number of entries, the latest ones; 0: all.
-        :param context_id: the context; `ontology`: the statements of the ontologies.
-        :raises WmException: no journal, an unknown element or context, or a point outside the journal.
-        """
         request = history_request("changes", context_id, since, until, eid, author, limit)
         return [msg2entry(m) for m in self._history_service.call(request).entries]
 
     def scene_at(self, at: Point, context_id: str = _SCENE) -> HistoryEntry:
-        """A past state of a context: `after` has its elements, each with its outgoing relations.
-
-        :param at: as `since` in `history`. The other fields of the entry describe the change that led to this state.
-        :raises WmException: as for `history`.
-        """
         request = history_request("scene", context_id, until=at)
         return msg2entry(self._history_service.call(request).entries[0])
 
     def difference(self, since: Point, until: Point | None = None, context_id: str = _SCENE) -> HistoryEntry:
-        """The difference of a context between two points: one entry, which is false when there is none.
-
-        :param since, until: as for `history`.
-        :raises WmException: as for `history`.
-        """
         request = history_request("difference", context_id, since, until)
         return msg2entry(self._history_service.call(request).entries[0])
 
-    # -- validation --------------------------------------------------------------------------------------------
-
     def validate(self, context_id: str = _SCENE) -> Report:
-        """Validates the current state of a context against the ontologies and shapes. Takes a second or more.
-
-        :raises WmException: the context does not exist, or a shape file is invalid.
-        """
         answer = self._validation_service.call(srvs.WmValidationRequest(context_id))
         findings = [Finding(m.severity, m.file, m.element, m.property, m.text) for m in answer.findings]
         return Report(f"context {context_id}", findings, answer.stamp.to_sec())

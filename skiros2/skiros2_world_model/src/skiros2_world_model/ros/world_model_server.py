@@ -27,12 +27,17 @@ from skiros2_world_model.core.last_will import LastWillStore
 from skiros2_world_model.core.queries import no_element
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.scene import ElementRecord
-from skiros2_world_model.core.validator import Validator
+from skiros2_world_model.core.validation import Validator
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.last_will import LastWillService
-from skiros2_world_model.ros.ontology_server import OntologyServices
+from skiros2_world_model.ros.ontology_server import (
+    OntologyServices,
+    ontology_folder,
+    open_journal,
+    triple_store,
+    workspace_folder,
+)
 from skiros2_world_model.ros.parameters import text_list
-from skiros2_world_model.ros.server_parameters import ontology_folder, open_journal, triple_store, workspace_folder
 from skiros2_world_model.ros.service_pool import service_handler
 from skiros2_world_model.ros.wire import change2msg, entry2msg, msg2operation, msg2point
 

@@ -8,7 +8,6 @@ from skiros2_common.core.world_model_port import (
     Revision,
     Revisions,
     WorldModelPort,
-    mutating,
     read_only_calls,
 )
 
@@ -19,7 +18,6 @@ __all__ = [
     "WmConflict",
     "WmException",
     "WorldModelPort",
-    "mutating",
     "read_only_calls",
     "refusal",
 ]

@@ -77,14 +77,7 @@ class ElementChanges:
     type: str | None = None
 
     def __bool__(self) -> bool:
-        return bool(
-            self.properties
-            or self.removed_properties
-            or self.added_relations
-            or self.removed_relations
-            or self.label is not None
-            or self.type is not None
-        )
+        return self != ElementChanges()
 
 
 class _Original(NamedTuple):

@@ -6,14 +6,14 @@ so it also validates the planning task.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from skiros2_common.core.conditions import ConditionBase, condition_from
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldChange
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.conditions import condition_of
 from skiros2_task.core.formula import Atom, Formula, Kind, fold
@@ -136,13 +136,6 @@ def _facts_of(plan: Plan) -> list[Atom]:
     return sorted(found, key=str)
 
 
-class _Change(Protocol):
-    """A change of the world model, as listeners get it."""
-
-    action: str
-    elements: Sequence[Element]
-
-
 class _Simulation:
     """Simulates steps on a copy of the scene, one after the other."""
 
@@ -170,7 +163,7 @@ class _Simulation:
         ]
         before: dict[str, Element | None] = {}  # changed elements before the step
 
-        def record(change: _Change) -> None:
+        def record(change: WorldChange) -> None:
             for element in change.elements:
                 before.setdefault(element.id, self._now.get(element.id))
                 if change.action == _REMOVE:

@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import WrongType
-from skiros2_task.core.engines import FoundPlan, Limits, Outcome
+from skiros2_task.core.engines import FoundPlan, Limits, Outcome, PlannerAnswer
 from skiros2_task.core.formula import Atom, Exists, Kind, Predicate
-from skiros2_task.core.planners import PlannerAnswer
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_common.core.names import local_name
+from skiros2_common.core.params import ParamTypes
 from skiros2_task.core.conditions import IN_SCENE, Unusable, contradict, predicate_of
 from skiros2_task.core.formula import (
     FALSE,
@@ -21,7 +22,7 @@ from skiros2_task.core.formula import (
     disjunction,
 )
 from skiros2_task.core.pddl_names import Naming
-from skiros2_task.core.skills import ParameterKind, Robot, Skill, SkillCondition, SkillParameter
+from skiros2_task.core.skills import Robot, Skill, SkillCondition, SkillParameter
 
 ROBOT_KEY = "Robot"
 
@@ -232,7 +233,7 @@ class _ConditionReader:
         for parameter in self._skill.parameters:
             if parameter.element_class is None or parameter.fixed or parameter.key == chosen[0].key:
                 continue
-            required = parameter.kind is ParameterKind.REQUIRED and not self._is_unset(parameter)
+            required = parameter.kind is ParamTypes.Required and not self._is_unset(parameter)
             if required or parameter.key in self._named:
                 chosen.append(Variable(f"?{parameter.key}", parameter.key, (parameter.element_class,)))
         return chosen[0].name, tuple(chosen)
@@ -280,7 +281,7 @@ class _ConditionReader:
             return None
         keys = (condition.subject, condition.object)[: predicate.arity]
         parameters = self._parameters(condition, *keys)
-        if predicate.kind is Kind.HAS and parameters[0].kind is ParameterKind.OPTIONAL:
+        if predicate.kind is Kind.HAS and parameters[0].kind is ParamTypes.Optional:
             return None  # holds for an unset parameter
         if any(self._is_unset(p) for p in parameters):
             return FALSE

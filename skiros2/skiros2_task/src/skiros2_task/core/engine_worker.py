@@ -30,10 +30,9 @@ from skiros2_task.core.engines import (
     EngineCall,
     FoundPlan,
     Job,
-    ListEngines,
     Outcome,
+    PlannerAnswer,
     SearchPortfolio,
-    WorkerAnswer,
     kill_tree,
 )
 from skiros2_task.core.fast_downward import NOT_INSTALLED, PACKAGES, TRANSLATOR, read_plan, search, translate
@@ -47,8 +46,8 @@ if TYPE_CHECKING:
 _PR_SET_CHILD_SUBREAPER = 36  # of linux/prctl.h
 _LOADING_NICENESS = 10
 
-_IMPOSSIBLE = WorkerAnswer(Outcome.IMPOSSIBLE, reason="no sequence of the robots' skills reaches the goal")
-_OUT_OF_MEMORY = WorkerAnswer(Outcome.FAILED, reason="the planner exceeded its memory limit")
+_IMPOSSIBLE = PlannerAnswer(Outcome.IMPOSSIBLE, reason="no sequence of the robots' skills reaches the goal")
+_OUT_OF_MEMORY = PlannerAnswer(Outcome.FAILED, reason="the planner exceeded its memory limit")
 
 
 def main() -> None:
@@ -115,11 +114,7 @@ def _adopt_orphans() -> None:
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_CHILD_SUBREAPER)")
 
 
-def _solved(job: Job | ListEngines) -> WorkerAnswer:
-    if isinstance(job, ListEngines):
-        from unified_planning.environment import get_environment
-
-        return WorkerAnswer(Outcome.SOLVED, reason="\n".join(_engines(get_environment().factory)))
+def _solved(job: Job) -> PlannerAnswer:
     if job.limits.memory_mb is not None:
         size = job.limits.memory_mb << 20
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
@@ -129,21 +124,21 @@ def _solved(job: Job | ListEngines) -> WorkerAnswer:
         return _OUT_OF_MEMORY
     except Exception as error:  # an engine may raise anything
         traceback.print_exc()
-        return WorkerAnswer(Outcome.FAILED, reason=f"{type(error).__name__}: {error}")
+        return PlannerAnswer(Outcome.FAILED, reason=f"{type(error).__name__}: {error}")
 
 
-def _solve(job: Job) -> WorkerAnswer:
+def _solve(job: Job) -> PlannerAnswer:
     if isinstance(job.work, SearchPortfolio):
         try:
             return _run_portfolio(job, job.work)
         except ModuleNotFoundError as error:
             if error.name not in PACKAGES:
                 raise
-            return WorkerAnswer(Outcome.FAILED, reason=NOT_INSTALLED)
+            return PlannerAnswer(Outcome.FAILED, reason=NOT_INSTALLED)
     return _run_engine(job, job.work)
 
 
-def _run_portfolio(job: Job, work: SearchPortfolio) -> WorkerAnswer:
+def _run_portfolio(job: Job, work: SearchPortfolio) -> PlannerAnswer:
     from skiros2_task.core.up_model import UpProblem  # already loaded by the parent process
 
     started = time.monotonic()
@@ -154,15 +149,15 @@ def _run_portfolio(job: Job, work: SearchPortfolio) -> WorkerAnswer:
     found = search(work, started, started + job.limits.seconds)
     if found.plans:
         plans = (_found(model, name, model.named_steps(read_plan(text)), at) for name, text, at in found.plans)
-        return WorkerAnswer(Outcome.SOLVED, tuple(plans))
+        return PlannerAnswer(Outcome.SOLVED, tuple(plans))
     if found.impossible:
         return _IMPOSSIBLE
     if found.out_of_time:
         return TIMED_OUT
-    return WorkerAnswer(Outcome.FAILED, reason="; ".join(found.failures))
+    return PlannerAnswer(Outcome.FAILED, reason="; ".join(found.failures))
 
 
-def _run_engine(job: Job, work: EngineCall) -> WorkerAnswer:
+def _run_engine(job: Job, work: EngineCall) -> PlannerAnswer:
     from unified_planning.engines.pddl_planner import PDDLPlanner
     from unified_planning.exceptions import UPNoRequestedEngineAvailableException
 
@@ -181,7 +176,7 @@ def _run_engine(job: Job, work: EngineCall) -> WorkerAnswer:
         engine = factory.OneshotPlanner(name=work.name, params=dict(work.options))
     except UPNoRequestedEngineAvailableException:
         known = ", ".join(_engines(factory))
-        return WorkerAnswer(Outcome.FAILED, reason=f"there is no planner {work.name!r}; installed: {known}")
+        return PlannerAnswer(Outcome.FAILED, reason=f"there is no planner {work.name!r}; installed: {known}")
     pddl, flat = isinstance(engine, PDDLPlanner), not engine.supports(model.problem.kind)
     if flat or not pddl:
         model = UpProblem(job.task, sparse=pddl, flat=flat)
@@ -191,7 +186,7 @@ def _run_engine(job: Job, work: EngineCall) -> WorkerAnswer:
     sys.stderr.flush()
     if result.plan is not None:
         found = _found(model, work.name, model.steps(result.plan), time.monotonic() - started)
-        return WorkerAnswer(Outcome.SOLVED, (found,))
+        return PlannerAnswer(Outcome.SOLVED, (found,))
     return _answer_without_plan(result.status)
 
 
@@ -213,7 +208,7 @@ def _engines(factory: Factory) -> list[str]:
     return sorted(n for n in factory.engines if "[" not in n and factory.engine(n).is_oneshot_planner())
 
 
-def _answer_without_plan(status: PlanGenerationResultStatus) -> WorkerAnswer:
+def _answer_without_plan(status: PlanGenerationResultStatus) -> PlannerAnswer:
     """Returns the answer for a unified-planning status without a plan."""
     if status.name == "UNSOLVABLE_PROVEN":
         return _IMPOSSIBLE
@@ -221,10 +216,10 @@ def _answer_without_plan(status: PlanGenerationResultStatus) -> WorkerAnswer:
         return TIMED_OUT
     if status.name == "UNSOLVABLE_INCOMPLETELY":
         reason = "the planner found no plan, without a proof that there is none"
-        return WorkerAnswer(Outcome.FAILED, reason=reason)
+        return PlannerAnswer(Outcome.FAILED, reason=reason)
     if status.name == "MEMOUT":
         return _OUT_OF_MEMORY
-    return WorkerAnswer(Outcome.FAILED, reason=f"the planner ended with {status.name}")
+    return PlannerAnswer(Outcome.FAILED, reason=f"the planner ended with {status.name}")
 
 
 if __name__ == "__main__":

@@ -13,13 +13,13 @@ from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task, note_of_empty_class
-from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome
+from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome, PlannerAnswer
 from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan, unusable_skills
 from skiros2_task.core.explain_plan import explain_plan
 from skiros2_task.core.formula import FALSE, Formula
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.plan import Plan, SkillCall, make_plan
-from skiros2_task.core.planners import Planner, PlannerAnswer
+from skiros2_task.core.planners import Planner
 from skiros2_task.core.preview import Preview
 from skiros2_task.core.reachability import Deadline
 from skiros2_task.core.store import Archive, Durations

@@ -27,6 +27,7 @@ from skiros2_task.core.task import PlanningTask, PlanStep
 #: The files of a run in its working folder.
 DOMAIN_FILE, PROBLEM_FILE, PLAN_FILE, LOG_FILE = "domain.pddl", "p01.pddl", "plan.txt", "planner.log"
 
+MIN_GRACE_PERIOD = 0.15  # s, see `SearchPortfolio`
 _CANCEL_PERIOD = 0.02  # s between two checks for cancellation
 _GRACE_PERIOD = 2.0  # s after its time limit in which an engine may end by itself
 _EXIT_TIMEOUT = 1.0  # s for the end of a process
@@ -85,7 +86,7 @@ class SearchPortfolio:
 
     :param searches: the most promising first.
     :param grace_share: the grace period for further plans after the first one, as a share of the time until then, at
-        least `fast_downward.MIN_GRACE_PERIOD`; None: until all searches have ended.
+        least `MIN_GRACE_PERIOD`; None: until all searches have ended.
     :param goal_action: compile the goal to an action, for searches without support for disjunctive goals.
     """
 

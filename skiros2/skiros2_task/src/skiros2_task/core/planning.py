@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task, note_of_empty_class
@@ -148,7 +148,7 @@ class TaskPlanner:
 
     def plan(
         self,
-        goal: str | Formula,
+        goal: str,
         cancelled: threading.Event | None = None,
         progress: Callable[[str], None] | None = None,
         asked_by: str = "",
@@ -158,20 +158,19 @@ class TaskPlanner:
     ) -> PlanningResult:
         """Returns the plan for a goal, or why there is none. Blocks until the limits are reached at most.
 
-        :param goal: a text, or a formula, see `skiros2_task.core.goals`.
+        :param goal: its text, see `skiros2_task.core.goal_reader`.
         :param progress: called with progress messages.
         :param asked_by: the node name of the client, with or without slash. The plan for a skill manager is for its
             robot only.
         :param limits, planner: override those of the constructor.
         :param adapt: changes the task before planning.
         :raises WmException: the world model does not answer.
-        :raises WrongType: the goal is neither text nor formula.
         """
         report = progress or log.info
         report("reading the world model")
         world = self._view(asked_by)
         try:
-            task = make_task(world, self._formula(goal, world))
+            task = make_task(world, _read(goal, world))
         except WrongValue as error:
             # Unusable skills may explain an unknown name.
             return PlanningResult(Verdict.FAILED, message=str(error), notes=tuple(make_actions(world.robots)[1]))
@@ -190,25 +189,19 @@ class TaskPlanner:
         result, files = self._result(answer, task, world, cancelled)
         return self._store(goal, task, result, {LOG_FILE: answer.log, **dict(answer.files), **files})
 
-    def read_task(self, goal: str | Formula) -> PlanningTask:
+    def read_task(self, goal: str) -> PlanningTask:
         """Returns the planning task for a goal in the current world.
 
         :raises WrongValue: the goal cannot be read in the current world.
         :raises WmException: the world model does not answer.
         """
         world = self._view()
-        return make_task(world, self._formula(goal, world))
+        return make_task(world, _read(goal, world))
 
     def _view(self, asked_by: str = "") -> WorldView:
         world = WorldView(self.wm, self._managers())
         world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
         return world
-
-    def _formula(self, goal: str | Formula, world: WorldView) -> Formula:
-        if not isinstance(goal, str | Formula):
-            raise WrongType(f"goal {goal!r}: expected its text or a formula, found {type(goal).__name__}")
-        # A formula is read as text, so that its names are resolved.
-        return GoalReader(world, condition_predicates(world.robots)).read(str(goal))
 
     def _result(
         self, answer: PlannerAnswer, task: PlanningTask, world: WorldView, cancelled: threading.Event | None
@@ -236,7 +229,7 @@ class TaskPlanner:
         return PlanningResult(Verdict.PLANNED, message, task.notes, task, best[0]), files
 
     def _store(
-        self, goal: str | Formula, task: PlanningTask, result: PlanningResult, files: Mapping[str, str] | None = None
+        self, goal: str, task: PlanningTask, result: PlanningResult, files: Mapping[str, str] | None = None
     ) -> PlanningResult:
         level = logging.DEBUG if result.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO) else logging.INFO
         for note in task.notes:
@@ -244,11 +237,15 @@ class TaskPlanner:
         if self._archive is not None:
             texts = {
                 **(files or {}),
-                "goal.txt": str(goal),
+                "goal.txt": goal,
                 "result.txt": "\n".join([result.verdict.value, result.message, *task.notes]),
             }
             self._archive.keep(texts)
         return result
+
+
+def _read(goal: str, world: WorldView) -> Formula:
+    return GoalReader(world, condition_predicates(world.robots)).read(goal)
 
 
 def _why_impossible(task: PlanningTask, world: WorldView) -> str:

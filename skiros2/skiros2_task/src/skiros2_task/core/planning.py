@@ -46,9 +46,6 @@ _EXPLANATION_TIMEOUT = 5.0
 
 NO_ROBOT = "no robot in the world model offers skills"
 
-#: A hint for tasks with required concurrency.
-CONCURRENCY_HINT = "plans start no step during another one that it depends on; a skill that runs both can"
-
 _VERDICTS = {
     Outcome.SOLVED: Verdict.PLANNED,
     Outcome.IMPOSSIBLE: Verdict.IMPOSSIBLE,
@@ -267,8 +264,6 @@ def _without_plan(
     if outcome in (Outcome.CANCELLED, Outcome.FAILED):
         why = NoPlan(outcome.value, reason)
         return PlanningResult(_VERDICTS[outcome], reason, task.notes, task, why=why)
-    if task.concurrent:
-        reason = "; ".join([reason or outcome.value, *task.concurrent, CONCURRENCY_HINT])
     deadline = Deadline(_EXPLANATION_TIMEOUT, cancelled)
     why = explain_no_plan(task, outcome, reason, unusable_skills(world, task), deadline)
     return PlanningResult(_VERDICTS[Outcome(why.verdict)], str(why), task.notes, task, why=why)

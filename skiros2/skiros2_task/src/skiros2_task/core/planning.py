@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.manager_names import same_node
@@ -39,6 +40,11 @@ class Verdict(Enum):
     TIMED_OUT = "timed out"
     CANCELLED = "cancelled"
     FAILED = "failed"
+
+    @property
+    def state(self) -> str:
+        """The verdict in results of actions, with `_` for spaces."""
+        return self.value.replace(" ", "_")
 
 
 #: Timeout of the explanation why there is no plan (s).
@@ -78,44 +84,21 @@ class PlanningResult:
         return self.plan.calls if self.plan is not None else ()
 
 
-@dataclass(frozen=True)
-class PlanReport:
-    """A planning result as data for clients. Its fields are those of the result of the action `MakePlan`.
-
-    :param state: the verdict with `_` for spaces.
-    :param plan: the steps as a JSON list, see `Step.to_dict`.
-    :param makespan: s.
-    :param why: the purpose of each step (`WhyPlan`), or why there is no plan (`NoPlan`), as JSON; "" if unknown.
-    :param preview: the simulated plan (`Preview`) as JSON; "" without a plan.
-    """
-
-    state: str
-    message: str
-    plan: str = "[]"
-    makespan: float = 0.0
-    why: str = ""
-    preview: str = ""
-    notes: tuple[str, ...] = ()
-
-
-def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> PlanReport:
-    """Returns the report of a planning result.
+def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> dict[str, Any]:
+    """Returns a planning result as the fields of the action `MakePlan`'s result.
 
     :param simulate: simulates a plan on a copy of the scene.
     """
-    state, plan = result.verdict.value.replace(" ", "_"), result.plan
-    if plan is None:
-        why = result.why.to_json() if result.why is not None else ""
-        return PlanReport(state, result.message, why=why, notes=result.notes)
-    return PlanReport(
-        state,
-        plan.summary,
-        json.dumps([step.to_dict() for step in plan.steps]),
-        plan.makespan,
-        explain_plan(plan).to_json(),
-        simulate(plan).to_json(),
-        result.notes,
-    )
+    plan = result.plan
+    return {
+        "state": result.verdict.state,
+        "message": plan.summary if plan else result.message,
+        "plan": json.dumps([step.to_dict() for step in plan.steps] if plan else []),
+        "makespan": plan.makespan if plan else 0.0,
+        "why": explain_plan(plan).to_json() if plan else result.why.to_json() if result.why else "",
+        "preview": simulate(plan).to_json() if plan else "",
+        "notes": result.notes,
+    }
 
 
 class TaskPlanner:

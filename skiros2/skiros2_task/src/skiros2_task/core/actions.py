@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 from skiros2_common.core.names import local_name
 from skiros2_common.core.params import ParamTypes
@@ -186,10 +187,9 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
 
 
 def _check_contradictions(conditions: Sequence[SkillCondition], kind: str) -> None:
-    for i, one in enumerate(conditions):
-        for other in conditions[i + 1 :]:
-            if contradict(one, other):
-                raise Unusable(f"its {kind}-conditions {one.label!r} and {other.label!r} contradict each other")
+    for one, other in combinations(conditions, 2):
+        if contradict(one, other):
+            raise Unusable(f"its {kind}-conditions {one.label!r} and {other.label!r} contradict each other")
 
 
 def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tuple[tuple[Variable, ...], Formula]:

@@ -122,17 +122,13 @@ def _with_candidates(actions: Iterable[Action], world: WorldView) -> tuple[list[
         if action.precondition == FALSE:
             notes.append(f"skill {action.skill.name} cannot run: its pre-conditions can never hold")
             continue
-        empty = [v for v in action.variables if not _all_of(v.classes, world)]
+        empty = [v for v in action.variables if not world.members_of_all(v.classes)]
         if empty:
             wanted = ", ".join(f"{v.key or v.name} ({' and '.join(v.classes)})" for v in empty)
             notes.append(f"skill {action.skill.name} cannot run: the scene has no element for {wanted}")
         else:
             usable.append(action)
     return usable, notes
-
-
-def _all_of(classes: Sequence[str], world: WorldView) -> set[str]:
-    return set.intersection(*(set(world.members(cls)) for cls in classes))
 
 
 def _members(actions: Sequence[Action], goal: Formula, world: WorldView) -> dict[str, tuple[str, ...]]:
@@ -143,7 +139,7 @@ def _members(actions: Sequence[Action], goal: Formula, world: WorldView) -> dict
     for action in actions:
         own = {v.name for v in action.variables}
         for variable in action.variables:
-            named |= _all_of(variable.classes, world)
+            named |= world.members_of_all(variable.classes)
         atoms = [*(atom for atom, _ in literals(action.precondition)), *(e.atom for e in action.effects)]
         bound = own | {name for e in action.effects for name, _ in e.each}
         named |= {term for atom in atoms for term in atom.terms if term not in bound and term in world.objects}

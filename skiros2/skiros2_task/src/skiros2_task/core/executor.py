@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import heapq
 import logging
 import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from typing import Protocol
 
@@ -110,7 +110,6 @@ class GoalExecutor:
         self._executions: dict[str, GoalExecution] = {}
         self._lost: set[str] = set()
         self._events: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._delayed: list[tuple[float, int, Callable[[], None]]] = []  # heap by due time
         self._ids = count(1)
         self._thread = threading.Thread(target=self._run, name="goal executor", daemon=True)
         self._thread.start()
@@ -162,7 +161,7 @@ class GoalExecutor:
     def _run(self) -> None:
         closing = False
         while not (closing and not self._executions):
-            event = self._next_event()
+            event = self._events.get()
             if event is None:
                 closing = True
                 continue
@@ -171,18 +170,10 @@ class GoalExecutor:
             except Exception:
                 log.exception("executing goals")
 
-    def _next_event(self) -> Callable[[], None] | None:
-        """Blocks until the next event, or until a delayed event is due."""
-        remaining = self._delayed[0][0] - time.monotonic() if self._delayed else None
-        try:
-            if remaining is None or remaining > 0:
-                return self._events.get(timeout=remaining)
-        except queue.Empty:
-            log.debug("a delayed event is due")
-        return heapq.heappop(self._delayed)[2]
-
     def _after(self, seconds: float, event: Callable[[], None]) -> None:
-        heapq.heappush(self._delayed, (time.monotonic() + seconds, next(self._ids), event))
+        timer = threading.Timer(seconds, self._events.put, (event,))
+        timer.daemon = True
+        timer.start()
 
     def _begin(self, execution: GoalExecution) -> None:
         self._executions[execution.name] = execution
@@ -206,8 +197,7 @@ class GoalExecutor:
         try:
             self._execute_each(execution, commands)
         except Exception as error:
-            log.exception("%s", execution.name)
-            message = f"internal error: {type(error).__name__}: {error}"
+            message = _internal_error(error)
             execution.cancelled.set()
             for stop in execution.stops.values():
                 stop()
@@ -250,8 +240,7 @@ class GoalExecutor:
     def _grant(self, owners: Iterable[str]) -> None:
         """Notifies goals of their resources, in separate events: one goal may change what another is granted."""
         for owner in owners:
-            execution = self._executions[owner]
-            self._events.put(lambda execution=execution: self._granted(execution))  # type: ignore[misc]
+            self._events.put(partial(self._granted, self._executions[owner]))
 
     def _granted(self, execution: GoalExecution) -> None:
         self._execute(execution, execution.machine.granted())
@@ -326,11 +315,8 @@ class GoalExecutor:
         task: PlanningTask | SkirosError
         try:
             task = self._planner.read_task(execution.goal.text)
-        except SkirosError as error:
-            task = error
         except Exception as error:
-            log.exception("%s: reading the world model", execution.name)
-            task = WrongValue(f"internal error: {type(error).__name__}: {error}")
+            task = error if isinstance(error, SkirosError) else WrongValue(_internal_error(error))
         seconds = time.monotonic() - start
         self._events.put(lambda: self._on_read(execution, task, seconds))
 
@@ -367,12 +353,16 @@ class GoalExecutor:
             result = self._planner.plan(
                 goal.text, execution.cancelled, limits=goal.limits, planner=goal.planner, adapt=adapt
             )
-        except SkirosError as error:
-            result = PlanningResult(Verdict.FAILED, message=str(error))
         except Exception as error:
-            log.exception("%s: planning", execution.name)
-            result = PlanningResult(Verdict.FAILED, message=f"internal error: {type(error).__name__}: {error}")
+            message = str(error) if isinstance(error, SkirosError) else _internal_error(error)
+            result = PlanningResult(Verdict.FAILED, message)
         return (tasks[0] if tasks else None), result
+
+
+def _internal_error(error: Exception) -> str:
+    """Logs an unexpected exception. Returns its text."""
+    log.error("executing a goal", exc_info=error)
+    return f"internal error: {type(error).__name__}: {error}"
 
 
 _GOOD = (Verdict.PLANNED, Verdict.NOTHING_TO_DO)

@@ -395,7 +395,7 @@ def unusable_skills(world: WorldView, task: PlanningTask) -> list[UnusableSkill]
             reasons[why_unusable(skill)] = declared_effects(skill)
         else:
             reasons[_TEMPORARY] = [(e.atom.predicate, e.state) for e in usable[skill].during]
-            empty = [v for v in usable[skill].variables if not _members_of(v.classes, world)]
+            empty = [v for v in usable[skill].variables if not world.members_of_all(v.classes)]
             if empty and skill not in in_task:
                 wanted = ", ".join(f"{v.key or 'Robot'} ({' and '.join(v.classes)})" for v in empty)
                 reasons[f"the scene has no element for {wanted}"] = declared_effects(skill)
@@ -404,10 +404,6 @@ def unusable_skills(world: WorldView, task: PlanningTask) -> list[UnusableSkill]
             if effects:
                 found.append(UnusableSkill(skill.name, tuple(managers), reason, effects))
     return found
-
-
-def _members_of(classes: Iterable[str], world: WorldView) -> set[str]:
-    return set.intersection(*(set(world.members(cls)) for cls in classes))
 
 
 def _consequences(

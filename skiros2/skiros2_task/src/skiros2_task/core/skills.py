@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
@@ -66,16 +66,7 @@ class SkillCondition:
 
     def contradicts(self, other: SkillCondition) -> bool:
         """Whether both test the same fact for different values."""
-        same = (self.kind, self.subject, self.object, self.name, self.operator, self.value, self.parts) == (
-            other.kind,
-            other.subject,
-            other.object,
-            other.name,
-            other.operator,
-            other.value,
-            other.parts,
-        )
-        return same and self.state != other.state
+        return self.state != other.state and replace(self, label="", state=True) == replace(other, label="", state=True)
 
 
 @dataclass(frozen=True)

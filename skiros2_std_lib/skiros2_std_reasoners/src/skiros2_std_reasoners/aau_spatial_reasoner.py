@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rospy
 
@@ -18,6 +18,9 @@ from skiros2_std_reasoners.core.relations import ALL, relations_between
 from skiros2_std_reasoners.ros.codes import CODES, Code
 from skiros2_std_reasoners.ros.frame_publisher import FramePublisher
 from skiros2_std_reasoners.ros.transforms import Transforms
+
+if TYPE_CHECKING:
+    from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +44,7 @@ class AauSpatialReasoner(DiscreteReasoner):
         self._keeper = PoseKeeper(self.__class__.__name__, self._transforms, _now)
         self._publisher: FramePublisher | None = None
 
-    def init(self, wmi: Any) -> None:
+    def init(self, wmi: ReasonerWorldModel) -> None:
         super().init(wmi)
         self._keeper.wmi = wmi
 

@@ -11,13 +11,17 @@ import queue
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed
 from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, continued, frame_of
+
+if TYPE_CHECKING:
+    from skiros2_world_model.core.changes import Change
+    from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +58,7 @@ class PoseKeeper:
     def __init__(self, reasoner: str, frames: FrameTree, clock: Callable[[], float]) -> None:
         self.tracker = PoseTracker()
         #: The world model; set before use.
-        self.wmi: Any = None
+        self.wmi: ReasonerWorldModel
         self._reasoner = reasoner
         self._frames = frames
         self._clock = clock
@@ -120,7 +124,7 @@ class PoseKeeper:
             self._restructured.put(eid)
             self._frames.drop(frame.name)
 
-    def on_change(self, change: Any) -> None:
+    def on_change(self, change: Change) -> None:
         """Registers elements whose parents may have changed without `parse`: descendants of elements without a pose."""
         if change.context != "scene":
             return

@@ -53,7 +53,7 @@ def relations_between(
 
 
 def interval_relation(a: Interval, b: Interval) -> tuple[str, Metric]:
-    """Returns the relation of `a` to `b` (see `INTERVAL_RELATIONS`), and the distance or distances between their ends."""
+    """Returns the relation of `a` to `b`, and the distance or distances between their ends."""
     (a1, a2), (b1, b2) = a, b
     if a2 <= b2:
         if a2 <= b1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rospy
 
@@ -13,14 +13,11 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
-from skiros2_std_reasoners.core.pose_keeper import PoseKeeper
+from skiros2_std_reasoners.core.pose_keeper import PoseKeeper, ReasonerModel
 from skiros2_std_reasoners.core.relations import ALL, relations_between
 from skiros2_std_reasoners.ros.codes import CODES, Code
 from skiros2_std_reasoners.ros.frame_publisher import FramePublisher
 from skiros2_std_reasoners.ros.transforms import Transforms
-
-if TYPE_CHECKING:
-    from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +41,7 @@ class AauSpatialReasoner(DiscreteReasoner):
         self._keeper = PoseKeeper(self.__class__.__name__, self._transforms, _now)
         self._publisher: FramePublisher | None = None
 
-    def init(self, wmi: ReasonerWorldModel) -> None:
+    def init(self, wmi: ReasonerModel) -> None:
         super().init(wmi)
         self._keeper.wmi = wmi
 

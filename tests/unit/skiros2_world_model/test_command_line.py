@@ -14,8 +14,8 @@ from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.errors import WrongValue
 from skiros2_world_model.command_line import program
-from skiros2_world_model.command_line.connection import connect
-from skiros2_world_model.command_line.values import point
+from skiros2_world_model.command_line.program import connect
+from skiros2_world_model.command_line.reading import point
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel

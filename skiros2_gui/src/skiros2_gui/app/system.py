@@ -11,7 +11,7 @@ from skiros2_skill.client.description import Skill, Step, Why
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.task_starter import StartPreview
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 #: The kinds of parts.

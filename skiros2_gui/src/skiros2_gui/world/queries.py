@@ -9,7 +9,7 @@ from typing import Any, Protocol, cast
 from skiros2_common.core.errors import SkirosError
 from skiros2_gui.app.window import Window
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE
-from skiros2_world_model.core.history_entry import HistoryEntry, changed_lines
+from skiros2_world_model.core.history import HistoryEntry, changed_lines
 from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.report import Report
 

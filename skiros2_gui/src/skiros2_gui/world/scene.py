@@ -12,9 +12,9 @@ from typing import Protocol
 
 from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, SCENE, Change
 from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
 
 #: The parent of elements that nothing contains.

@@ -13,7 +13,7 @@ from skiros2_common.core.manager_names import runs_on
 from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_skill.client.description import Parameter, did_you_mean
-from skiros2_world_model.command_line.connection import connect
+from skiros2_world_model.command_line.program import connect
 
 #: The relations from a skill to its conditions, by stage.
 CONDITIONS = {

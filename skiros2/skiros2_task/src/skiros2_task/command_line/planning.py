@@ -31,7 +31,7 @@ from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.preview import preview as simulate
 from skiros2_task.core.skills import MANAGER_PROPERTY
 from skiros2_task.core.store import DURATIONS_FILE, FOLDER, Archive, Durations
-from skiros2_world_model.command_line.connection import connect
+from skiros2_world_model.command_line.program import connect
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 

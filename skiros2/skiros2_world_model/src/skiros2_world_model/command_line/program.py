@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
+
+import rosgraph
 
 from skiros2_common.command_line.command import (
+    OK,
     REFUSED,
     UNAVAILABLE,
     USAGE,
@@ -18,9 +21,79 @@ from skiros2_common.command_line.command import (
     screen,
     user,
 )
-from skiros2_common.command_line.layout import Screen
-from skiros2_world_model.command_line import history, reading, validating, writing
-from skiros2_world_model.command_line.connection import connect
+from skiros2_common.command_line.layout import Screen, table
+from skiros2_common.command_line.master import check_node
+from skiros2_world_model.command_line import reading, writing
+from skiros2_world_model.core.report import VIOLATION, Report
+
+
+def connect(name: str, author: str, computing: bool = False) -> Any:
+    """Connects to a running world model node, without subscribing to its changes.
+
+    :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
+    :param author: the author of the changes.
+    :param computing: loads the server's reasoners, for relations that they compute.
+    :raises Unavailable: the node does not answer within a few seconds.
+    """
+    full = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), name)
+    check_node(full, "get", "world model")
+    import rospy  # slow to import, so only after the check
+
+    from skiros2_world_model.ros.world_model_interface import WorldModelInterface, load_reasoners
+
+    class OneShotInterface(WorldModelInterface):
+        _server = full
+
+        def _wait_for_server(self) -> None:
+            """`check_node` has found the server."""
+
+        def _follow(self) -> None:
+            """A single command needs no updates."""
+
+    if rosgraph.names.is_legal_base_name(author):
+        rospy.names._set_caller_id(f"/{author}")  # no node is started, but the server logs this name
+    if computing:
+        load_reasoners(full)
+    return OneShotInterface(author)
+
+
+class WithValidation(Protocol):
+    """A world model that validates."""
+
+    def validate(self, context_id: str = "scene") -> Report: ...
+
+
+def validate(wm: WithValidation, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Validates the current scene against the ontologies and the shapes."""
+    report = wm.validate(arguments.context)
+    return CommandResult(_lines(report, screen), _json(report), _status(report))
+
+
+def validate_scene(_wm: None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Validates scene files without a world model: everything that loading would refuse or warn of, and the shapes."""
+    from skiros2_world_model.command_line.scene_file import validate_scene_file  # takes time, and an RDF library
+
+    folders = arguments.ontologies, arguments.workspace
+    reports = [validate_scene_file(file, *folders, arguments.context, arguments.strict) for file in arguments.files]
+    lines = [line for report in reports for line in _lines(report, screen)]
+    return CommandResult(lines, [_json(report) for report in reports], max(map(_status, reports)))
+
+
+def _status(report: Report) -> int:
+    return REFUSED if report.count(VIOLATION) else OK
+
+
+def _lines(report: Report, screen: Screen) -> list[str]:
+    rows = [(f.severity, f.element, f.property, f.text) for f in report.findings]
+    lines = table(screen, rows, ("severity", "element", "property", "what")) if rows else []
+    return [screen.fitted(f"{report.origin}: {report.summary}"), *lines]
+
+
+def _json(report: Report) -> dict[str, Any]:
+    keys = ("severity", "element", "property", "text")
+    findings = [{key: getattr(finding, key) for key in keys} for finding in report.findings]
+    return {"validated": report.origin, "violations": report.count(VIOLATION), "findings": findings}
+
 
 Command = Callable[[Any, argparse.Namespace, Screen], CommandResult]
 
@@ -38,7 +111,7 @@ def _run(name: str, given: Sequence[str]) -> int:
 
     def work() -> CommandResult:
         wm = None
-        if name != "validate_scene" and (name != "diff" or history.needs_world_model(arguments)):
+        if name != "validate_scene" and (name != "diff" or reading.needs_world_model(arguments)):
             wm = connect(arguments.wm, getattr(arguments, "author", "") or user())
         return command(wm, arguments, screen())
 
@@ -161,8 +234,8 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     ),
     "load": (writing.load, _load),
     "save": (writing.save, _save),
-    "history": (history.history, _history, _TIMES),
-    "diff": (history.diff, _diff, _TIMES),
-    "validate": (validating.validate, lambda parser: None),
-    "validate_scene": (validating.validate_scene, _validate_scene),
+    "history": (reading.history, _history, _TIMES),
+    "diff": (reading.diff, _diff, _TIMES),
+    "validate": (validate, lambda parser: None),
+    "validate_scene": (validate_scene, _validate_scene),
 }

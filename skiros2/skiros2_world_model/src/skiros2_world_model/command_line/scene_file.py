@@ -10,10 +10,10 @@ import rospkg
 
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import relation_dict
-from skiros2_world_model.core.file_checks import CollectingChecks
+from skiros2_world_model.core.checks import CollectingChecks
 from skiros2_world_model.core.knowledge_base import KnowledgeBase, is_knowledge_file
 from skiros2_world_model.core.local_world_model import source_ontologies
-from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.rdf import read_triples
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene import Provenance
 from skiros2_world_model.core.scene_rdf import read_scene

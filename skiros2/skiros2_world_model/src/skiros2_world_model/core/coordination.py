@@ -1,4 +1,4 @@
-"""Coordination of programs: atomic requests, optimistic locking, waiting for changes."""
+"""Coordination of programs: atomic requests, optimistic locking, waiting for changes, the advisory lock."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Apply, Expect, Operation, Outcome
 from skiros2_world_model.core.changeset import ChangeSet
-from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
@@ -146,3 +146,32 @@ class Coordination(ABC):
     def _is_shut_down(self) -> bool:
         """Whether the node is shutting down."""
         return False
+
+
+class AdvisoryLock:
+    """A lock with one owner, which any client may release. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._free = threading.Condition()
+        self.owner: str | None = None
+
+    def acquire(self, owner: str, timeout: float | None = None) -> bool:
+        """Blocks until the lock is free and acquires it. Returns False at the timeout.
+
+        :param owner: the name of the new owner.
+        :param timeout: in s; None: no limit.
+        """
+        with self._free:
+            if not self._free.wait_for(lambda: self.owner is None, timeout):
+                return False
+            self.owner = owner
+            return True
+
+    def release(self, owner: str | None = None) -> bool:
+        """Releases the lock. Returns False when it is free, or held by another owner than `owner` (None: any)."""
+        with self._free:
+            if self.owner is None or owner not in (None, self.owner):
+                return False
+            self.owner = None
+            self._free.notify()
+            return True

@@ -15,9 +15,7 @@ from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongVal
 from skiros2_world_model.core.changes import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
-from skiros2_world_model.core.rdf_files import read_triples
-from skiros2_world_model.core.shapes import is_shapes_file, shape_files
-from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
+from skiros2_world_model.core.rdf import RDF_TYPE, parse_term, python_value, read_triples, term_text
 from skiros2_world_model.core.triple_store import OxigraphStore, TripleStore
 
 log = logging.getLogger(__name__)
@@ -27,6 +25,31 @@ _LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
 
 #: Files of the workspace whose names contain this are ontologies.
 _ONTOLOGY_INFIX = ".owl"
+
+
+def is_shapes_file(name: str) -> bool:
+    """Whether a file with this name holds shapes."""
+    return ".shapes." in name
+
+
+def shape_files(*folders: Path | None) -> list[Path]:
+    """The shape files in folders and their subfolders, without duplicates.
+
+    :raises ConfigurationError: a file does not parse.
+    """
+    found: dict[Path, Path] = {}
+    for folder in folders:
+        for parent, _, names in os.walk(folder) if folder is not None else ():
+            for name in filter(is_shapes_file, names):
+                path = Path(parent, name)
+                found.setdefault(path.resolve(), path)
+    files = sorted(found.values())
+    for path in files:
+        try:
+            read_triples(path)
+        except WrongValue as error:
+            raise ConfigurationError(f"shapes {error}") from None
+    return files
 
 
 def is_knowledge_file(name: str) -> bool:

@@ -9,7 +9,7 @@ from types import TracebackType
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Change, Operation, Outcome, Statement
-from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.report import Report

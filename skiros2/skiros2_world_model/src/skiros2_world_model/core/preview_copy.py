@@ -11,11 +11,11 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.change_notifier import ChangeNotifier, PendingChange
 from skiros2_world_model.core.changes import REMOVE, UPDATE, Operation, Outcome, Statement
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.transaction import Transaction
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal

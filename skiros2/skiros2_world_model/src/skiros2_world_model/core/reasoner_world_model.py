@@ -13,7 +13,7 @@ from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import SCENE, Change, Operation, Outcome, Relate
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model import WorldModel
 
 _Closure = Callable[[str], frozenset[str]]

@@ -12,14 +12,12 @@ from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.changeset import ChangeSet
-from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.checks import LEFT_OUT, Checks
 from skiros2_world_model.core.datatypes import literal_parts
-from skiros2_world_model.core.file_checks import LEFT_OUT
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import OWL, RDFS, XSD, Prefixes
-from skiros2_world_model.core.rdf_files import TurtleWriter, WrittenStatement
+from skiros2_world_model.core.rdf import RDF_TYPE, TurtleWriter, WrittenStatement, literal, python_value
 from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
-from skiros2_world_model.core.terms import RDF_TYPE, literal, python_value
 from skiros2_world_model.core.triple_store import TripleStore
 
 _TYPE = RDF_TYPE.value

@@ -10,17 +10,23 @@ import sys
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
 
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
 from skiros2_world_model.core.changes import SCENE
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
+from skiros2_world_model.core.rdf import parse_n_triples
 from skiros2_world_model.core.report import Finding, Report
+from skiros2_world_model.core.validation import validate, validate_file
 from skiros2_world_model.core.world_model import WorldModel
 
 log = logging.getLogger(__name__)
 
-_PROGRAM = "skiros2_world_model.core.validation_process"
+_PROGRAM = "skiros2_world_model.core.validator"
 
 _ENDED = "the validation has ended"
 
@@ -142,3 +148,33 @@ class Validator:
             last = err.decode(errors="replace").strip().rpartition("\n")[2]
             raise Refused(f"the validation ended with status {process.returncode}: {last}")
         return out
+
+
+#: A low priority, so that robots are not slowed down.
+_NICENESS = 10
+
+
+def answer(request: dict[str, Any]) -> dict[str, Any]:
+    """Answers a request with the findings or an error."""
+    knowledge_base = KnowledgeBase()
+    for namespace in request["namespaces"]:
+        knowledge_base.prefixes.add_namespace(namespace)
+    knowledge_base.update((), parse_n_triples(request["ontologies"]))
+    knowledge_base.shapes = [Path(file) for file in request["shapes"]]
+    try:
+        return {"findings": [astuple(finding) for finding in _report(request, knowledge_base).findings]}
+    except SkirosError as error:
+        return {"error": str(error)}
+
+
+def _report(request: dict[str, Any], knowledge_base: KnowledgeBase) -> Report:
+    origin, context, strict = request["origin"], request["context"], request["strict"]
+    if request["triples"] is None:
+        return validate_file(Path(origin), knowledge_base, context, strict)
+    return validate(parse_n_triples(request["triples"]), origin, knowledge_base, context, strict)
+
+
+if __name__ == "__main__":
+    os.nice(_NICENESS)
+    logging.disable()  # the report has everything
+    json.dump(answer(json.load(sys.stdin)), sys.stdout)

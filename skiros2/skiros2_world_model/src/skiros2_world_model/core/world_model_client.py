@@ -11,13 +11,22 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, rea
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
-from skiros2_world_model.core.changes import TEMPLATE, Instantiate, Operation, Outcome, Relate, Remove, relation_dict
-from skiros2_world_model.core.combinations import combinations
+from skiros2_world_model.core.changes import (
+    TEMPLATE,
+    Instantiate,
+    Operation,
+    Outcome,
+    Relate,
+    Remove,
+    added_elements,
+    relation_dict,
+    remaining_changes,
+    written,
+    written_properties,
+)
 from skiros2_world_model.core.coordination import Coordination
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
-from skiros2_world_model.core.queries import describes
-from skiros2_world_model.core.reader import no_element
-from skiros2_world_model.core.requests import added_elements, remaining_changes, written, written_properties
+from skiros2_world_model.core.queries import combinations, describes, no_element
 from skiros2_world_model.core.scene import ROOT, Provenance
 from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmException
 

@@ -13,11 +13,11 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.ros.shutdown import spin
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.advisory_lock import AdvisoryLock
 from skiros2_world_model.core.changes import Statement
+from skiros2_world_model.core.coordination import AdvisoryLock
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
-from skiros2_world_model.ros.errors import service_handler
 from skiros2_world_model.ros.server_parameters import ontology_folder, triple_store, workspace_folder
+from skiros2_world_model.ros.service_pool import service_handler
 
 log = logging.getLogger(__name__)
 

@@ -15,20 +15,19 @@ from skiros2_common.ros.utils import element2msg, msg2relation
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import ONTOLOGY, Change, Operation, Outcome, Statement, snapshot_number
-from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.scene import ROOT, Provenance, Scene
 from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmConflict, WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
-from skiros2_world_model.ros.history_service import history_request, msg2entry
 from skiros2_world_model.ros.last_will import last_will_request
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
-from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
+from skiros2_world_model.ros.wire import history_request, msg2change, msg2entry, msg2shared_element, operation2msg
 
 __all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
 

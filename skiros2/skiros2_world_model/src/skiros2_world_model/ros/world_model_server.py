@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import logging
+import queue
+import threading
+import time
 import weakref
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import rosgraph
 import rospy
 
-from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
+from skiros2_common.core.discrete_reasoner import reasoners
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_common.ros.reasoners import new_reasoners
 from skiros2_common.ros.shutdown import spin
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
@@ -18,22 +24,123 @@ from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_world_model.core.changeset import Relation
 from skiros2_world_model.core.last_will import LastWillStore
-from skiros2_world_model.core.reader import no_element
+from skiros2_world_model.core.queries import no_element
+from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.scene import ElementRecord
+from skiros2_world_model.core.validator import Validator
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.change_publisher import ChangePublisher
-from skiros2_world_model.ros.errors import service_handler
-from skiros2_world_model.ros.history_service import answer_history
 from skiros2_world_model.ros.last_will import LastWillService
 from skiros2_world_model.ros.ontology_server import OntologyServices
 from skiros2_world_model.ros.parameters import text_list
-from skiros2_world_model.ros.reasoners import Reasoners
 from skiros2_world_model.ros.server_parameters import ontology_folder, open_journal, triple_store, workspace_folder
-from skiros2_world_model.ros.subscribers import wait_for_subscribers
-from skiros2_world_model.ros.validation_service import ValidationService
-from skiros2_world_model.ros.wire import change2msg, msg2operation
+from skiros2_world_model.ros.service_pool import service_handler
+from skiros2_world_model.ros.wire import answer_history, change2msg, msg2operation
 
 log = logging.getLogger(__name__)
+
+#: The number of messages queued for a slow subscriber. A subscriber that misses some fetches the scene again.
+_QUEUE_SIZE = 1000
+
+
+class ChangePublisher:
+    """The latched topic `~monitor`. A thread sends the messages in the order of `put`.
+
+    Sending takes half as long as a request, which holds the lock of the world model while its client waits.
+    """
+
+    def __init__(self) -> None:
+        self._publisher = rospy.Publisher("~monitor", msgs.WmMonitor, latch=True, queue_size=_QUEUE_SIZE)
+        self._waiting: queue.SimpleQueue[msgs.WmMonitor] = queue.SimpleQueue()
+        threading.Thread(target=self._run, name="change publisher", daemon=True).start()
+
+    @property
+    def topic(self) -> rospy.Publisher:
+        return self._publisher
+
+    def put(self, message: msgs.WmMonitor) -> None:
+        """Queues a `WmMonitor`. Thread-safe; does not block."""
+        self._waiting.put(message)
+
+    def _run(self) -> None:
+        while True:
+            message = self._waiting.get()
+            try:
+                self._publisher.publish(message)
+            except rospy.ROSException:
+                log.debug("change %s is not published: the node shuts down", message.snapshot_id)
+                return
+
+
+def wait_for_subscribers(publisher: rospy.Publisher, timeout: float = 0.5) -> None:
+    """Blocks until the registered subscribers of a topic are connected, so that they miss no message.
+
+    For example, a recorder that was started before the system then records all changes.
+
+    :param timeout: in s; the master may still list killed nodes as subscribers.
+    """
+    waiting_for = _subscribers(publisher.resolved_name)
+    deadline = time.monotonic() + timeout
+    while publisher.get_num_connections() < len(waiting_for):
+        if time.monotonic() > deadline or rospy.is_shutdown():
+            names = ", ".join(sorted(waiting_for))
+            log.info("not all subscribers (%s) have connected to %s", names, publisher.resolved_name)
+            return
+        time.sleep(0.005)
+
+
+def _subscribers(topic: str) -> set[str]:
+    listed: Any = rosgraph.Master(rospy.get_name()).getSystemState()[1]
+    return {node for name, nodes in listed if name == topic for node in nodes}
+
+
+class ValidationService:
+    """The service, and the validation of each loaded file unless the parameter `~validate` is false."""
+
+    def __init__(self, model: WorldModel) -> None:
+        self._validator = Validator(model)
+        rospy.on_shutdown(self._validator.stop)
+        self._validates_files = bool(rospy.get_param("~validate", True))
+        self._service = rospy.Service("~validation", srvs.WmValidation, service_handler(self._on_validation))
+        for context in model.loaded:
+            self.file_loaded(context)
+
+    def file_loaded(self, context: str) -> None:
+        """Validates the file that was loaded into a context."""
+        if self._validates_files:
+            self._validator.file_loaded(context)
+
+    def _on_validation(self, request: srvs.WmValidationRequest) -> srvs.WmValidationResponse:
+        context = request.context or SCENE
+        report = self._validator.file_report(context) if request.loaded else self._validator.validate_context(context)
+        findings = [msgs.WmFinding(f.severity, f.element, f.property, f.file, f.text) for f in report.findings]
+        return srvs.WmValidationResponse(rospy.Time.from_sec(report.stamp), findings)
+
+
+class Reasoners:
+    """The reasoners that a server runs."""
+
+    def __init__(self, model: WorldModel, packages: list[str]) -> None:
+        """Loads and starts the reasoners of some Python packages.
+
+        :raises ConfigurationError: a package does not exist.
+        """
+        self._reasoning = model.reasoning
+        wmi = ReasonerWorldModel(model)
+        for reasoner in new_reasoners(packages):
+            try:
+                reasoner.init(wmi)
+                reasoners.add(reasoner)
+            except FOREIGN_ERRORS:
+                log.exception("reasoner %s cannot be initialised and is skipped", reasoner.__class__.__name__)
+                continue
+            model.add_reasoner(reasoner)
+        self._reasoning.execute()
+        log.info("reasoners: %s", ", ".join(r.__class__.__name__ for r in self._reasoning.all()) or "none")
+
+    def stop(self) -> None:
+        """Stops all reasoners and waits for them."""
+        self._reasoning.stop()
+
 
 _Message = TypeVar("_Message")
 

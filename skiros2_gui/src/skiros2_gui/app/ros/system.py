@@ -14,7 +14,7 @@ from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, NodeShutd
 from skiros2_gui.app.ros.master import master_answers
 from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 log = logging.getLogger(__name__)

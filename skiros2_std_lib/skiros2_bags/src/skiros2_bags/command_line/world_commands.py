@@ -16,11 +16,10 @@ from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.command_line.command import CommandResult, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.command_line.reading import element_answer, scene_tree
-from skiros2_world_model.command_line.values import element_json
-from skiros2_world_model.core.apply_change import apply_change
+from skiros2_world_model.command_line.reading import element_answer, element_json, scene_tree
 from skiros2_world_model.core.changes import RESET, Change
-from skiros2_world_model.core.history_entry import changed_lines, difference
+from skiros2_world_model.core.history import changed_lines, difference
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 
 #: Relations along which the tree of a scene is printed; a bag contains no ontologies to derive them from.
@@ -106,7 +105,7 @@ def _change_json(timed: TimedChange) -> dict[str, Any]:
 
 def restore(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Replaces the scene of a running world model by the scene of the bag at a time, in one transaction."""
-    from skiros2_world_model.command_line.connection import connect  # takes a second to import, and needs ROS
+    from skiros2_world_model.command_line.program import connect  # takes a second to import, and needs ROS
 
     at = parse_time(arguments.at, run) if arguments.at else run.end
     scene = run.world(at, arguments.partial)

@@ -22,8 +22,8 @@ from skiros2_common.core.world_element import Element
 from skiros2_runs.core.compare import compare_task_runs
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.tolerance import NARROW, Tolerance
-from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import UPDATE, Change
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 
 _NOTHING = "nothing more"

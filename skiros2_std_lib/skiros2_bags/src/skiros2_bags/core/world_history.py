@@ -12,8 +12,8 @@ from skiros2_bags.core.change_parser import change_from
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import MONITOR, Message, check_md5
 from skiros2_common.core.errors import SkirosError
-from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 
 

@@ -27,8 +27,8 @@ from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_runs.core.runs import Runs
-from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change, snapshot_number
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
 

@@ -12,7 +12,6 @@ from skiros2_bags.testing.recording import Recording, WorldChange
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges, RelationDict
 from skiros2_common.ros.reasoners import new_reasoners
-from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import (
     ADD,
     REMOVE,
@@ -29,6 +28,7 @@ from skiros2_world_model.core.changes import (
 )
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import ROOT, Scene
 from skiros2_world_model.core.world_model import WorldModel
 

@@ -31,7 +31,6 @@ from skiros2_task.core.execution import (
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.resources import Resources
 from skiros2_task.core.task import PlanningTask
 
 log = logging.getLogger(__name__)
@@ -98,6 +97,66 @@ class GoalExecution:
         """The started steps, in the order of their starts."""
         records = [r for r in self.machine.records.values() if r.started is not None]
         return sorted(records, key=lambda record: (record.started, record.step.number))
+
+
+@dataclass
+class _Holding:
+    """The resources that a goal holds and requests.
+
+    :param turn: orders the claims of one priority, first come, first served.
+    """
+
+    priority: int
+    turn: int
+    held: frozenset[str] = frozenset()
+    requested: frozenset[str] = frozenset()
+
+
+class Resources:
+    """Robots and devices, by name, each held by at most one goal.
+
+    A goal is granted everything it requests at once, or waits. While it waits, it releases what it does not use, so
+    goals cannot deadlock. Of goals that request the same resource, the one with the highest priority gets it first.
+    """
+
+    def __init__(self) -> None:
+        self._claims: dict[str, _Holding] = {}
+        self._turns = count()
+
+    def request(self, owner: str, priority: int, requested: frozenset[str], in_use: frozenset[str]) -> list[str]:
+        """Replaces the request of a goal.
+
+        :param in_use: the resources that the goal is using, which it keeps while it waits.
+        :returns: the goals that now hold everything they request: this one, unless it has to wait, and others that
+            waited.
+        """
+        claim = self._claims.setdefault(owner, _Holding(priority, next(self._turns)))
+        claim.requested = requested | in_use
+        claim.held &= claim.requested if claim.requested <= claim.held else in_use
+        had_all = claim.requested <= claim.held
+        granted = self._grant()
+        return [owner, *granted] if had_all else granted
+
+    def release(self, owner: str) -> list[str]:
+        """Releases all resources of a goal. Returns the waiting goals that are granted theirs."""
+        self._claims.pop(owner, None)
+        return self._grant()
+
+    def held_by_others(self, owner: str) -> frozenset[str]:
+        """Returns the resources that other goals hold."""
+        return frozenset(name for other, c in self._claims.items() if other != owner for name in c.held)
+
+    def _grant(self) -> list[str]:
+        """Grants requests by priority. A resource that a goal waits for is not granted to a goal of lower priority."""
+        granted = []
+        taken = {name for claim in self._claims.values() for name in claim.held}
+        for owner, claim in sorted(self._claims.items(), key=lambda item: (-item[1].priority, item[1].turn)):
+            missing = claim.requested - claim.held
+            if missing and not missing & taken:
+                claim.held = claim.requested
+                granted.append(owner)
+            taken |= missing
+        return granted
 
 
 class GoalExecutor:

@@ -17,7 +17,7 @@ from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.termination import Terminated
+from skiros2_common.core.processes import Terminated
 from skiros2_common.ros.private_system import START_TIMEOUT, PrivateSystem
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget

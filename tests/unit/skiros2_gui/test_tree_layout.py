@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from skiros2_gui.run.drawing import Drawing
 from skiros2_gui.run.layout import COUSINS, SIBLINGS, tidy_layout
-from skiros2_runs.core.shape import Shape
+from skiros2_runs.core.frame import Shape
 from support.progress import ProgressNode, pick_and_place, random_tree, root
 
 #: Types and processors.

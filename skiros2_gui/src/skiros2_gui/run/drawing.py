@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from skiros2_gui.run.layout import tidy_layout
-from skiros2_runs.core.shape import Shape
+from skiros2_runs.core.frame import Shape
 
 
 @dataclass(frozen=True)

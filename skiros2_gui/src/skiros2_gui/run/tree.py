@@ -7,8 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from skiros2_gui.run.drawing import Drawing
-from skiros2_runs.core.frame import Frame
-from skiros2_runs.core.shape import Shape
+from skiros2_runs.core.frame import Frame, Shape
 from skiros2_runs.core.states import FAILURE, RUNNING
 
 #: A tree with more nodes is partly folded at first.

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.limits import Limits
 from skiros2_common.core.names import ANY_TYPE, full_name, local_name
 from skiros2_common.core.world_element import Element

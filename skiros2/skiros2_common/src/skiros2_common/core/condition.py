@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 #: The methods that state how a condition is evaluated, and those that say the same in a faster way.
 _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_inference")
-_SHORTCUTS = ("element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record")
+_SHORTCUTS = ("element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields")
 
 
 class Cost(IntEnum):
@@ -179,6 +179,9 @@ class ConditionBase(_OfParameters):
     #: Whether it can hold for elements only.
     wants_elements: bool = False
 
+    #: The fields of a `ConditionRecord` that the constructor takes; None: `from_record` creates none.
+    record_fields: ClassVar[tuple[str, ...] | None] = None
+
     #: The loaded classes by name.
     classes: ClassVar[dict[str, type[ConditionBase]]] = {}
 
@@ -264,7 +267,7 @@ class ConditionBase(_OfParameters):
     @classmethod
     def from_record(cls, record: ConditionRecord) -> Self | None:
         """Creates the condition from its record; None if that is impossible."""
-        return None
+        return cls(*(getattr(record, name) for name in cls.record_fields)) if cls.record_fields is not None else None
 
     def _signature(self) -> tuple[Any, ...]:
         """The values that identify the fact among conditions of this class."""
@@ -301,7 +304,7 @@ class ConditionBase(_OfParameters):
         ids = self.element_ids(ph)
         return ids is None or not changed or not ids.isdisjoint(changed)
 
-    def _ids_in_parameters(self, ph: ParamHandler) -> set[str] | None:
+    def ids_in_parameters(self, ph: ParamHandler) -> set[str] | None:
         """`element_ids` of a condition that reads only the elements in its parameters."""
         ids: set[str] = set()
         for key in self.getKeys():
@@ -388,7 +391,11 @@ class ConditionBase(_OfParameters):
 
     def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         """Applies the effect to the world model, for simulation. Returns False if that is impossible."""
-        return self.evaluate(ph, wmi)
+        return self.evaluate(ph, wmi) or (self._make_true(ph, wmi) and self.evaluate(ph, wmi))
+
+    def _make_true(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        """To override: applies the effect and adds its inverse to `_undo`. Returns False if that is impossible."""
+        return False
 
     def revert(self, ph: ParamHandler | None = None, wmi: WorldModelPort | None = None) -> None:
         """Undoes `setTrue`."""

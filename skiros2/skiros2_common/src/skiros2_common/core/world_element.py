@@ -6,15 +6,24 @@ import builtins
 import logging
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY, DiscreteReasoner, reasoners, set_reasoners
-from skiros2_common.core.element_content import ElementChanges, ElementContent
-from skiros2_common.core.element_relations import RelationDict, holds, relation_key, selected
+from skiros2_common.core.element_content import (
+    ElementChanges,
+    ElementContent,
+    RelationDict,
+    holds,
+    relation_key,
+    selected,
+)
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name, id_number, is_of_class, spellings
 from skiros2_common.core.property import DATATYPES, Property, converted_property, same_value
 from skiros2_common.core.revision import local_revision
+
+if TYPE_CHECKING:
+    from skiros2_common.core.world_model_port import OntologyPort
 
 log = logging.getLogger(__name__)
 
@@ -303,7 +312,7 @@ class Element(ElementContent):
 
     # -- comparison --------------------------------------------------------------------------------------------
 
-    def isInstance(self, abstract: Element, wmi: Any) -> bool:
+    def isInstance(self, abstract: Element, wmi: OntologyPort | None) -> bool:
         """Whether this element matches the description `abstract`.
 
         It matches if its class is the same or a subclass, its label is equal (unless `abstract` has none), and it has

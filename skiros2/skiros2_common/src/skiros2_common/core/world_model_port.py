@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, Protocol, TypeVar
 
-from skiros2_common.core.element_relations import RelationDict
+from skiros2_common.core.element_content import RelationDict
 from skiros2_common.core.world_element import Element
 
 _Call = TypeVar("_Call", bound=Callable[..., Any])

@@ -11,9 +11,9 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from skiros2_common.core.element_relations import is_fact
+from skiros2_common.core.element_content import is_fact
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.limits import Limits
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
 from skiros2_common.core.property import Property, as_type, format_value

@@ -17,7 +17,7 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
-from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.connections import ServerWatch
 from skiros2_msgs import msg as msgs
 
 #: A manager without a message for this time counts as dead (s); it sends five a second.

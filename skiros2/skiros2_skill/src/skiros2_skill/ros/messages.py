@@ -10,7 +10,7 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.params import Param
 from skiros2_common.core.property import format_value
 from skiros2_common.ros import utils

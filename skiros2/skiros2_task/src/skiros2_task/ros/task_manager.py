@@ -7,8 +7,8 @@ import logging
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.ros.node import spin
 from skiros2_common.ros.plugins import load_plugins
-from skiros2_common.ros.shutdown import spin
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.executor import GoalExecutor
 from skiros2_task.core.planners import DEFAULT_ENGINE, planner_named

@@ -11,8 +11,7 @@ import actionlib
 import rospy
 
 from skiros2_common.core.errors import Refused, TimedOut
-from skiros2_common.ros.action_server_watch import ServerWatch
-from skiros2_common.ros.subscribers import wait_for_subscribers
+from skiros2_common.ros.connections import ServerWatch, wait_for_subscribers
 from skiros2_common.tools.decorators import PrettyObject
 from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal, MakePlanAction, MakePlanGoal
 

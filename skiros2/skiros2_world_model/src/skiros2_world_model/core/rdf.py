@@ -13,7 +13,7 @@ from xml.parsers import expat
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.property import from_text
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_parts
 from skiros2_world_model.core.prefixes import RDF, XSD, Prefixes, is_iri

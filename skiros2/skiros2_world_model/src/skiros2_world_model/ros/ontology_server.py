@@ -11,7 +11,7 @@ import rosgraph
 import rospy
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
-from skiros2_common.ros.shutdown import spin
+from skiros2_common.ros.node import spin
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Statement
 from skiros2_world_model.core.coordination import AdvisoryLock

@@ -16,8 +16,8 @@ import rospy
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_common.ros.node import spin
 from skiros2_common.ros.reasoners import new_reasoners
-from skiros2_common.ros.shutdown import spin
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs

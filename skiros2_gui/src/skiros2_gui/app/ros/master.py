@@ -8,7 +8,7 @@ from typing import Any
 
 import rosgraph
 
-from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
+from skiros2_common.command_line.master import XMLRPC_ERRORS
 
 #: s.
 TIMEOUT = 2.0

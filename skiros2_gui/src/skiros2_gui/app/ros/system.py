@@ -177,9 +177,8 @@ def become_node(name: str) -> str:
     """Creates the node of this process, unless it has one. Any thread. Returns the node name."""
     import rospy
 
-    from skiros2_common.ros.inbound_connections import handshake_in_threads
     from skiros2_common.ros.master_watch import watch_master
-    from skiros2_common.ros.node import bridge_logging
+    from skiros2_common.ros.node import bridge_logging, handshake_in_threads
 
     if not rospy.core.is_initialized():
         rospy.init_node(name, anonymous=True, disable_signals=True)

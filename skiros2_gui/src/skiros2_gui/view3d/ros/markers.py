@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.shutdown import spin
+from skiros2_common.ros.node import spin
 from skiros2_gui.app.events import ProblemReported
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.throttle import Throttle

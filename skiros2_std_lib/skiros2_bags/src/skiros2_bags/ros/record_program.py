@@ -20,8 +20,7 @@ from skiros2_bags.ros.recorder import Recorder
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, USAGE, Parser, command_arguments
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.ros.master_watch import watch_master
-from skiros2_common.ros.node import bridge_logging
-from skiros2_common.ros.shutdown import shutdown_in_thread, spin
+from skiros2_common.ros.node import bridge_logging, shutdown_in_thread, spin
 
 #: Period of checks for a missing master (s).
 _MASTER_PERIOD = 0.2

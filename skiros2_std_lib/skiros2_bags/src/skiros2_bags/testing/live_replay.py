@@ -23,7 +23,7 @@ from skiros2_bags.testing.recording import (
 )
 from skiros2_bags.testing.replay_system import ReplaySystem
 from skiros2_common.core.errors import TimedOut
-from skiros2_common.ros.subscribers import wait_for_subscribers
+from skiros2_common.ros.connections import wait_for_subscribers
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_runs.core.runs import Runs

@@ -15,7 +15,7 @@ from pathlib import Path
 from skiros2_bags.testing.replay import KINDS, replay
 from skiros2_bags.testing.replay_settings import MAX_ORDERS, Settings
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.termination import exit_status
+from skiros2_common.core.processes import exit_status
 from skiros2_runs.core.tolerance import NARROW, Tolerance
 
 #: Option for a calling program: the replay exits when the caller, the other end of the pipe, exits.

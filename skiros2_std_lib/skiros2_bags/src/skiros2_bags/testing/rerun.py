@@ -32,7 +32,7 @@ from skiros2_bags.testing.recording import ActionMessage, ClockTick, Event, Reco
 from skiros2_bags.testing.replay_settings import ReplayResult, Settings
 from skiros2_bags.testing.rerun_manager import RerunManager
 from skiros2_bags.testing.rerun_task import RerunTask
-from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
 from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.testing.fake_clock import FakeClock

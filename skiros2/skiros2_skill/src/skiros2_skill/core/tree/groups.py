@@ -13,7 +13,8 @@ class _Group(SkillInterface):
         super().__init__(children_processor)
         self._type = ptype
         self._label = name
-        self._wmi = wmi
+        if wmi is not None:
+            self._wmi = wmi
         self._setState(State.Idle)
 
     def createDescription(self) -> None:

@@ -196,7 +196,7 @@ class SkillWrapper(DescribedNode):
         self.abandoned = False  # the instance must not be used again
         #: The last evaluation of its conditions in this run, by stage.
         self.evaluated: dict[str, list[ConditionStatus]] = {}
-        if instanciator is not None:
+        if instanciator is not None and instanciator.wmi is not None:
             self._wmi = instanciator.wmi
         self._setState(State.Idle)
 

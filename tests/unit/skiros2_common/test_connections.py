@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from skiros2_common.ros import subscribers
-from skiros2_common.ros.subscribers import RegisteredSubscribers, wait_for_subscribers
+from skiros2_common.ros import connections
+from skiros2_common.ros.connections import RegisteredSubscribers, wait_for_subscribers
 
 
 class FakePublisher:
@@ -34,7 +34,7 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
                 raise ConnectionRefusedError
             return [], known, []
 
-    monkeypatch.setattr(subscribers.rosgraph, "Master", Master)
+    monkeypatch.setattr(connections.rosgraph, "Master", Master)
     return known
 
 

@@ -46,6 +46,8 @@ __all__ = [
 class ConditionOr(ConditionBase):
     """True if one of its parts holds."""
 
+    planned_as = "any"
+
     def __init__(self, desired_state: bool) -> None:
         super().__init__("or", "", desired_state)
         self._conditions: list[ConditionBase] = []
@@ -155,6 +157,7 @@ class ConditionIsSpecified(ConditionBase):
     """True if a parameter holds an element of the scene."""
 
     record_fields = ("label", "subject", "state")
+    planned_as = "specified"
     element_ids = ConditionBase.ids_in_parameters
 
     def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
@@ -204,6 +207,7 @@ class ConditionGenerate(ConditionIsSpecified):
     """
 
     record_fields = ("label", "subject", "state")
+    planned_as = "in scene"
     element_ids = ConditionBase.ids_in_parameters
 
     def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
@@ -241,6 +245,7 @@ class ConditionOnType(ConditionBase):
         self._value = value
 
     record_fields = ("label", "subject", "name")
+    planned_as = "is a"
     element_ids = ConditionBase.ids_in_parameters
 
     @property

@@ -27,6 +27,9 @@ from skiros2_task.core.skills import Robot, Skill, SkillCondition, SkillParamete
 
 ROBOT_KEY = "Robot"
 
+#: The `planned_as` of conditions on whether a parameter holds an element of the scene.
+_PRESENCE = ("specified", Kind.IN_SCENE)
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -211,11 +214,11 @@ class _ConditionReader:
     def __init__(self, skill: Skill) -> None:
         self._skill = skill
         self.opaque: list[str] = []
-        given = [c for c in skill.pre if c.kind in ("ConditionIsSpecified", "ConditionGenerate")]
+        given = [c for c in skill.pre if c.planned_as in _PRESENCE]
         #: Parameters that must be unset when the skill starts.
         self._unset = {c.subject for c in given if not c.state}
         #: Parameters whose elements the skill creates.
-        self._created = {c.subject for c in skill.post if c.kind == "ConditionGenerate" and c.state}
+        self._created = {c.subject for c in skill.post if c.planned_as == Kind.IN_SCENE and c.state}
         self._created -= {c.subject for c in given if c.state}
         self._named: set[str] = set()
 
@@ -249,7 +252,7 @@ class _ConditionReader:
 
     def effects(self, condition: SkillCondition) -> list[tuple[Atom, bool]]:
         """Returns the effects of a post-condition; none of a disjunction."""
-        if condition.kind == "ConditionGenerate":
+        if condition.planned_as == Kind.IN_SCENE:
             self._parameters(condition, condition.subject)
             if condition.state and condition.subject not in self._created:
                 return []  # the element exists already
@@ -263,11 +266,10 @@ class _ConditionReader:
 
     def _fact(self, condition: SkillCondition) -> Formula | None:
         """Returns the condition without its desired state; None if planning cannot read it, or it always holds."""
-        kind = condition.kind
-        if kind == "ConditionOr":
+        if condition.planned_as == "any":
             facts = [self._fact(part) for part in condition.parts]
             return None if None in facts else disjunction([self.formula(part) for part in condition.parts])
-        if kind in ("ConditionIsSpecified", "ConditionGenerate"):
+        if condition.planned_as in _PRESENCE:
             parameter = self._parameters(condition, condition.subject, elements=False)[0]
             if self._is_unset(parameter):
                 return FALSE
@@ -277,7 +279,7 @@ class _ConditionReader:
             return Atom(IN_SCENE, (f"?{parameter.key}",)) if parameter.key in self._created else TRUE
         predicate = predicate_of(condition)
         if predicate is None:
-            self.opaque.append(f"{kind} {condition.label!r}")
+            self.opaque.append(f"{condition.kind} {condition.label!r}")
             return None
         keys = (condition.subject, condition.object)[: predicate.arity]
         parameters = self._parameters(condition, *keys)

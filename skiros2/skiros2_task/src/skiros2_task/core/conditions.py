@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from skiros2_common.core import conditions
 from skiros2_task.core.effects import PROPERTY_KINDS, are_contradictory
 from skiros2_task.core.formula import Kind, Predicate
 from skiros2_task.core.goal_text import COMPARATORS
@@ -11,20 +12,18 @@ from skiros2_task.core.skills import SkillCondition
 
 IN_SCENE = Predicate(Kind.IN_SCENE)
 
-#: The kind of the predicate of each condition class that is a predicate of elements.
-_KINDS = {
-    "ConditionRelation": Kind.RELATION,
-    "AbstractConditionRelation": Kind.ALLOWED,
-    "ConditionHasProperty": Kind.HAS,
-    "ConditionProperty": Kind.VALUE,
-    "ConditionOnType": Kind.IS_A,
-    "ConditionGenerate": Kind.IN_SCENE,
-}
+_KINDS = frozenset(Kind)
 
 #: The condition class that tests a predicate of each kind.
-_TESTS = {kind: name for name, kind in _KINDS.items()}
-_TESTS |= {Kind.COMPARES: "ConditionProperty", Kind.IN_SCENE: "ConditionIsSpecified"}
-
+_TESTS = {
+    Kind.RELATION: conditions.ConditionRelation,
+    Kind.ALLOWED: conditions.AbstractConditionRelation,
+    Kind.VALUE: conditions.ConditionProperty,
+    Kind.COMPARES: conditions.ConditionProperty,
+    Kind.HAS: conditions.ConditionHasProperty,
+    Kind.IS_A: conditions.ConditionOnType,
+    Kind.IN_SCENE: conditions.ConditionIsSpecified,
+}
 
 class Unusable(Exception):
     """Why planning cannot use a skill."""
@@ -35,9 +34,11 @@ def predicate_of(condition: SkillCondition) -> Predicate | None:
 
     :raises Unusable: the condition is malformed.
     """
-    kind, name = _KINDS.get(condition.kind), condition.name
-    if kind is None or kind is Kind.IN_SCENE:
-        return IN_SCENE if kind else None
+    if condition.planned_as not in _KINDS:
+        return None
+    kind, name = Kind(condition.planned_as), condition.name
+    if kind is Kind.IN_SCENE:
+        return IN_SCENE
     if not name:
         raise Unusable(f"condition {condition.label!r} does not name its relation, property or class")
     if kind is not Kind.VALUE:
@@ -62,7 +63,7 @@ def condition_of(predicate: Predicate, subject: str, obj: str) -> SkillCondition
     :param subject, obj: the keys of its parameters.
     """
     return SkillCondition(
-        _TESTS[predicate.kind],
+        _TESTS[predicate.kind].__name__,
         str(predicate),
         subject,
         obj if predicate.arity == 2 else "",

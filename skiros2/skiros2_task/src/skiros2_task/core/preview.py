@@ -207,7 +207,7 @@ class _Simulation:
                 params.specify(key, self._copy.get_element(params.getParamValue(key).id))
         if condition.setTrue(params, self._copy):
             return []
-        value = _example(effect, self._copy)
+        value = condition.example_value(self._copy)
         if value is None or not params.is_bound(effect.subject):
             return [f"[{effect.label}] is unchanged"]
         element = self._copy.get_element(params.getParamValue(effect.subject).id)
@@ -225,17 +225,6 @@ def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelP
     if given is not None and not given.isAbstract():
         param.assign(given)
     return param
-
-
-def _example(effect: SkillCondition, copy: WorldModelPort) -> str | bool | float | None:
-    """Returns an example value for an effect on a property; None if there is none."""
-    if effect.kind == "ConditionHasProperty" and effect.state:
-        examples: dict[str, str | bool | float] = {"xsd:boolean": True, "xsd:string": "some"}
-        return examples.get(copy.get_datatype(effect.name) or "xsd:string", 1.0)
-    if effect.kind != "ConditionProperty" or not isinstance(effect.value, float):
-        return None
-    up = (effect.operator in (">", ">=")) == effect.state
-    return effect.value + (1.0 if up else -1.0)
 
 
 def _differences(old: Element | None, new: Element | None, names: Mapping[str, str]) -> Iterator[FactChange]:

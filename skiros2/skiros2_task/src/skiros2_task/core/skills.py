@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from skiros2_common.core.conditions import ConditionBase
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.names import full_name
@@ -63,6 +64,12 @@ class SkillCondition:
     value: str | bool | float | None = None
     state: bool = True
     parts: tuple[SkillCondition, ...] = ()
+
+    @property
+    def planned_as(self) -> str:
+        """The planning predicate of the condition, see `ConditionBase`; "" if its class is unknown."""
+        cls = ConditionBase.classes.get(self.kind)
+        return cls.planned_as if cls is not None else ""
 
     def contradicts(self, other: SkillCondition) -> bool:
         """Whether both test the same fact for different values."""

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_task.core.actions import Action, Effect, Variable, condition_predicates, make_actions
-from skiros2_task.core.conditions import IN_SCENE
-from skiros2_task.core.effects import FactFamilies, Literal
+from skiros2_task.core.conditions import IN_SCENE, FactFamilies, Literal
 from skiros2_task.core.formula import (
     FALSE,
     TRUE,

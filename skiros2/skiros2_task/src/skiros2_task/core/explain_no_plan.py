@@ -12,8 +12,8 @@ from itertools import combinations, islice
 
 from skiros2_common.core.json_data import JsonData
 from skiros2_task.core.actions import Action, declared_effects, make_actions, why_unusable
-from skiros2_task.core.effects import FactFamilies
-from skiros2_task.core.effects import Literal as PredicateLiteral
+from skiros2_task.core.conditions import FactFamilies
+from skiros2_task.core.conditions import Literal as PredicateLiteral
 from skiros2_task.core.engines import Outcome
 from skiros2_task.core.formula import (
     And,

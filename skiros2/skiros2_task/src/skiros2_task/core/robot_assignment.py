@@ -2,14 +2,16 @@
 
 A planner without a notion of time gives all work to one robot. Here the plan is split into parts: steps that one robot
 has to execute, such as picking an object up and placing it. Moves belong to no part, as they depend on where the robot
-was before. Robots are filled one after the other with the parts in plan order, up to a time limit that is found by
-bisection. Functionally determined parameters, such as a robot's gripper, follow the assigned robot.
+was before. The parts are assigned in several ways, and the shortest schedule is taken: each to the robot that ends it
+first, in plan order and by critical path; and to one robot after the other, in plan order, up to a time limit that is
+found by bisection. Functionally determined parameters, such as a robot's gripper, follow the assigned robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -21,7 +23,9 @@ from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 #: Iterations of the bisection of the time limit.
-BISECTIONS = 8
+BISECTIONS = 6
+
+_Choose = Callable[[int], float | None]
 
 
 class RobotAssigner:
@@ -67,57 +71,82 @@ class RobotAssigner:
         for (name, _), seconds in self._seconds.items():
             fastest[name] = min(seconds, fastest.get(name, seconds))
         least = [sum(fastest.get(self._order.steps[i].action, 0.0) for i in part.steps) for part in self._parts]
-        queue = self._topological_order()
+        queue = self._topological_order([0.0] * len(self._parts))
         best: list[PlanStep] | None = None
         low, high = sum(least) / len(self._robots), makespan
+        for order in dict.fromkeys((queue, self._topological_order(self._critical_paths(least)))):
+            balanced = self._assign(order, self._end_first)
+            if balanced is not None and balanced[1] < high:
+                best, high = balanced
         for _ in range(BISECTIONS):
             limit = (low + high) / 2
-            filled = self._fill_robots(queue, least, limit)
+            filled = self._assign(queue, partial(self._fill, least, limit))
             if filled is None:
                 low = limit
             else:
                 best, high = filled
         return tuple(best) if best is not None else None
 
-    def _topological_order(self) -> list[int]:
-        """Returns the indices of the parts in an executable order, as close to the plan's as possible. Parts that the
-        goal needs for facts about their robot are last.
+    def _critical_paths(self, least: Sequence[float]) -> list[float]:
+        """Returns the shortest time from the start of each part to the end of all parts that depend on it (s)."""
+        found = list(least)
+        for number in reversed(self._topological_order(least)):
+            for before in self._parts[number].after:
+                found[before] = max(found[before], least[before] + found[number])
+        return found
+
+    def _topological_order(self, urgency: Sequence[float]) -> tuple[int, ...]:
+        """Returns the indices of the parts in an executable order, the most urgent of the ready ones first; equally
+        urgent ones in the plan's order. Parts that the goal needs for facts about their robot are last.
         """
         waiting = dict(enumerate(self._parts))
         found = []
         while waiting:
             ready = [n for n, part in waiting.items() if not part.after & waiting.keys()]
-            found.append(next((n for n in ready if not waiting[n].final), ready[0]))
+            found.append(min(ready, key=lambda n: (self._parts[n].final, -urgency[n])))
             del waiting[found[-1]]
-        return found
+        return tuple(found)
 
-    def _fill_robots(
-        self, queue: Sequence[int], least: Sequence[float], limit: float
-    ) -> tuple[list[PlanStep], float] | None:
-        """Gives each part to the first robot that executes it within the limit. Returns the plan and its makespan (s);
-        None if there is no robot for a part.
+    def _assign(self, queue: Sequence[int], choose: _Choose) -> tuple[list[PlanStep], float] | None:
+        """Assigns the parts in order. Returns the plan and its makespan (s); None if there is no robot for a part.
 
-        :param queue: the indices of the parts, in order.
-        :param least: the shortest duration of each part.
-        :param limit: of the makespan (s).
+        :param choose: adds a part to the timeline. Returns when it ends (s); None if there is no robot for it.
         """
         self._timeline.reset()
         plan: list[PlanStep] = []
         makespan = 0.0
         for number in queue:
-            for robot in self._candidates(self._parts[number]):
-                if self._timeline.free_at(robot) + least[number] > limit:
-                    continue
+            end = choose(number)
+            if end is None:
+                return None
+            plan += self._tried
+            makespan = max(makespan, end)
+            self._timeline.commit()
+        return plan, makespan
+
+    def _end_first(self, number: int) -> float | None:
+        """Gives a part to the robot that ends it first."""
+        ends: list[tuple[float, str]] = []
+        for robot in self._candidates(self._parts[number]):
+            end = self._try(self._parts[number], robot)
+            if end is not None:
+                ends.append((end, robot))
+            self._timeline.rollback()
+        return self._try(self._parts[number], min(ends)[1]) if ends else None
+
+    def _fill(self, least: Sequence[float], limit: float, number: int) -> float | None:
+        """Gives a part to the first robot that executes it within the limit.
+
+        :param least: the shortest duration of each part (s).
+        :param limit: of the makespan (s).
+        """
+        for robot in self._candidates(self._parts[number]):
+            if self._timeline.free_at(robot) + least[number] <= limit:
                 end = self._try(self._parts[number], robot)
                 if end is not None and end <= limit:
-                    plan += self._tried
-                    makespan = max(makespan, end)
-                    self._timeline.commit()
-                    break
+                    return end
                 self._timeline.rollback()
-            else:
-                return None
-        return plan, makespan
+        return None
 
     def _candidates(self, part: Part) -> list[str]:
         """Returns the robots that may execute a part, always in the same order."""

@@ -14,9 +14,9 @@ from skiros2_common.core.params import Param
 from skiros2_common.ros.goal_server import GoalServer
 from skiros2_msgs import msg as msgs
 from skiros2_skill.core.runtime.history import Record, record_of
+from skiros2_skill.core.runtime.request import TaskRefused, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.core.runtime.task_starter import TaskRefused, TaskStarter
 from skiros2_skill.ros.messages import (
     WIRE_STATES,
     explanations_json,

@@ -36,7 +36,7 @@ from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
 from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.testing.fake_clock import FakeClock
-from skiros2_skill.testing.replace import replaced
+from skiros2_skill.testing.faults import replaced
 from skiros2_world_model.core.changes import Change
 
 #: Messages closer than this in the bag may have arrived in another order (s).

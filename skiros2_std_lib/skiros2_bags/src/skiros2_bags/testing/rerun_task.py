@@ -19,7 +19,7 @@ from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.ros.progress import progress_messages
+from skiros2_skill.ros.messages import progress_messages
 from skiros2_world_model.core.changes import Change
 
 #: Period of a manager's ticks (s); most ticks publish no progress.

@@ -1,18 +1,16 @@
-"""Inspects a node of a task: its parameters, and its conditions as they were evaluated.
-
-Conditions that the task has not evaluated yet are evaluated for a preview. Any thread, while another ticks the task.
-"""
+"""For people: the state of a node, and the authors of the changes behind a failure. Not for use in a tick."""
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.condition import ConditionBase
-from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName
-from skiros2_common.core.explanation import HOLD, POST, PRE, Provenance
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName
+from skiros2_common.core.explanation import HOLD, POST, PRE, Change, Explanation, Provenance
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
@@ -21,6 +19,37 @@ from skiros2_skill.core.engine.blackboard import format_values, provenance_of
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+log = logging.getLogger(__name__)
+
+#: How many changes of an element are searched.
+MAX_ENTRIES = 1000
+
+
+def add_authors(explanations: Iterable[Explanation], wmi: WorldModelPort, timeout: float = 2.0) -> None:
+    """Sets time and author of the last change of each fact before the failure.
+
+    Changes that the journal does not have, and all when the world model does not answer, are left unset.
+
+    :param timeout: s, after which no further query starts.
+    """
+    deadline = time.monotonic() + timeout
+    for explanation in explanations:
+        for change in explanation.all_changes():
+            if not change.author and time.monotonic() < deadline:
+                _add_author(change, explanation.stamp, wmi)
+
+
+def _add_author(change: Change, until: float, wmi: WorldModelPort) -> None:
+    try:
+        names = [change.name, *wmi.get_sub_properties(change.name)] if change.name else []
+        entries = wmi.history(change.element, until=until, limit=MAX_ENTRIES)
+    except SkirosError as error:
+        log.debug("the author of %s %s is not known: %s", change.element, change.name, error)
+        return
+    entry = next((e for e in reversed(entries) if not names or e.affects(names)), None)
+    if entry is not None:
+        change.number, change.stamp, change.author = entry.number, entry.stamp, entry.author
 
 
 def inspect(task: Task, node_id: int, wmi: WorldModelPort) -> NodeStatus:

@@ -10,20 +10,18 @@ from typing import Any
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress, WorldChanged
+from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
-from skiros2_skill.core.diagnosis.inspection import inspect
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.diagnosis import inspect
 from skiros2_skill.core.runtime.history import History
-from skiros2_skill.core.runtime.request import SkillRequest
+from skiros2_skill.core.runtime.request import SkillRequest, StartPreview, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.core.runtime.task_starter import StartPreview, TaskStarter
-from skiros2_skill.ros.progress import progress_messages
+from skiros2_skill.ros.messages import progress_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel

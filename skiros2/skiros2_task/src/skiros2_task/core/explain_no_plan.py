@@ -15,17 +15,7 @@ from skiros2_task.core.actions import Action, declared_effects, make_actions, wh
 from skiros2_task.core.conditions import FactFamilies
 from skiros2_task.core.conditions import Literal as PredicateLiteral
 from skiros2_task.core.engines import Outcome
-from skiros2_task.core.formula import (
-    And,
-    Atom,
-    Formula,
-    Kind,
-    Not,
-    Or,
-    Predicate,
-    bind,
-    conjuncts,
-)
+from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate, bind, conjuncts
 from skiros2_task.core.reachability import Binding, Deadline, Reached, bindings, explore
 from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import PlanningTask

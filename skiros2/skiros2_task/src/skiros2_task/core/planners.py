@@ -6,15 +6,7 @@ import threading
 from enum import Enum
 from typing import Protocol
 
-from skiros2_task.core.engines import (
-    EngineCall,
-    EngineProcesses,
-    Job,
-    Limits,
-    PlannerAnswer,
-    Search,
-    SearchPortfolio,
-)
+from skiros2_task.core.engines import EngineCall, EngineProcesses, Job, Limits, PlannerAnswer, Search, SearchPortfolio
 from skiros2_task.core.task import PlanningTask
 
 DEFAULT_ENGINE = "fast-downward"

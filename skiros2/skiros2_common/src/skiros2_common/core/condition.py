@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 #: The methods that state how a condition is evaluated, and those that say the same in a faster way.
 _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_inference")
 _SHORTCUTS = (
-    "element_ids",
-    "candidate_ids",
-    "indexed_value",
-    "satisfied_by",
-    "from_record",
-    "record_fields",
-    "planned_as",
+    "element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields", "planned_as"
 )
 
 
@@ -190,8 +184,7 @@ class ConditionBase(_OfParameters):
     #: The fields of a `ConditionRecord` that the constructor takes; None: `from_record` creates none.
     record_fields: ClassVar[tuple[str, ...] | None] = None
 
-    #: The planning predicate of its fact: a `Kind` of `skiros2_task.core.formula`, `specified`, or `any` for the
-    #: disjunction of its parts; "": planning ignores it.
+    #: Its planning predicate: a `Kind` of `skiros2_task.core.formula`, `specified`, `any` (of its parts), or "" (none).
     planned_as: str = ""
 
     #: The loaded classes by name.
@@ -454,10 +447,3 @@ def _has_changes(element: Element) -> bool:
 def near_matches(elements: Iterable[Element], why: str = "") -> list[NearMatch]:
     """The first `MAX_EXAMPLES` elements as near matches."""
     return [NearMatch(repr(element), why) for element in islice(elements, MAX_EXAMPLES)]
-
-
-def condition_from(record: ConditionRecord) -> ConditionBase | None:
-    """Creates the condition of a record; None if its class is not loaded, or has no `from_record`."""
-    cls = ConditionBase.classes.get(record.kind)
-    return cls.from_record(record) if cls is not None else None
-

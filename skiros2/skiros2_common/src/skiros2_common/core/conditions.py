@@ -14,7 +14,6 @@ from skiros2_common.core.condition import (
     ConditionBase,
     ConditionRecord,
     Cost,
-    condition_from,
     is_in_scene,
     near_matches,
 )
@@ -41,6 +40,12 @@ __all__ = [
     "ConditionRelation",
     "condition_from",
 ]
+
+
+def condition_from(record: ConditionRecord) -> ConditionBase | None:
+    """Creates the condition of a record; None if its class is not loaded, or has no `from_record`."""
+    cls = ConditionBase.classes.get(record.kind)
+    return cls.from_record(record) if cls is not None else None
 
 
 class ConditionOr(ConditionBase):

@@ -19,8 +19,8 @@ from skiros2_common.core.world_element import Element
 _CHANGING_CALLS = frozenset({
     "lock", "unlock", "add_class", "add_datatype", "add_individual", "add_ontology", "load", "save",
     "set_default_prefix", "add_listener", "remove_listener", "transact", "add_elements", "add_element",
-    "update_element", "update_elements", "update_element_if_unchanged", "update_element_properties", "remove_element", "instanciate",
-    "set_relation",
+    "update_element", "update_elements", "update_element_if_unchanged", "update_element_properties",
+    "remove_element", "instanciate", "set_relation",
 })  # fmt: skip
 
 

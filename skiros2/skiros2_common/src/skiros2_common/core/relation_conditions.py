@@ -40,18 +40,11 @@ class ConditionRelation(ConditionBase):
         self._object_key = obj
 
     record_fields = ("label", "name", "subject", "object", "state")
+    planned_as = "relation"
     @property
     def relation(self) -> str:
         """The full name of the relation."""
         return full_name(self._owl_label)
-
-    @property
-    def subject_key(self) -> str:
-        return self._subject_key
-
-    @property
-    def object_key(self) -> str:
-        return self._object_key
 
     @property
     def volatile(self) -> bool:  # type: ignore[override]
@@ -226,6 +219,7 @@ class AbstractConditionRelation(ConditionRelation):
     abstract = True
 
     record_fields = ("label", "name", "subject", "object", "state")
+    planned_as = "allowed"
     element_ids = ConditionBase.ids_in_parameters
 
     def satisfied_for_inference(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:

@@ -29,7 +29,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from skiros2_common.core.ports import free_port
+from skiros2_common.core.processes import free_port
 from support.programs import ProcessId, Program, descendants
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,7 +15,7 @@ import rospy
 
 from skiros2_bags.core.run import Finding
 from skiros2_common.core.errors import Refused, SkirosError
-from skiros2_common.core.termination import exit_status
+from skiros2_common.core.processes import exit_status
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.private_system import PrivateSystem, SystemDown
 from skiros2_demo.progress_report import ProgressReport

@@ -30,7 +30,7 @@ class ProgressReport:
         self._name = name
         self._started = time.monotonic()
         live = out.isatty()
-        self._view: View = LiveView(out, lambda skill_type, label: ()) if live else LineView(out, Screen())
+        self._view: View = LiveView(out) if live else LineView(out, Screen())
         self._tasks: set[int] = set()  # running
         self._waiting: list[str] = []
         self._known = 0  # highest reported step number

@@ -9,7 +9,7 @@ from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.connections import ServerWatch
 from skiros2_std_skills.client_primitive import LOST, NO_ANSWER, NO_SERVER, ClientPrimitive
 
 __all__ = ["PrimitiveActionClient"]

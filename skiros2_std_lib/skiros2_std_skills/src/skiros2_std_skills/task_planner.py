@@ -10,7 +10,7 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.manager_names import manager_of, same_node
 from skiros2_common.core.params import ParamTypes
-from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.connections import ServerWatch
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.core.processors import SerialStar
 from skiros2_skill.core.skill import SkillBase

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_common.core.element_relations import relation_key
+from skiros2_common.core.element_content import relation_key
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict

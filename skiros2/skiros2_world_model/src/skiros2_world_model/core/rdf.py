@@ -13,7 +13,7 @@ from xml.parsers import expat
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.property import from_text
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_parts
 from skiros2_world_model.core.prefixes import RDF, XSD, Prefixes, is_iri
@@ -67,6 +67,18 @@ def term_text(term: Any, prefixes: Prefixes, cut_prefix: bool) -> str:
     if isinstance(term, ox.Literal):
         return term.value
     return str(term)
+
+
+def term_json(term: Any) -> dict[str, str]:
+    """Converts a term to the SPARQL JSON format."""
+    if isinstance(term, ox.NamedNode):
+        return {"type": "uri", "value": term.value}
+    if isinstance(term, ox.BlankNode):
+        return {"type": "bnode", "value": term.value}
+    if not isinstance(term, ox.Literal):
+        return {"type": "literal", "value": str(term)}  # a quoted triple
+    kind = {"xml:lang": term.language} if term.language else {"datatype": term.datatype.value}
+    return {"type": "literal", "value": term.value, **kind}
 
 
 def parse_term(text: str, prefixes: Prefixes) -> ox.NamedNode | ox.BlankNode | ox.Literal:

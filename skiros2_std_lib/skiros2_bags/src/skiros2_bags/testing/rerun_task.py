@@ -29,7 +29,7 @@ from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.compound import SkillBase
-from skiros2_skill.ros.progress import progress_messages
+from skiros2_skill.ros.messages import progress_messages
 from skiros2_world_model.core.changes import Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel

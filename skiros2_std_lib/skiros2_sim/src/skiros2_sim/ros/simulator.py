@@ -10,7 +10,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
 from skiros2_common.core.errors import Refused
-from skiros2_common.ros.shutdown import spin
+from skiros2_common.ros.node import spin
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
@@ -28,7 +28,7 @@ from skiros2_sim_msgs.msg import CartesianMotionAction
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.server_parameters import ontology_folder
+from skiros2_world_model.ros.ontology_server import ontology_folder
 
 log = logging.getLogger(__name__)
 

@@ -17,9 +17,15 @@ from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
-from skiros2_skill.core.engine.checks import check_conditions
 from skiros2_skill.core.engine.devices import free_devices
-from skiros2_skill.core.engine.failures import EXECUTE_RAISED, PREEMPT_RAISED, START_RAISED, Failure, Failures
+from skiros2_skill.core.engine.failures import (
+    EXECUTE_RAISED,
+    PREEMPT_RAISED,
+    START_RAISED,
+    Failure,
+    Failures,
+    check_conditions,
+)
 from skiros2_skill.core.engine.hooks import RAISED, Hooks, refusal_text
 from skiros2_skill.core.engine.parameters import Parameters
 from skiros2_skill.core.engine.selection import Take, preview, select_implementation, take

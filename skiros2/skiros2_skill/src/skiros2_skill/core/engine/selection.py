@@ -29,11 +29,9 @@ from skiros2_skill.core.engine.blackboard import (
     refresh_elements,
     unprovided_remap,
 )
-from skiros2_skill.core.engine.checks import check_conditions
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
-from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure
-from skiros2_skill.core.engine.inference import infer, inferable
-from skiros2_skill.core.engine.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, check_conditions
+from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer, inferable
 from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 

@@ -69,10 +69,10 @@ def test_skills_are_listed_and_described(run: Run) -> None:
     described = run("describe", "Pick")
     assert (described.returncode, described.stderr) == (0, "")
     lines = [" ".join(line.split()) for line in described.stdout.splitlines()]
-    assert lines[0] == "pick: Takes an object out of a container on a workstation."
+    assert lines[0] == "pick: Picks an object from a container at a workstation."
     assert "under Skiros2DemoSkills > TransportSkills" in lines
     assert "module skiros2_demo_skills.transport_skills" in lines
-    assert "Object required skiros:Manipulatable What to take" in lines
+    assert "Object required skiros:Manipulatable The object to pick" in lines
     assert lines[lines.index("hold-conditions") + 1] == "RobotAtWorkstation Robot skiros:at Workstation"
     missing = run("describe", "pik")
     assert (missing.returncode, missing.stderr) == (1, "describe: there is no skill 'pik'; did you mean 'pick'?\n")

@@ -73,7 +73,7 @@ class PrimitiveServiceClient(ClientPrimitive):
         return True
 
     def onPreempt(self) -> State:
-        self._abandon()
+        self._call = None
         return self.fail("Stopped; the answer will be discarded", STOPPED)
 
     def execute(self) -> State:
@@ -86,6 +86,3 @@ class PrimitiveServiceClient(ClientPrimitive):
             self._call = None
             return self.fail(f"No answer from {self.client.resolved_name} within {self.call_timeout_sec} s", NO_ANSWER)
         return self.step(f"Waiting for {self.client.resolved_name}")
-
-    def _abandon(self) -> None:
-        self._call = None

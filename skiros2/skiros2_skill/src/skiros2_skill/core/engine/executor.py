@@ -117,12 +117,20 @@ class Executor:
             state = self.hooks.execute(node)
             node.steady = not (node.volatile or node.lent or node.stale)
         if state is not _RUNNING or local_revision.current != local or (node.lent and has_changed_in_place(node.lent)):
-            return self.finish_tick(node, state, version)
+            return self._finish_tick(node, state, version)
         self._copy_progress(node)
         self.parameters.update_revision()
         return _RUNNING
 
-    def finish_tick(self, node: SkillWrapper, state: State, version: int) -> State:
+    def finish_execute(self, node: SkillWrapper, answer: object, error: Exception | SystemExit | None = None) -> State:
+        """Handles what the `execute` of a primitive has returned or raised; called from `visit`."""
+        if error is not None:
+            state = self.hooks.record_exception(node, error, EXECUTE_RAISED)
+        else:
+            state = self.hooks.execute_state(node, answer)
+        return self._finish_tick(node, state, self.parameters.world_version)
+
+    def _finish_tick(self, node: SkillWrapper, state: State, version: int) -> State:
         """Writes back what a tick has changed, and ends the node unless it stays Running.
 
         :param version: of the world model before the tick.

@@ -61,16 +61,12 @@ class Hooks:
         :param of_children: of a compound: the state of its children, which an `execute` that returns None keeps.
         :param late: the node has ended already.
         """
-        calls = self.guard.enter(node, EXECUTE_HOOK)
         try:
-            try:
-                answer = node.instance.execute()
-            finally:
-                self.guard.leave(calls)
+            answer = self.guard.call(node, EXECUTE_HOOK, node.instance.execute)
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
-            return self.execute_raised(node, error, late)
+            return self.record_exception(node, error, EXECUTE_RAISED, late)
         return self.execute_state(node, answer, of_children, late)
 
     def call(self, node: SkillWrapper, name: str, hook: Callable[[], Any], code: int, late: bool = False) -> Any:
@@ -80,12 +76,8 @@ class Hooks:
         :param code: the progress code when it raises.
         :param late: the node has failed or ended already.
         """
-        calls = self.guard.enter(node, name)
         try:
-            try:
-                return hook()
-            finally:
-                self.guard.leave(calls)
+            return self.guard.call(node, name, hook)
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
@@ -128,10 +120,6 @@ class Hooks:
             failure = Failure(EXECUTE, instance._progress_code, instance.progress_msg, late=late)
             self._failures.record(node, failure)
         return _FAILURE
-
-    def execute_raised(self, node: SkillWrapper, error: Exception | SystemExit, late: bool = False) -> State:
-        """Same as `record_exception`, for `execute`."""
-        return self.record_exception(node, error, EXECUTE_RAISED, late)
 
     def record_exception(
         self, node: SkillWrapper, error: Exception | SystemExit, code: int, late: bool = False

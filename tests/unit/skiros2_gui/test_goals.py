@@ -14,17 +14,16 @@ from hypothesis import strategies as st
 from skiros2_gui.app.events import GoalFeedback
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completion, Vocabulary, complete
-from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.goal.plan import check_syntax
+from skiros2_gui.goal.plan import GoalExecution, check_syntax
 from skiros2_gui.goal.presenter import GoalPresenter
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import SynchronousJobs, make_window
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.planners import planner_named
 from skiros2_task.core.planning import PlanReport, TaskPlanner, report_of
 from skiros2_task.core.preview import preview
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.planning_world import DRIVE, PlanningWorld
+from support.window.local_system import LocalSystem
+from support.window.synchronous import SynchronousJobs, make_window
 
 
 @dataclass

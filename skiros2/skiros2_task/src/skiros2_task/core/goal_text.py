@@ -118,6 +118,11 @@ def add_goal_operator(word: str, build: BuildGoal) -> None:
     _operators[word.lower()] = build
 
 
+def keywords() -> tuple[str, ...]:
+    """Returns the words that begin a goal of goals: connectives, quantifiers, operators of other packages."""
+    return (*_CONNECTIVES, *sorted(_operators))
+
+
 def goal_error(text: str, at: Name, message: str) -> GoalError:
     """Returns an error that points at a position of the text."""
     line = text.split("\n")[at.line - 1].rstrip()

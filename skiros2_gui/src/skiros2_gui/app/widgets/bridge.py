@@ -6,7 +6,7 @@ import time
 
 from python_qt_binding.QtCore import QObject, Qt, QTimer, Signal
 
-from skiros2_gui.app.event_queue import EventQueue
+from skiros2_gui.app.events import EventQueue
 from skiros2_gui.app.jobs import Jobs
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.window import Window

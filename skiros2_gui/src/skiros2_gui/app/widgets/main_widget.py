@@ -28,10 +28,10 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_gui.app.event_queue import EventQueue
 from skiros2_gui.app.events import (
     ConnectionChanged,
     ElementSelected,
+    EventQueue,
     ManagersChanged,
     NodeShutdown,
     ProblemReported,
@@ -39,13 +39,11 @@ from skiros2_gui.app.events import (
     TaskStarted,
     WorldChanged,
 )
-from skiros2_gui.app.health import missing
 from skiros2_gui.app.problems import ExceptHook
-from skiros2_gui.app.system import System
+from skiros2_gui.app.system import System, missing
 from skiros2_gui.app.widgets.bridge import Bridge
-from skiros2_gui.app.widgets.error_bar import ErrorBar
 from skiros2_gui.app.widgets.focus_tracker import SPACE_TOGGLES, FocusTracker
-from skiros2_gui.app.widgets.status_line import StatusLine
+from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.widgets.tab import RunTab

@@ -13,8 +13,8 @@ from python_qt_binding.QtGui import QColor, QFontMetricsF, QPainter, QPalette, Q
 from python_qt_binding.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
 
 from skiros2_gui.app.widgets.theme import role_colour
-from skiros2_gui.run.drawing import Column, Drawing
-from skiros2_gui.run.node_text import short_duration
+from skiros2_gui.run.node import short_duration
+from skiros2_gui.run.tree import Column, Drawing
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.states import RUNNING, style_of
 

@@ -19,7 +19,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.app.widgets.focus_tracker import SPACE_TOGGLES
 from skiros2_gui.app.widgets.theme import colour_label
-from skiros2_gui.skills.fields import Field, ValueMode
+from skiros2_gui.skills.form import Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
 from skiros2_gui.skills.start_status import READY, REFUSED, start_status
 from skiros2_gui.skills.widgets.editors import FieldEditor, editor_of

@@ -335,27 +335,5 @@ class ValuesDialog(_Dialog):
         super().accept()
 
 
-class FileDialog(_Dialog):
-    """Asks for a file in the workspace of the world model, which may be on another machine."""
-
-    chosen = Signal(str)
-
-    def __init__(self, title: str, ok: str, note: str, last: str, parent: QWidget | None = None) -> None:
-        super().__init__(title, ok, parent)
-        self.name = QLineEdit(last)
-        self.name.setObjectName("sceneFile")
-        self.name.setPlaceholderText("the file that was loaded or saved last")
-        form = QFormLayout()
-        form.addRow("File", self.name)
-        self.content.addLayout(form)
-        self.content.addStretch(1)
-        self.note.setText(note)
-        self.size_to(30, 8)
-
-    def accept(self) -> None:
-        self.chosen.emit(self.name.text().strip())
-        super().accept()
-
-
 def _counted(number: int) -> str:
     return "one element" if number == 1 else f"{number} elements"

@@ -10,8 +10,7 @@ from typing import Any
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress, WorldChanged
+from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.description import Skill, Step, Why, read_skill

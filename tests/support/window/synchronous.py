@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skiros2_gui.app.event_queue import EventQueue
+from skiros2_gui.app.events import EventQueue
 from skiros2_gui.app.jobs import Job, Jobs
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.system import System
@@ -21,9 +21,6 @@ class SynchronousJobs(Jobs):
         super().__init__(problems, lambda: None)
         self.deferred = deferred
         self._waiting: list[Job] = []
-
-    def post(self, call: Callable[[], None]) -> None:
-        call()
 
     def release(self) -> None:
         """Runs the delayed calls."""

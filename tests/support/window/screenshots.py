@@ -1,4 +1,4 @@
-"""Takes screenshots of the window during a run: `rosrun skiros2_gui screenshots [FOLDER]`.
+"""Takes screenshots of the window during a run: `PYTHONPATH=tests:$PYTHONPATH python3 -m support.window.screenshots`.
 
 Starts the demo with timed motions on its own master, operates the window as a user does, and saves a screenshot of each
 tab. Without a display it uses a virtual one (Xvfb).
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,11 +23,12 @@ from skiros2_common.ros.private_system import START_TIMEOUT, PrivateSystem
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import DARK, LIGHT
-from skiros2_gui.display import display_problem, virtual_display
+from skiros2_gui.launcher import display_problem
 from skiros2_gui.standalone import StandaloneWindow
-from skiros2_gui.testing.driver import Driver
-from skiros2_gui.testing.rviz_screenshot import rviz_screenshot
 from skiros2_gui.view3d.widgets.rviz_panel import rviz_problem
+from support.display import Display
+from support.window.driver import Driver
+from support.window.rviz_screenshot import rviz_screenshot
 
 #: The window's size (pixels).
 WIDTH, HEIGHT = 1280, 800
@@ -46,8 +48,7 @@ def main(arguments: list[str]) -> int:
     folder = parser.parse_args(arguments).folder
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        display = virtual_display() if display_problem() else contextlib.nullcontext()
-        with display, PrivateSystem("screenshots", has_own_home=True) as system:
+        with _display(), PrivateSystem("screenshots", has_own_home=True) as system:
             system.init_node("skiros_gui")
             system.launch("skiros2_demo_skills", "demo.launch", "gui:=false")
             for name, image in _screenshots():
@@ -62,6 +63,17 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write(f"screenshots: {error}\n")
         return 1
     return 0
+
+
+@contextlib.contextmanager
+def _display() -> Iterator[None]:
+    """Sets `DISPLAY` of this process and its children to a virtual display, unless there is one."""
+    if not display_problem():
+        yield
+        return
+    with Display((1600, 1000)) as display:
+        os.environ["DISPLAY"] = display.name
+        yield
 
 
 def _screenshots() -> Iterator[tuple[str, QImage]]:
@@ -121,3 +133,7 @@ def _screenshots() -> Iterator[tuple[str, QImage]]:
 def _screenshot(driver: Driver) -> QImage:
     driver.process_for(SETTLING_SECONDS)
     return driver.window.grab().toImage()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

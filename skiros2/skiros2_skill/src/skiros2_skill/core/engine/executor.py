@@ -124,17 +124,11 @@ class Executor:
 
     def finish_execute(self, node: SkillWrapper, answer: object, error: Exception | SystemExit | None = None) -> State:
         """Handles what the `execute` of a primitive has returned or raised; called from `visit`."""
-        if error is not None:
-            state = self.hooks.record_exception(node, error, EXECUTE_RAISED)
-        else:
-            state = self.hooks.execute_state(node, answer)
+        state = self.hooks.execute_state(node, answer) if error is None else self.hooks.execute_raised(node, error)
         return self._finish_tick(node, state, self.parameters.world_version)
 
     def _finish_tick(self, node: SkillWrapper, state: State, version: int) -> State:
-        """Writes back what a tick has changed, and ends the node unless it stays Running.
-
-        :param version: of the world model before the tick.
-        """
+        """Writes back what a tick has changed since a version of the world model, and ends the node unless it runs."""
         self._copy_progress(node)
         if self._write_back(node, state, version):
             return _RUNNING if state is _RUNNING else self.end(node, state)
@@ -188,10 +182,7 @@ class Executor:
         return self.guard.call(node, "the inference of its parameters", select_implementation, *arguments)
 
     def _start_run(self, node: SkillWrapper, version: int) -> bool:
-        """Expands the subtree and calls `onStart`.
-
-        :param version: of the world model when its parameters were read.
-        """
+        """Expands the subtree and calls `onStart`. Its parameters were read in this version of the world model."""
         instance = node.instance
         instance.begin_progress()
         instance.request_tick = self._wake

@@ -66,7 +66,7 @@ class Hooks:
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
-            return self.record_exception(node, error, EXECUTE_RAISED, late)
+            return self.execute_raised(node, error, late)
         return self.execute_state(node, answer, of_children, late)
 
     def call(self, node: SkillWrapper, name: str, hook: Callable[[], Any], code: int, late: bool = False) -> Any:
@@ -120,6 +120,10 @@ class Hooks:
             failure = Failure(EXECUTE, instance._progress_code, instance.progress_msg, late=late)
             self._failures.record(node, failure)
         return _FAILURE
+
+    def execute_raised(self, node: SkillWrapper, error: Exception | SystemExit, late: bool = False) -> State:
+        """Same as `record_exception`, for `execute`."""
+        return self.record_exception(node, error, EXECUTE_RAISED, late)
 
     def record_exception(
         self, node: SkillWrapper, error: Exception | SystemExit, code: int, late: bool = False

@@ -54,18 +54,17 @@ def test_files_are_validated_on_load_and_the_scene_on_request(ros: Ros, start, w
     node = start()
     node.wait_for_line(r"lab\.ttl: 1 violation, 1 warning")
     ask = ros.service("/wm/validation", srvs.WmValidation)
-    loaded = ask(loaded=True)
-    assert told(loaded.findings) == {SIZE, WEIGHT}
-    assert {f.file for f in loaded.findings} == {str(workspace / "lab.ttl")}
-    assert 0 <= (rospy.Time.now() - loaded.stamp).to_sec() < 60
+    found = ask(context="scene")
+    assert told(found.findings) == {SIZE, WEIGHT}
+    assert {f.file for f in found.findings} == {"context scene"}
+    assert 0 <= (rospy.Time.now() - found.stamp).to_sec() < 60
     wm = WorldModelInterface("tester")
     box = wm.get_element("skiros:LargeBox-80")
     box.setProperty("skiros:SizeX", 2)
     wm.update_element(box)
     assert told(wm.validate().findings) == {WEIGHT}
-    assert told(ask(loaded=True).findings) == {SIZE, WEIGHT}
     wm.load("better.ttl")
-    assert told(ask(loaded=True).findings) == {WEIGHT}
+    assert told(ask().findings) == {WEIGHT}
     assert wm.validate("other").findings == []
     shown = subprocess.run(
         ["rosrun", "skiros2_world_model", "validate"], env=ros.master.env, capture_output=True, text=True, check=False

@@ -10,7 +10,6 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_gui.app.window import Window
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE
 from skiros2_world_model.core.history import HistoryEntry
-from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.report import Report
 
 #: The contexts of a query: all, the scene, the ontologies.
@@ -28,7 +27,7 @@ class _Store(Protocol):
     def save(self, filename: str = "", context: str = SCENE) -> None: ...
     def validate(self, context_id: str = SCENE) -> Report: ...
     def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]: ...
-    def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
+    def query_table(self, query: str, context: str = "") -> tuple[list[str], list[list[Any]]]: ...
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class WorldQueries:
             return
         self.queries = [query, *(q for q in self.queries if q != query)][:_MAX_QUERIES]
         self.window.jobs.run(
-            lambda: query_table(store, query, context),
+            lambda: store.query_table(query, context),
             self._answered,
             self._not_answered,
             activity="executing the query",

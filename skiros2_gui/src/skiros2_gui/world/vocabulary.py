@@ -198,7 +198,6 @@ def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
 
     :raises WmException: it does not answer.
     """
-    rows = (row.split() for row in world.query_ontology(STRUCTURE_QUERY, True, ONTOLOGY))
-    triples = [(row[0], row[1], row[2]) for row in rows if len(row) == 3]
-    texts = (row.split(" ", 2) for row in world.query_ontology(_TEXT_QUERY, True, ONTOLOGY))
-    return Vocabulary(triples, [(row[0], row[1], row[2].removesuffix(" ")) for row in texts if len(row) == 3])
+    _, triples = world.query_table(STRUCTURE_QUERY, ONTOLOGY)
+    _, texts = world.query_table(_TEXT_QUERY, ONTOLOGY)
+    return Vocabulary([(s, p, o) for s, p, o in triples], [(s, p, str(text)) for s, p, text in texts])

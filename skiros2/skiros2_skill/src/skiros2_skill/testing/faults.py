@@ -28,7 +28,7 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
 
 
 #: The methods that all adapters of the world model use for changes and for reading.
-_CHANGES = ("_transact", "_modify", "load")
+_CHANGES = ("transact", "_modify", "load")
 _READS = ("find_element", "_matching", "_branch", "_related", "_holds", "_query", "_template")
 
 _GENUINE = object()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import rosgraph
 
@@ -25,9 +25,10 @@ from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.command_line.master import check_node
 from skiros2_world_model.command_line import reading, writing
 from skiros2_world_model.core.report import VIOLATION, Report
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 
-def connect(name: str, author: str, computing: bool = False) -> Any:
+def connect(name: str, author: str, computing: bool = False) -> WorldModelAbstractInterface:
     """Connects to a running world model node, without subscribing to its changes.
 
     :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
@@ -57,13 +58,7 @@ def connect(name: str, author: str, computing: bool = False) -> Any:
     return OneShotInterface(author)
 
 
-class WithValidation(Protocol):
-    """A world model that validates."""
-
-    def validate(self, context_id: str = "scene") -> Report: ...
-
-
-def validate(wm: WithValidation, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def validate(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Validates the current scene against the ontologies and the shapes."""
     report = wm.validate(arguments.context)
     return CommandResult(_lines(report, screen), _json(report), _status(report))
@@ -122,10 +117,12 @@ run = program(_run)
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
-    command, add_arguments, *epilog = _COMMANDS[name]
+    command, epilog = _COMMANDS[name]
     description = (command.__doc__ or "").partition("\n\n")[0]
-    parser = Parser(prog=name, description=description, epilog=" ".join([*epilog, _statuses(name)]))
-    add_arguments(parser)
+    parser = Parser(prog=name, description=description, epilog=f"{epilog} {_statuses(name)}".strip())
+    group = parser.add_mutually_exclusive_group(required=True) if name == "query" else parser
+    for names, options in _ARGUMENTS.get(name, ()):
+        group.add_argument(*names, **options)
     parser.add_argument(
         "--context",
         default="" if name == "query" else "scene",
@@ -146,75 +143,60 @@ def _statuses(name: str) -> str:
     return f"Exit status: {results}, {trouble}, {UNAVAILABLE} no master or no world model."
 
 
-def _view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", nargs="?", default="", help="show only this element and its descendants")
-    parser.add_argument("--all", action="store_true", help="all properties, relations and elements")
+def _argument(*names: str, **options: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+    return names, options
 
 
-def _get(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", help="the element")
-    parser.add_argument("property", nargs="?", help="only this property or relation, `label` or `type`: a value a line")
+_AUTHOR = _argument("--author", default=user(), metavar="NAME", help="author of the change (default: %(default)s)")
 
-
-def _set(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", help="the element")
-    parser.add_argument("name", help="a property, a relation, `label` or `type`")
-    parser.add_argument("values", nargs="*", metavar="VALUE", help="its values, or the ids of its objects")
-    parser.add_argument("--remove", action="store_true", help="remove these values or relations; without any, all")
-    _author(parser)
-
-
-def _query(parser: argparse.ArgumentParser) -> None:
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("sparql", nargs="?", help="the query; prefixes need not be declared")
-    what.add_argument("-f", "--file", help="a file with the query")
-
-
-def _load(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "file",
-        nargs="?",
-        default="",
-        metavar="FILE",
-        help="in the workspace of the world model (default: the context's own file)",
-    )
-    _author(parser)
-
-
-def _save(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="in the workspace of the world model")
-
-
-def _author(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--author", default=user(), metavar="NAME", help="author of the change (default: %(default)s)")
-
-
-def _history(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", nargs="?", default="", help="only changes of this element")
-    parser.add_argument("--at", metavar="TIME", help="show the scene or element at that time")
-    parser.add_argument("--since", metavar="TIME", help="only changes after that time")
-    parser.add_argument("--until", metavar="TIME", help="only changes up to that time")
-    parser.add_argument("--author", default="", help="only changes by this author")
-    parser.add_argument("--limit", type=int, default=20, metavar="N", help="the last N requests (default: 20; 0: all)")
-    parser.add_argument("--all", action="store_true", help="all changes of large requests; with --at, all of the scene")
-
-
-def _diff(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("old", metavar="OLD", help="a scene file, or @TIME")
-    parser.add_argument("new", nargs="?", default="", metavar="NEW", help="same as OLD (default: the current scene)")
-
-
-def _validate_scene(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="a scene file")
-    parser.add_argument(
-        "--workspace",
-        type=Path,
-        metavar="DIR",
-        help="the folder of your ontologies and shapes (default: the file's folder, if it has any)",
-    )
-    parser.add_argument("--ontologies", type=Path, metavar="DIR", help="base ontologies (default: those of skiros2)")
-    parser.add_argument("--strict", action="store_true", help="report unknown names as violations, as with ~strict")
-
+#: The arguments of the commands, beside those that all have.
+_ARGUMENTS = {
+    "view": [
+        _argument("id", nargs="?", default="", help="show only this element and its descendants"),
+        _argument("--all", action="store_true", help="all properties, relations and elements"),
+    ],
+    "get": [
+        _argument("id", help="the element"),
+        _argument("property", nargs="?", help="only this property or relation, `label` or `type`: a value a line"),
+    ],
+    "set": [
+        _argument("id", help="the element"),
+        _argument("name", help="a property, a relation, `label` or `type`"),
+        _argument("values", nargs="*", metavar="VALUE", help="its values, or the ids of its objects"),
+        _argument("--remove", action="store_true", help="remove these values or relations; without any, all"),
+        _AUTHOR,
+    ],
+    "query": [
+        _argument("sparql", nargs="?", help="the query; prefixes need not be declared"),
+        _argument("-f", "--file", help="a file with the query"),
+    ],
+    "load": [
+        _argument("file", nargs="?", default="", metavar="FILE",
+                  help="in the workspace of the world model (default: the context's own file)"),
+        _AUTHOR,
+    ],
+    "save": [_argument("file", metavar="FILE", help="in the workspace of the world model")],
+    "history": [
+        _argument("id", nargs="?", default="", help="only changes of this element"),
+        _argument("--at", metavar="TIME", help="show the scene or element at that time"),
+        _argument("--since", metavar="TIME", help="only changes after that time"),
+        _argument("--until", metavar="TIME", help="only changes up to that time"),
+        _argument("--author", default="", help="only changes by this author"),
+        _argument("--limit", type=int, default=20, metavar="N", help="the last N requests (default: 20; 0: all)"),
+        _argument("--all", action="store_true", help="all changes of large requests; with --at, all of the scene"),
+    ],
+    "diff": [
+        _argument("old", metavar="OLD", help="a scene file, or @TIME"),
+        _argument("new", nargs="?", default="", metavar="NEW", help="same as OLD (default: the current scene)"),
+    ],
+    "validate_scene": [
+        _argument("files", nargs="+", type=Path, metavar="FILE", help="a scene file"),
+        _argument("--workspace", type=Path, metavar="DIR",
+                  help="the folder of your ontologies and shapes (default: the file's folder, if it has any)"),
+        _argument("--ontologies", type=Path, metavar="DIR", help="base ontologies (default: those of skiros2)"),
+        _argument("--strict", action="store_true", help="report unknown names as violations, as with ~strict"),
+    ],
+}  # fmt: skip
 
 #: Commands that read files; their refusals are usage errors.
 _OF_FILES = ("diff", "validate_scene")
@@ -222,20 +204,16 @@ _OF_FILES = ("diff", "validate_scene")
 #: The meaning of the exit statuses 0 and 1, where it is not the usual one.
 _RESULTS = {"diff": "0 no difference, 1 differences", "validate": "0 no violations, 1 violations or refused"}
 
-#: For each command: its function, its arguments, and the epilog of its help.
-_COMMANDS: dict[str, tuple[Any, ...]] = {
-    "view": (reading.view, _view),
-    "get": (reading.get, _get),
-    "query": (reading.query, _query),
-    "set": (
-        writing.set_values,
-        _set,
-        _VALUES,
-    ),
-    "load": (writing.load, _load),
-    "save": (writing.save, _save),
-    "history": (reading.history, _history, _TIMES),
-    "diff": (reading.diff, _diff, _TIMES),
-    "validate": (validate, lambda parser: None),
-    "validate_scene": (validate_scene, _validate_scene),
+#: For each command: its function, and the epilog of its help.
+_COMMANDS: dict[str, tuple[Command, str]] = {
+    "view": (reading.view, ""),
+    "get": (reading.get, ""),
+    "query": (reading.query, ""),
+    "set": (writing.set_values, _VALUES),
+    "load": (writing.load, ""),
+    "save": (writing.save, ""),
+    "history": (reading.history, _TIMES),
+    "diff": (reading.diff, _TIMES),
+    "validate": (validate, ""),
+    "validate_scene": (validate_scene, ""),
 }

@@ -7,7 +7,7 @@ import re
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
@@ -16,9 +16,9 @@ from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.formatting import format_time, format_value, format_values, summary
 from skiros2_world_model.core.history import HistoryEntry, Point, changed_lines, difference
-from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.scene import ROOT
-from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _TIME_FORMATS = ("%Y-%m-%d %H:%M:%S", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
@@ -88,13 +88,13 @@ def point(text: str, now: float) -> Point:
 CONTAINS = "skiros:contain"
 
 
-def view(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def view(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows the scene as a tree of containment."""
     elements = wm.resolve_elements(Element(""), arguments.context)
     return scene_tree(elements, predicates_of(wm, arguments.all), screen, arguments.id, arguments.all)
 
 
-def predicates_of(wm: WorldModelPort, whole: bool) -> set[str]:
+def predicates_of(wm: WorldModelAbstractInterface, whole: bool) -> set[str]:
     """The relations that form the tree of a scene: spatial ones, or all."""
     relation = "skiros:sceneProperty" if whole else "skiros:spatiallyRelated"
     return {relation, *wm.get_sub_properties(relation)}
@@ -198,7 +198,7 @@ def _by_number(eid: str) -> tuple[str, int, str]:
     return stem, int(number) if number.isdecimal() else -1, eid
 
 
-def get(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def get(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows an element, or one property or relation of it."""
     element = wm.get_element(arguments.id, arguments.context)
     if arguments.property:
@@ -234,7 +234,7 @@ def _one_property(element: Element, name: str) -> CommandResult:
     return CommandResult([str(value) for value in values], values)
 
 
-def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def query(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows the rows of a SPARQL query."""
     if arguments.file:
         try:
@@ -243,7 +243,7 @@ def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> 
             raise WmException(f"{arguments.file}: cannot be read: {getattr(error, 'strerror', error)}") from None
     else:
         text = arguments.sparql
-    names, rows = query_table(wm, text, arguments.context)
+    names, rows = wm.query_table(text, arguments.context)
     lines = table(screen, [["" if v is None else format_value(v) for v in row] for row in rows], names)
     if names and not rows:
         lines = ["no rows"]
@@ -254,23 +254,7 @@ def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> 
 _SHOWN = 20
 
 
-class WithHistory(WorldModelPort, Protocol):
-    """A world model with a journal."""
-
-    def history(
-        self,
-        eid: str = "",
-        since: Point | None = None,
-        until: Point | None = None,
-        author: str = "",
-        limit: int = 0,
-        context_id: str = "scene",
-    ) -> list[HistoryEntry]: ...
-    def scene_at(self, at: Point, context_id: str = "scene") -> HistoryEntry: ...
-    def difference(self, since: Point, until: Point | None = None, context_id: str = "scene") -> HistoryEntry: ...
-
-
-def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def history(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The changes of the scene or of one element; with `--at`, the scene or element as it was."""
     now = time.time()
     if arguments.at:
@@ -290,9 +274,9 @@ def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> C
         what = "" if entry.action == "change" else f"  {entry.action}"
         lines += [screen.fitted(f"{format_time(entry.stamp)}  {entry.author}{what}  #{entry.number}")]
         changes = changed_lines(entry)
-        format_value = changes if arguments.all else changes[:_SHOWN]
-        lines += [screen.fitted(f"    {line}") for line in format_value]
-        lines += [f"    {len(changes) - len(format_value)} more: --all"] if len(format_value) < len(changes) else []
+        shown = changes if arguments.all else changes[:_SHOWN]
+        lines += [screen.fitted(f"    {line}") for line in shown]
+        lines += [f"    {len(changes) - len(shown)} more: --all"] if len(shown) < len(changes) else []
     if not entries:
         lines = ["no changes"]
     elif limit and len(entries) == limit:
@@ -300,7 +284,7 @@ def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> C
     return CommandResult(lines, [entry_json(entry) for entry in entries])
 
 
-def _at(wm: WithHistory, arguments: argparse.Namespace, at: Point, screen: Screen) -> CommandResult:
+def _at(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, at: Point, screen: Screen) -> CommandResult:
     entry = wm.scene_at(at, arguments.context)
     since = f"as it was since {format_time(entry.stamp)}, {entry.author}, #{entry.number}"
     if arguments.id:
@@ -313,7 +297,7 @@ def _at(wm: WithHistory, arguments: argparse.Namespace, at: Point, screen: Scree
     return CommandResult([screen.fitted(since), "", *answer.lines], answer.data)
 
 
-def diff(wm: WithHistory | None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def diff(wm: WorldModelAbstractInterface | None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Compares two scenes; each is a file, a time in the history (`@10m`), or the current scene.
 
     :param wm: None when both are files.
@@ -331,7 +315,7 @@ def diff(wm: WithHistory | None, arguments: argparse.Namespace, screen: Screen) 
     return CommandResult(lines, entry_json(entry), REFUSED if entry else 0)
 
 
-def _side(wm: WithHistory | None, side: str, now: float, context: str) -> Sequence[Element]:
+def _side(wm: WorldModelAbstractInterface | None, side: str, now: float, context: str) -> Sequence[Element]:
     if wm is not None and not side:
         return wm.resolve_elements(Element(""), context)
     if wm is not None and side.startswith("@"):

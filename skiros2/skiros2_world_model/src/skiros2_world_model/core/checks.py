@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -55,9 +54,9 @@ class Checks:
         strict: bool = False,
         warned: set[tuple[str, str, str]] | None = None,
     ) -> None:
-        self._ontology = ontology
-        self._prefixes = prefixes
-        self._origin = origin
+        self.ontology = ontology
+        self.prefixes = prefixes
+        self.origin = origin
         self._strict = strict
         self._warned = warned
         self._known: dict[str, str] = {}  # full names of known properties, by given name
@@ -69,7 +68,7 @@ class Checks:
         :raises WrongValue: the name is invalid.
         """
         name = self.name(name, "class", who)
-        if not self._ontology.has_class(name):
+        if not self.ontology.has_class(name):
             self._add_issue("class", name, who)
         return name
 
@@ -79,7 +78,7 @@ class Checks:
         :raises WrongValue: the name is invalid.
         """
         name = self.name(name, "relation", who)
-        if not self._ontology.has_relation(name):
+        if not self.ontology.has_relation(name):
             self._add_issue("relation", name, who)
         return name
 
@@ -88,7 +87,7 @@ class Checks:
 
         :param obj: None when it is not an element of the scene.
         """
-        for text in self._ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
+        for text in self.ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
             self._add_issue(MISFIT, text, who)
 
     def property_name(self, name: str, who: str) -> str:
@@ -101,8 +100,8 @@ class Checks:
             return known
         given, name = name, self.name(name, "property", who)
         if name in ("rdf:type", "rdfs:label"):
-            raise WrongValue(f"{self._origin}: {who}: {name} is written as the element's class or label")
-        if self._ontology.has_data_property(name):
+            raise WrongValue(f"{self.origin}: {who}: {name} is written as the element's class or label")
+        if self.ontology.has_data_property(name):
             self._known[given] = name
         else:
             self._add_issue("property", name, who)
@@ -116,8 +115,8 @@ class Checks:
         """
         name = self.name(name, "element", who)
         if re.search(r"-\d+$", name):
-            raise UnknownName(f"{self._origin}: {who}: there is no element {name!r}")
-        if not self._ontology.knows(name):
+            raise UnknownName(f"{self.origin}: {who}: there is no element {name!r}")
+        if not self.ontology.knows(name):
             self._add_issue("individual", name, who)
         return name
 
@@ -129,11 +128,11 @@ class Checks:
         """
         key = self.property_name(key, who)
         try:
-            checked = made_property(key, prop.values, self._ontology.value_limits(etype, key), prop.dataType())
+            checked = made_property(key, prop.values, self.ontology.value_limits(etype, key), prop.dataType())
             for value in checked.values:
                 _check_plain(value, key)
         except (WrongType, WrongValue) as error:
-            raise type(error)(f"{self._origin}: {who}: {error}") from None
+            raise type(error)(f"{self.origin}: {who}: {error}") from None
         return checked
 
     def label(self, text: str, who: str) -> str:
@@ -144,7 +143,7 @@ class Checks:
         try:
             _check_plain(str(text), "label")
         except WrongValue as error:
-            raise WrongValue(f"{self._origin}: {who}: {error}") from None
+            raise WrongValue(f"{self.origin}: {who}: {error}") from None
         return text
 
     def refuse(self, who: str, what: str, error: SkirosError, done: str = "") -> None:
@@ -165,7 +164,7 @@ class Checks:
         lines = {}
         for (kind, name), users in self._unknown.items():
             others = f" and {len(users) - 1} more" if len(users) > 1 else ""
-            lines[self._origin, kind, name] = f"{self._origin}: {issue_text(kind, name)} ({users[0]}{others})"
+            lines[self.origin, kind, name] = f"{self.origin}: {issue_text(kind, name)} ({users[0]}{others})"
         if lines and self._strict:
             error = WrongValue if all(kind == MISFIT for _, kind, _ in lines) else UnknownName
             raise error("; ".join(lines.values()))
@@ -186,16 +185,16 @@ class Checks:
             if _PLAIN_NAME.fullmatch(name):
                 return self.full(name)
             try:
-                node = ox.NamedNode(self._prefixes.iri(name) if name.strip(":") else "")
+                node = ox.NamedNode(self.prefixes.iri(name) if name.strip(":") else "")
                 if not name.endswith((":", "#")):
-                    return self._prefixes.name(node.value)
+                    return self.prefixes.name(node.value)
             except ValueError:
                 pass  # raised below
-        raise WrongValue(f"{self._origin}: {who}: {name!r} cannot be the name of a {kind}")
+        raise WrongValue(f"{self.origin}: {who}: {name!r} cannot be the name of a {kind}")
 
     def full(self, name: str) -> str:
         """The name with its prefix, for a name or an IRI."""
-        return self._prefixes.name(name) if is_iri(name) else full_name(name)
+        return self.prefixes.name(name) if is_iri(name) else full_name(name)
 
     def _add_issue(self, kind: str, name: str, who: str) -> None:
         users = self._unknown.setdefault((kind, name), [])
@@ -282,31 +281,19 @@ KEPT = "kept"
 LEFT_OUT = "left out"
 
 
-@dataclass(frozen=True)
-class Flaw:
-    """A flaw in a file, and how loading handles it."""
-
-    finding: Finding
-    done: str
-
-
 class CollectingChecks(Checks):
     """Checks that collect flaws instead of raising errors."""
 
     def __init__(self, knowledge_base: KnowledgeBase, origin: str, strict: bool) -> None:
         super().__init__(knowledge_base.index, knowledge_base.prefixes, origin, strict)
-        self.flaws: list[Flaw] = []
-
-    @property
-    def findings(self) -> list[Finding]:
-        return [flaw.finding for flaw in self.flaws]
+        self.flaws: dict[Finding, str] = {}  #: each finding, and how loading handles it
 
     def refuse(self, who: str, what: str, error: SkirosError, done: str = LEFT_OUT) -> None:
-        text = str(error).removeprefix(f"{self._origin}: ")
+        text = str(error).removeprefix(f"{self.origin}: ")
         if text.startswith((f"{who}: ", f"{who} {what} ")):  # the finding names them itself
             text = text.partition(": ")[2]
         text = text.removeprefix(f"{what}: ")
-        self.flaws.append(Flaw(Finding(VIOLATION, self._origin, who, what, text), done))
+        self.flaws[Finding(VIOLATION, self.origin, who, what, text)] = done
 
     def finish(self) -> None:
         severity = VIOLATION if self._strict else WARNING
@@ -314,8 +301,8 @@ class CollectingChecks(Checks):
             element, *predicate = users[0].split(" ")  # an element, or a relation
             prop = predicate[0] if predicate else name if kind in ("property", "relation") else ""
             others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
-            finding = Finding(severity, self._origin, element, prop, f"{issue_text(kind, name)}{others}")
-            self.flaws.append(Flaw(finding, KEPT))
+            finding = Finding(severity, self.origin, element, prop, f"{issue_text(kind, name)}{others}")
+            self.flaws[finding] = KEPT
 
 
 class FileChecks(CollectingChecks):
@@ -334,19 +321,18 @@ class FileChecks(CollectingChecks):
         if not self.flaws:
             return
         lines = SourceLines(self._path)
-        text = "\n    ".join(self._format(flaw, lines) for flaw in self.flaws)
+        text = "\n    ".join(self._format(*flaw, lines) for flaw in self.flaws.items())
         count = f"{len(self.flaws)} flaw{'s' if len(self.flaws) > 1 else ''}"
         if self._strict:
             raise WrongValue(f"{self._path}: refused with {count}:\n    {text}")
         log.warning("%s: loaded with %s:\n    %s", self._path, count, text)
 
-    def _format(self, flaw: Flaw, lines: SourceLines) -> str:
-        found = flaw.finding
+    def _format(self, found: Finding, done: str, lines: SourceLines) -> str:
         line = lines.find(found.element, found.property)
         location = f"{self._path}, line {line}" if line else str(self._path)
         what = " ".join(part for part in (found.element, found.property) if part)
-        done = "" if self._strict else f"; {flaw.done}"
-        return ": ".join(part for part in (location, what, found.text) if part) + done
+        text = ": ".join(part for part in (location, what, found.text) if part)
+        return text if self._strict else f"{text}; {done}"
 
 
 class SourceLines:

@@ -19,7 +19,7 @@ from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.queries import containment_cycle, format_cycle
 from skiros2_world_model.core.rdf import parse_n_triples, python_value
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
-from skiros2_world_model.core.scene_rdf import GraphSync, element_triples, read_scene, relation_triple, scene_turtle
+from skiros2_world_model.core.scene_rdf import GraphSync, SceneContent, element_triples, relation_triple, scene_turtle
 from skiros2_world_model.core.transaction import template_element
 
 _BLANK_SCENE = "skiros:blank_scene"
@@ -60,7 +60,7 @@ class Context:
         return scene_turtle(self.scene, self.extras, self._knowledge_base.index, self._knowledge_base.prefixes)
 
     def read(
-        self, triples: Iterable[ox.Triple], checks: Checks, origin: str, provenance: Provenance, adds_root: bool = True
+        self, triples: Iterable[ox.Triple], checks: Checks, provenance: Provenance, adds_root: bool = True
     ) -> tuple[Scene, list[ox.Triple]]:
         """Builds a scene and its extra triples from triples. Does not change this context.
 
@@ -69,13 +69,13 @@ class Context:
         :raises SkirosError: a check refuses the content.
         """
         knowledge_base = self._knowledge_base
-        content = read_scene(triples, knowledge_base.index, knowledge_base.prefixes, checks, origin, provenance)
+        content = SceneContent(triples, checks, provenance)
         scene = Scene()
-        for record in content.records:
+        for record in content.records.values():
             scene.put(record)
         if self.name == SCENE and ROOT not in scene:
             if not adds_root:
-                raise WrongValue(f"{origin}: there is no {ROOT}, the root of a scene")
+                raise WrongValue(f"{checks.origin}: there is no {ROOT}, the root of a scene")
             self._add_root(scene)
         for src, pred, dst in content.relations:
             try:
@@ -88,7 +88,7 @@ class Context:
         spatial = knowledge_base.index.subproperties(SPATIAL)
         while cycle := containment_cycle(scene, spatial, (record.id for record in scene)):
             holder, held = cycle[1], cycle[0]
-            loop = WrongValue(f"{origin}: elements that contain themselves: {format_cycle(cycle)}")
+            loop = WrongValue(f"{checks.origin}: elements that contain themselves: {format_cycle(cycle)}")
             checks.refuse(held, "", loop, f"left out that {holder} holds {held}")
             for relation in list(scene.relations(holder, spatial, held)):
                 scene.unrelate(*relation)

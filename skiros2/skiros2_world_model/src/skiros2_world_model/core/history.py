@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
-from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE, relation_dict
@@ -82,12 +81,9 @@ class HistoryEntry:
         before, after = ({e.id: e for e in elements} for elements in (self.before, self.after))
         return [(before.get(eid), after.get(eid)) for eid in self.changes.records]
 
-    def affects(self, names: Collection[str], dst: str = "") -> bool:
-        """Whether an entry of a single element changes one of these properties or relations.
-
-        :param dst: the object of the relation; "": any.
-        """
-        if any(pred in names and dst in ("", obj) for _, pred, obj in self.changes.relations):
+    def affects(self, names: Collection[str]) -> bool:
+        """Whether an entry of a single element changes one of these properties or relations."""
+        if any(pred in names for _, pred, _ in self.changes.relations):
             return True
         pairs = self.changes.records.values()
         return any(_values(before, name) != _values(after, name) for before, after in pairs for name in names)
@@ -222,16 +218,6 @@ class History:
                 if entry and (not author or entry.author == author):
                     entries.append(entry)
         return entries[-limit:]
-
-    def last_change(self, eid: str, name: str = "", dst: str = "", context: str = SCENE) -> HistoryEntry | None:
-        """The last request that changed an element, or one property or relation of it; None when it is unknown.
-
-        :param name: the property or relation; "": any.
-        :param dst: the object of the relation; "": any.
-        :raises UnknownName: as for `changes`.
-        """
-        entries = self.changes(eid, context=context)
-        return next((e for e in reversed(entries) if not name or e.affects((full_name(name),), dst)), None)
 
     def difference(self, since: Point | None = None, until: Point | None = None, context: str = SCENE) -> HistoryEntry:
         """The difference of a context between two points; false when there is none.

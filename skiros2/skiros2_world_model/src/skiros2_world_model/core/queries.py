@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import ANY_TYPE, full_name
@@ -14,9 +14,6 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.scene import Provenance, Scene
-
-if TYPE_CHECKING:
-    from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 #: Up to this number of candidates are filtered one by one, without an index of property values.
 _FEW = 100
@@ -233,7 +230,7 @@ class SceneReader:
     def removal(self, eid: str, context: str) -> Provenance | None:
         """The change that removed an element; None: the element exists, or its removal is unknown."""
         with self._lock:
-            known = (scene.removals.get(eid) for scene in self._scenes(context))
+            known = (scene.removal(eid) for scene in self._scenes(context))
             return next((provenance for provenance in known if provenance is not None), None)
 
     def matching(self, wanted: Element, context: str) -> list[Element]:
@@ -277,56 +274,3 @@ def no_element(eid: str, context: str) -> str:
 
 def _known_elements(scene: Scene, ids: Sequence[str]) -> list[Element]:
     return [element for eid in ids if (element := scene.element(eid)) is not None]
-
-
-def combinations(wm: WorldModelAbstractInterface, keys: Sequence[str], params: Any) -> Any:
-    """The combinations of elements that match the abstract elements of parameters and their relations.
-
-    :param params: a `ParamHandler`.
-    :returns: an array of objects with a row for each combination and a column for each key.
-    """
-    import numpy  # only clients that call this need it
-
-    rows: list[dict[str, Element]] = [{}]
-    asked: dict[str, Element | None] = {key: _param_element(key, params) for key in keys}
-    for key, wanted in asked.items():
-        choices = [] if wanted is None else wm.resolve_elements(wanted) if wanted.isAbstract() else [wanted]
-        rows = [{**row, key: element} for row in rows for element in choices]
-        rows = [row for row in rows if all(_satisfies(wm, row, own, key, asked, params) for own in row)]
-    found = numpy.empty((len(rows), len(keys)), dtype=object)
-    for index, row in enumerate(rows):
-        found[index, :] = [row[key] for key in keys]
-    return found
-
-
-def _satisfies(
-    wm: WorldModelAbstractInterface,
-    row: dict[str, Element],
-    own: str,
-    newest: str,
-    asked: Mapping[str, Element | None],
-    params: Any,
-) -> bool:
-    """Whether a row satisfies the relations of the abstract element of `own` that concern the newest key."""
-    wanted = asked[own]
-    if wanted is None or not wanted.isAbstract():
-        return True
-    for relation in wanted.getRelations():
-        other = relation["dst"] if relation["src"] == "-1" else relation["src"]
-        if newest not in (own, other) or (other in asked and other not in row):
-            continue  # checked before, or later
-        far = row.get(other)
-        if far is None:
-            far = _param_element(other, params) if params.hasParam(other) else wm.find_element(other)
-            far = far or Element("", "", "" if params.hasParam(other) else other)
-        subj, obj = (row[own], far) if relation["src"] == "-1" else (far, row[own])
-        pred = full_name(relation["type"])
-        if not wm.check_relation(subj, pred, obj, relation["state"], relation["abstract"]):
-            return False
-    return True
-
-
-def _param_element(key: str, params: Any) -> Element | None:
-    param = params.getParam(key)
-    value = param.value if param.value is not None else param.default
-    return value if isinstance(value, Element) else None

@@ -69,6 +69,18 @@ def term_text(term: Any, prefixes: Prefixes, cut_prefix: bool) -> str:
     return str(term)
 
 
+def term_json(term: Any) -> dict[str, str]:
+    """Converts a term to the SPARQL JSON format."""
+    if isinstance(term, ox.NamedNode):
+        return {"type": "uri", "value": term.value}
+    if isinstance(term, ox.BlankNode):
+        return {"type": "bnode", "value": term.value}
+    if not isinstance(term, ox.Literal):
+        return {"type": "literal", "value": str(term)}  # a quoted triple
+    kind = {"xml:lang": term.language} if term.language else {"datatype": term.datatype.value}
+    return {"type": "literal", "value": term.value, **kind}
+
+
 def parse_term(text: str, prefixes: Prefixes) -> ox.NamedNode | ox.BlankNode | ox.Literal:
     """Parses a term: a name, an IRI (bare or in `<>`), a blank node `_:x`, or a literal in N3.
 

@@ -182,7 +182,7 @@ class ReasonerWorldModel:
         src, pred, dst = _parts(relation)
         if is_relation:
             with self._as(author) as wm:
-                wm._transact([Relate(src, pred, dst)], SCENE)
+                wm.transact([Relate(src, pred, dst)])
         else:
             element = self.get_element(src)
             element.appendProperty(pred, dst)
@@ -195,7 +195,7 @@ class ReasonerWorldModel:
             with self._as(_READER) as wm:
                 gone = wm._related(src, pred, dst)
             with self._as(author) as wm:
-                wm._transact([Relate(r["src"], r["type"], r["dst"], False) for r in gone], SCENE)
+                wm.transact([Relate(r["src"], r["type"], r["dst"], False) for r in gone])
         else:
             element = self.get_element(src)
             if element.hasProperty(pred, dst):

@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from itertools import islice, takewhile
 from queue import SimpleQueue
 from threading import Event
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import pyoxigraph as ox
 
@@ -100,6 +100,20 @@ def _work(inbox: SimpleQueue[Callable[[], None]]) -> None:
 Term = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple | None
 
 Row = tuple[Any, ...]
+
+
+class Answer(NamedTuple):
+    """The answer to a query: the names of the columns, and rows of terms (None: unbound).
+
+    ASK has one row of one boolean literal and no names; CONSTRUCT and DESCRIBE have the triples as rows.
+    """
+
+    names: list[str]
+    rows: list[Row]
+
+
+#: The names of the columns of triples.
+TRIPLE = ["subject", "predicate", "object"]
 
 #: The default limits of a query: time (s) and number of rows.
 QUERY_SECONDS = 10.0
@@ -188,10 +202,8 @@ class TripleStore(Protocol):
         """Whether the ontologies have a triple."""
         ...
 
-    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> list[Row]:
-        """Runs a SPARQL query. Returns tuples of terms (None: unbound); for ASK, one tuple of one boolean literal.
-
-        CONSTRUCT and DESCRIBE return triples.
+    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> Answer:
+        """Runs a SPARQL query.
 
         :param context: the context to query; "": all.
         :param namespaces: by prefix, for prefixes that the query does not declare.
@@ -258,26 +270,27 @@ class OxigraphStore:
     def has(self, context: str, triple: ox.Triple) -> bool:
         return ox.Quad(triple.subject, triple.predicate, triple.object, graph_of(context)) in self._store
 
-    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> list[Row]:
+    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> Answer:
         scope: dict[str, Any] = (
             {"default_graph": graph_of(context)} if context else {"use_default_graph_as_union": True}
         )
 
-        def run_query(abandoned: Event) -> list[Row]:
-            answer = self._store.query(query, prefixes=dict(namespaces), **scope)
-            if isinstance(answer, ox.QueryBoolean):
-                return [(ox.Literal(bool(answer)),)]
-            rows = takewhile(lambda _: not abandoned.is_set(), answer)
-            return [tuple(row) for row in islice(rows, self._rows + 1)]
+        def run_query(abandoned: Event) -> Answer:
+            found = self._store.query(query, prefixes=dict(namespaces), **scope)
+            if isinstance(found, ox.QueryBoolean):
+                return Answer([], [(ox.Literal(bool(found)),)])
+            names = [name.value for name in found.variables] if isinstance(found, ox.QuerySolutions) else TRIPLE
+            rows = takewhile(lambda _: not abandoned.is_set(), found)
+            return Answer(names, [tuple(row) for row in islice(rows, self._rows + 1)])
 
         try:
-            rows = self._limit.run(run_query, f"SPARQL query: {query}")
+            answer = self._limit.run(run_query, f"SPARQL query: {query}")
         except (SyntaxError, ValueError, OSError, RuntimeError) as error:
             if isinstance(error, SkirosError):
                 raise
             raise QueryError(str(error), query) from None
-        check_count(rows, self._rows, query)
-        return rows
+        check_count(answer.rows, self._rows, query)
+        return answer
 
 
 def check_count(rows: Collection[Any], most: int, query: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -28,10 +27,9 @@ from skiros2_world_model.core.changes import (
 )
 from skiros2_world_model.core.checks import Checks, FileChecks
 from skiros2_world_model.core.context import Context, Contexts, element_operations
-from skiros2_world_model.core.coordination import AdvisoryLock
 from skiros2_world_model.core.history import History
 from skiros2_world_model.core.journal import Journal, JournalState, first_number
-from skiros2_world_model.core.knowledge_base import KnowledgeBase
+from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.queries import SceneReader
@@ -45,15 +43,62 @@ from skiros2_world_model.core.validation import keep_refused, scene_file_triples
 
 log = logging.getLogger(__name__)
 
-class WorldModelState:
-    """The read access to a world model. Hold the lock for members that do not take it themselves."""
 
-    knowledge_base: KnowledgeBase
-    lock: threading.RLock
-    reader: SceneReader
-    _contexts: Contexts
-    _notifier: ChangeNotifier
-    _journal: Journal | None
+class WorldModel:
+    """The knowledge that all robots of a cell share. Thread-safe: one lock, `lock`, guards everything.
+
+    :param ontologies: folder of the package's ontologies; None: none.
+    :param workspace: folder of the user's ontologies and scenes; None: files cannot be loaded or saved.
+    :param strict: refuses names that the ontologies do not declare.
+    :param journal: records every change; the world model recovers from it if the journal says so. None: no journal.
+    :param initial: contexts and the files to load them from, when the world model does not recover.
+    :param store: the triple store that answers queries; None: one in memory.
+    :param blank_on_error: logs and skips an initial file, or an ontology of the workspace, that is refused.
+    :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
+    """
+
+    def __init__(
+        self,
+        ontologies: Path | None = None,
+        workspace: Path | None = None,
+        strict: bool = False,
+        journal: Journal | None = None,
+        initial: Iterable[tuple[str, str]] = (),
+        store: TripleStore | None = None,
+        blank_on_error: bool = False,
+    ) -> None:
+        self.knowledge_base = KnowledgeBase(ontologies, workspace, store, blank_on_error)
+        self.lock = self.knowledge_base.lock
+        self.reasoning = Reasoning()
+        self._workspace = workspace
+        self.strict = strict
+        self.loaded: dict[str, Path] = {}  #: by context, the last loaded file
+        self._readable: set[Path] = set()  # files that were loaded or saved by this world model
+        self.flaws: dict[str, frozenset[Finding]] = {}  #: by context, the flaws that loading the file reported
+        self._contexts = Contexts(self.knowledge_base)
+        self._warned: set[tuple[str, str, str]] = set()
+        self.advisory_lock = AdvisoryLock()
+        self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
+        self._journal: Journal | None = None
+        state = journal.restore() if journal is not None else None
+        #: Whether the state was recovered from the journal.
+        self.recovered = state is not None
+        if state is not None:
+            self._notifier = ChangeNotifier(state.number, state.session)
+            self._recover(state)
+            log.info("the world model has recovered from its journal %s: %s", journal.path if journal else "", state)
+        else:
+            self._notifier = ChangeNotifier(max(first_number(), journal.last if journal is not None else 0))
+            for context, file in initial:
+                self.load_initial(file, context, blank_on_error)
+            if journal is not None:
+                provenance = self._notifier.next("wm")
+                contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
+                journal.start(self._notifier.session, provenance, contents)
+                self._notifier.publish([PendingChange(RESET)], provenance, SCENE, self.scene())
+        self._journal = journal
+
+    # -- reading -----------------------------------------------------------------------------------------------
 
     @property
     def number(self) -> int:
@@ -119,73 +164,21 @@ class WorldModelState:
         :param context: the context to query; "": all, `ontology`: only the ontologies.
         :raises WrongValue: the query cannot be answered.
         """
+        return self.knowledge_base.query(query, context, cut_prefix, lambda: self._flush(context))
 
-        def flush() -> None:
-            for name in [context] if context else self._contexts:
-                if name != ONTOLOGY:
-                    self._contexts.named(name).flush()
+    def query_json(self, query: str, context: str = "") -> str:
+        """Answers a SPARQL query in the SPARQL JSON format; see `query`."""
+        return self.knowledge_base.query_json(query, context, lambda: self._flush(context))
 
-        return self.knowledge_base.query(query, context, cut_prefix, flush)
+    def _flush(self, context: str) -> None:
+        for name in [context] if context else self._contexts:
+            if name != ONTOLOGY:
+                self._contexts.named(name).flush()
 
     def triples(self, context: str = SCENE) -> Iterator[ox.Triple]:
         """The triples of a context in its current state, generated lazily. Iterating needs no lock."""
         with self.lock:
             return self._contexts.named(context).triples()
-
-
-class WorldModel(WorldModelState):
-    """The knowledge that all robots of a cell share. Thread-safe: one lock, `lock`, guards everything.
-
-    :param ontologies: folder of the package's ontologies; None: none.
-    :param workspace: folder of the user's ontologies and scenes; None: files cannot be loaded or saved.
-    :param strict: refuses names that the ontologies do not declare.
-    :param journal: records every change; the world model recovers from it if the journal says so. None: no journal.
-    :param initial: contexts and the files to load them from, when the world model does not recover.
-    :param store: the triple store that answers queries; None: one in memory.
-    :param blank_on_error: logs and skips an initial file, or an ontology of the workspace, that is refused.
-    :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
-    """
-
-    def __init__(
-        self,
-        ontologies: Path | None = None,
-        workspace: Path | None = None,
-        strict: bool = False,
-        journal: Journal | None = None,
-        initial: Iterable[tuple[str, str]] = (),
-        store: TripleStore | None = None,
-        blank_on_error: bool = False,
-    ) -> None:
-        self.knowledge_base = KnowledgeBase(ontologies, workspace, store, blank_on_error)
-        self.lock = self.knowledge_base.lock
-        self.reasoning = Reasoning()
-        self._workspace = workspace
-        self.strict = strict
-        self.loaded: dict[str, Path] = {}  #: by context, the last loaded file
-        self._readable: set[Path] = set()  # files that were loaded or saved by this world model
-        self.flaws: dict[str, frozenset[Finding]] = {}  #: by context, the flaws that loading the file reported
-        self._contexts = Contexts(self.knowledge_base)
-        self._warned: set[tuple[str, str, str]] = set()
-        self.advisory_lock = AdvisoryLock()
-        self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
-        self._journal: Journal | None = None
-        state = journal.restore() if journal is not None else None
-        #: Whether the state was recovered from the journal.
-        self.recovered = state is not None
-        if state is not None:
-            self._notifier = ChangeNotifier(state.number, state.session)
-            self._recover(state)
-            log.info("the world model has recovered from its journal %s: %s", journal.path if journal else "", state)
-        else:
-            self._notifier = ChangeNotifier(max(first_number(), journal.last if journal is not None else 0))
-            for context, file in initial:
-                self.load_initial(file, context, blank_on_error)
-            if journal is not None:
-                provenance = self._notifier.next("wm")
-                contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
-                journal.start(self._notifier.session, provenance, contents)
-                self._notifier.publish([PendingChange(RESET)], provenance, SCENE, self.scene())
-        self._journal = journal
 
     # -- requests ----------------------------------------------------------------------------------------------
 
@@ -300,7 +293,7 @@ class WorldModel(WorldModelState):
             path = workspace_file(self._workspace, filename or target.file)
             checks = FileChecks(self.knowledge_base, path, self.strict)
             provenance = self._notifier.next(author)
-            scene, extras = target.read(scene_file_triples(path), checks, str(path), provenance, adds_root)
+            scene, extras = target.read(scene_file_triples(path), checks, provenance, adds_root)
             if self.strict:
                 Report(str(path), shape_findings(scene, extras, self.knowledge_base, str(path))).refuse_violations()
             if context == SCENE:
@@ -320,7 +313,7 @@ class WorldModel(WorldModelState):
             self._contexts[context] = target
             self.loaded[context] = path
             self._readable.add(path)
-            self.flaws[context] = frozenset(checks.findings)
+            self.flaws[context] = frozenset(checks.flaws)
             pending = [PendingChange(RESET if context == SCENE else UPDATE)]
             return self._notifier.publish(pending, provenance, context, scene)[0]
 

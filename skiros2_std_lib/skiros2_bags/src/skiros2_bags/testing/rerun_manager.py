@@ -137,7 +137,7 @@ def replay_primitive(cls: type, manager: Any) -> type:
             return self.step()  # type: ignore[no-any-return]
         if recorded.state != RUNNING:
             for change in manager.ticked.take_due_changes():
-                manager.wmi._transact(change_operations(change, manager.wmi.model.scene()), "scene")
+                manager.wmi.transact(change_operations(change, manager.wmi.model.scene()))
         self._setProgress(recorded.message, recorded.code)
         return _STATES[recorded.state]
 

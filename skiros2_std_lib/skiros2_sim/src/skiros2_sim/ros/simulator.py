@@ -29,7 +29,7 @@ from skiros2_sim_msgs.msg import CartesianMotionAction
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.server_parameters import ontology_folder
+from skiros2_world_model.ros.ontology_server import ontology_folder
 
 log = logging.getLogger(__name__)
 

@@ -73,14 +73,8 @@ def test_plan_command_explains_why_there_is_no_plan(run: Run, world: PlanningWor
     assert explained.stdout.splitlines()[first].startswith("  (skiros:hasA ")
 
 
-def test_domain_command_shows_the_actions_of_skills(run: Run, world: PlanningWorld) -> None:
-    shown = run("domain")
-    assert (shown.returncode, shown.stderr) == (0, "")
-    assert "skiros:Drive (drive) of /alpha, /beta" in shown.stdout.splitlines()
-
-
 def test_command_without_a_world_model_fails_with_a_message(run: Run) -> None:
-    for command in ("plan", "preview", "explain", "domain"):
+    for command in ("plan", "preview", "explain"):
         refused = run(command, "(a b)")
         assert (refused.returncode, refused.stdout) == (3, "")
         assert refused.stderr.startswith(f"{command}: there is no world model /wm on the master ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,7 +19,7 @@ from skiros2_gui.goal.plan import GoalExecution, check_syntax
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.planners import planner_named
-from skiros2_task.core.planning import PlanReport, TaskPlanner, report_of
+from skiros2_task.core.planning import TaskPlanner, report_of
 from skiros2_task.core.preview import preview
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.planning_world import DRIVE, PlanningWorld
@@ -63,8 +64,9 @@ class TaskManager:
             raise self.result
         return self.result
 
-    def plan(self, goals: str) -> PlanReport:
-        return report_of(self.planner.plan(goals), lambda plan: preview(PreviewCopy(self.planner.wm), plan))
+    def plan(self, goals: str) -> Any:
+        report = report_of(self.planner.plan(goals), lambda plan: preview(PreviewCopy(self.planner.wm), plan))
+        return SimpleNamespace(**report)
 
     def cancel(self) -> None:
         self.cancelled += 1

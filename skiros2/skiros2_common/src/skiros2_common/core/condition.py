@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 #: The methods that state how a condition is evaluated, and those that say the same in a faster way.
 _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_inference")
-_SHORTCUTS = ("element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields")
+_SHORTCUTS = (
+    "element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields", "planned_as"
+)
 
 
 class Cost(IntEnum):
@@ -182,6 +184,9 @@ class ConditionBase(_OfParameters):
     #: The fields of a `ConditionRecord` that the constructor takes; None: `from_record` creates none.
     record_fields: ClassVar[tuple[str, ...] | None] = None
 
+    #: Its planning predicate: a `Kind` of `skiros2_task.core.formula`, `specified`, `any` (of its parts), or "" (none).
+    planned_as: str = ""
+
     #: The loaded classes by name.
     classes: ClassVar[dict[str, type[ConditionBase]]] = {}
 
@@ -268,6 +273,10 @@ class ConditionBase(_OfParameters):
     def from_record(cls, record: ConditionRecord) -> Self | None:
         """Creates the condition from its record; None if that is impossible."""
         return cls(*(getattr(record, name) for name in cls.record_fields)) if cls.record_fields is not None else None
+
+    def example_value(self, wmi: WorldModelPort) -> str | bool | float | None:
+        """A property value that satisfies it, if it leaves the value open; for previews of plans."""
+        return None
 
     def _signature(self) -> tuple[Any, ...]:
         """The values that identify the fact among conditions of this class."""
@@ -438,10 +447,3 @@ def _has_changes(element: Element) -> bool:
 def near_matches(elements: Iterable[Element], why: str = "") -> list[NearMatch]:
     """The first `MAX_EXAMPLES` elements as near matches."""
     return [NearMatch(repr(element), why) for element in islice(elements, MAX_EXAMPLES)]
-
-
-def condition_from(record: ConditionRecord) -> ConditionBase | None:
-    """Creates the condition of a record; None if its class is not loaded, or has no `from_record`."""
-    cls = ConditionBase.classes.get(record.kind)
-    return cls.from_record(record) if cls is not None else None
-

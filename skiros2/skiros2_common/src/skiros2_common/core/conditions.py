@@ -14,7 +14,6 @@ from skiros2_common.core.condition import (
     ConditionBase,
     ConditionRecord,
     Cost,
-    condition_from,
     is_in_scene,
     near_matches,
 )
@@ -43,8 +42,16 @@ __all__ = [
 ]
 
 
+def condition_from(record: ConditionRecord) -> ConditionBase | None:
+    """Creates the condition of a record; None if its class is not loaded, or has no `from_record`."""
+    cls = ConditionBase.classes.get(record.kind)
+    return cls.from_record(record) if cls is not None else None
+
+
 class ConditionOr(ConditionBase):
     """True if one of its parts holds."""
+
+    planned_as = "any"
 
     def __init__(self, desired_state: bool) -> None:
         super().__init__("or", "", desired_state)
@@ -155,6 +162,7 @@ class ConditionIsSpecified(ConditionBase):
     """True if a parameter holds an element of the scene."""
 
     record_fields = ("label", "subject", "state")
+    planned_as = "specified"
     element_ids = ConditionBase.ids_in_parameters
 
     def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
@@ -204,6 +212,7 @@ class ConditionGenerate(ConditionIsSpecified):
     """
 
     record_fields = ("label", "subject", "state")
+    planned_as = "in scene"
     element_ids = ConditionBase.ids_in_parameters
 
     def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
@@ -241,6 +250,7 @@ class ConditionOnType(ConditionBase):
         self._value = value
 
     record_fields = ("label", "subject", "name")
+    planned_as = "is a"
     element_ids = ConditionBase.ids_in_parameters
 
     @property

@@ -103,10 +103,10 @@ def end_processes(processes: Sequence[subprocess.Popen[bytes]], timeout: float) 
 
 def descendants(pid: int) -> list[int]:
     """The ids of all descendants of a process."""
-    try:
-        children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except OSError:
-        return []
+    children: list[int] = []
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):  # of each thread
+        with contextlib.suppress(OSError):
+            children += map(int, file.read_text().split())
     return children + [pid for child in children for pid in descendants(child)]
 
 

@@ -123,6 +123,7 @@ class ConditionProperty(_OfProperty):
         self._value = value
 
     record_fields = ("label", "name", "subject", "operator", "value", "state")
+    planned_as = "value"
     element_ids = ConditionBase.ids_in_parameters
 
     @property
@@ -184,6 +185,11 @@ class ConditionProperty(_OfProperty):
             element.removeProperty(self.property)
         return True
 
+    def example_value(self, wmi: WorldModelPort) -> str | bool | float | None:
+        if isinstance(self._value, bool) or not isinstance(self._value, int | float):
+            return None
+        return self._value + (1.0 if (self._operator in (">", ">=")) == self._desired_state else -1.0)
+
     def _describe(self, element: Element) -> bool:
         value = self._value
         if not self._desired_state:
@@ -205,6 +211,7 @@ class ConditionHasProperty(_OfProperty):
     """True if a property has a value; for a parameter without an element, True if it is optional."""
 
     record_fields = ("label", "name", "subject", "state")
+    planned_as = "has"
     element_ids = ConditionBase.ids_in_parameters
 
     def satisfied_by(self, element: Element) -> bool:
@@ -238,6 +245,10 @@ class ConditionHasProperty(_OfProperty):
             element.removeProperty(self.property)
             return True
         return element.hasProperty(self.property, not_none=True)  # determines no value
+
+    def example_value(self, wmi: WorldModelPort) -> str | bool | float | None:
+        examples: dict[str | None, str | bool] = {"xsd:boolean": True, "xsd:string": "some", None: "some"}
+        return examples.get(wmi.get_datatype(self.property), 1.0) if self._desired_state else None
 
     def _describe(self, element: Element) -> bool:
         if self._desired_state and not element.hasProperty(self.property):

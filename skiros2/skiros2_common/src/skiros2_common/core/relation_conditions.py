@@ -40,6 +40,7 @@ class ConditionRelation(ConditionBase):
         self._object_key = obj
 
     record_fields = ("label", "name", "subject", "object", "state")
+    planned_as = "relation"
     @property
     def relation(self) -> str:
         """The full name of the relation."""
@@ -226,6 +227,7 @@ class AbstractConditionRelation(ConditionRelation):
     abstract = True
 
     record_fields = ("label", "name", "subject", "object", "state")
+    planned_as = "allowed"
     element_ids = ConditionBase.ids_in_parameters
 
     def satisfied_for_inference(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:

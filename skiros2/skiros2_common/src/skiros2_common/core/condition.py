@@ -66,7 +66,7 @@ class _OfParameters:
         self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
 
     def _remember(self, key: str, ph: ParamHandler) -> None:
-        param = ph._params.get(key)
+        param = ph.getParamMap().get(key)
         self._checked[key] = param.value if param is not None else None
 
     def _name(self, key: str) -> str:
@@ -80,7 +80,7 @@ class _OfParameters:
 
         :raises UnknownName: the skill has no such parameter.
         """
-        param = ph._params.get(key)
+        param = ph.getParamMap().get(key)
         if param is None:
             raise UnknownName(f"condition {self._label!r} uses {key!r}; the skill has: {', '.join(ph.keys())}")
         return param.value
@@ -129,7 +129,7 @@ class _OfParameters:
         :param having: a property and a value that the elements must have.
         :param ids: the ids to select from; None: all.
         """
-        param = ph._params.get(key)
+        param = ph.getParamMap().get(key)
         if param is None or not param.is_element:
             return
         wanted = Element(param.element_type)
@@ -317,7 +317,7 @@ class ConditionBase(_OfParameters):
         """`element_ids` of a condition that reads only the elements in its parameters."""
         ids: set[str] = set()
         for key in self.getKeys():
-            param = ph._params.get(key)
+            param = ph.getParamMap().get(key)
             if param is None or (param.is_element and not param.is_bound()):
                 return None  # an unset parameter may stand for any element of a class
             if param.is_element:

@@ -62,11 +62,6 @@ class ConditionOr(ConditionBase):
         return self._conditions
 
     @property
-    def conditions(self) -> list[ConditionBase]:
-        """Same as `parts`."""
-        return self._conditions
-
-    @property
     def volatile(self) -> bool:  # type: ignore[override]
         return any(c.volatile for c in self._conditions)
 

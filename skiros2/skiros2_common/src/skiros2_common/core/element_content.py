@@ -16,9 +16,6 @@ from skiros2_common.core.revision import local_revision
 #: A relation in the contract's form: src, type, dst (str; "-1" is the element itself), state, abstract (bool).
 RelationDict = dict[str, Any]
 
-#: Ids that denote the element itself in a lookup.
-_SELF = ("-1", "")
-
 
 def relation_key(relation: RelationDict) -> tuple[Any, ...]:
     """A key that is equal for equal relations, in any spelling and with or without the optional parts."""
@@ -48,23 +45,6 @@ def selected(relations: Iterable[RelationDict], subj: str, pred: str | Sequence[
     ]
 
 
-def holds(
-    relations: Iterable[RelationDict], eid: str, subj: str, pred: str, obj: str, value: bool, abstract: bool
-) -> bool:
-    """Whether exactly that relation exists; "-1" or "" as subject, otherwise as object, denotes the element.
-
-    :param eid: the element's id.
-    """
-    subjects, objects = {subj}, {obj}
-    own_ids = {"-1", eid} if eid else {"-1"}
-    if subj in _SELF:
-        subjects |= own_ids
-    elif obj in _SELF:
-        objects |= own_ids
-    wanted = {(s, full_name(pred), o, bool(value), bool(abstract)) for s in subjects for o in objects}
-    return any(relation_key(r) in wanted for r in relations)
-
-
 @dataclass
 class ElementChanges:
     """The changes of an element since it was read from a world model. False when there are none."""
@@ -77,14 +57,7 @@ class ElementChanges:
     type: str | None = None
 
     def __bool__(self) -> bool:
-        return bool(
-            self.properties
-            or self.removed_properties
-            or self.added_relations
-            or self.removed_relations
-            or self.label is not None
-            or self.type is not None
-        )
+        return self != ElementChanges()
 
 
 class _Original(NamedTuple):
@@ -103,7 +76,7 @@ class ElementContent:
     `_props` and `_rels` are the read-only forms, which copy nothing.
     """
 
-    def __init__(self, etype: str, elabel: str, eid: str) -> None:
+    def __init__(self, etype: str = "Unknown", elabel: str = "", eid: str = "") -> None:
         self._type = etype
         self._label = elabel
         self._id = eid

@@ -5,6 +5,7 @@ The fields of these dataclasses are strings, numbers, booleans, lists, dicts and
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from dataclasses import asdict, fields
@@ -31,15 +32,8 @@ def read_json(text: str) -> Any:
 
 
 def _depth(text: str) -> int:
-    depth = deepest = 0
-    for token in _TOKENS.finditer(text):
-        bracket = token.group()
-        if bracket in "[{":
-            depth += 1
-            deepest = max(deepest, depth)
-        elif bracket in "]}":
-            depth -= 1
-    return deepest
+    brackets = (token for token in _TOKENS.findall(text) if len(token) == 1)
+    return max(itertools.accumulate(1 if bracket in "[{" else -1 for bracket in brackets), default=0)
 
 
 class JsonData:

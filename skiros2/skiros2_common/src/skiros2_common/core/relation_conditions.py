@@ -47,14 +47,6 @@ class ConditionRelation(ConditionBase):
         return full_name(self._owl_label)
 
     @property
-    def subject_key(self) -> str:
-        return self._subject_key
-
-    @property
-    def object_key(self) -> str:
-        return self._object_key
-
-    @property
     def volatile(self) -> bool:  # type: ignore[override]
         return not self.abstract and not self.is_stored()
 

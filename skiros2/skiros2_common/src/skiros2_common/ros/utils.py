@@ -179,7 +179,7 @@ def encodeElement(encoder: Any, obj: Element) -> dict[str, Any]:
         "type": obj.type,
         "last_update": 0.0,
         "properties": {key: encodeProperty(encoder, prop) for key, prop in obj._props.items()},
-        "relations": [_full_relation(r) for r in obj._rels],
+        "relations": [{**makeRelation("", "", ""), **r} for r in obj._rels],
     }
 
 
@@ -195,7 +195,7 @@ def decodeElement(json_string: Any) -> Element:
     )
     for prop in _field(e, "properties", dict, f"element {element!r}").values():
         decoded = decodeProperty(prop)
-        element._put(decoded.key, decoded)
+        element._properties[decoded.key] = decoded
     for r in _field(e, "relations", list, f"element {element!r}"):
         r = _loaded(r, "relation")
         src, pred, dst = (_field(r, name, str, f"relation of {element!r}") for name in ("src", "type", "dst"))
@@ -305,16 +305,11 @@ def msg2element(msg: Any) -> Element:
     """
     element = Element(msg.type, msg.label, msg.id)
     try:
-        for key, prop in deserializePropertyMap(msg.properties).items():
-            element._put(key, prop)
+        element._properties = deserializePropertyMap(msg.properties)
     except ValueError as error:
         raise WrongValue(f"element {element!r}: {error}") from None
-    element._rels = [msg2relation(r) for r in msg.relations]
+    element._relations = [msg2relation(r) for r in msg.relations]
     return element
-
-
-def _full_relation(r: RelationDict) -> RelationDict:
-    return {**makeRelation("", "", ""), **r}
 
 
 def relation2msg(r: RelationDict) -> Any:

@@ -10,7 +10,6 @@ from skiros2_common.core.world_model_port import (
     Revision,
     Revisions,
     WorldModelPort,
-    mutating,
     read_only_calls,
 )
 
@@ -21,7 +20,6 @@ __all__ = [
     "WmConflict",
     "WmException",
     "WorldModelPort",
-    "mutating",
     "read_only_calls",
     "refusal",
     "wm_errors",

@@ -178,7 +178,7 @@ def test_loaded_scene_is_reported_as_reset(desk: Desk) -> None:
 def test_added_class_is_known_when_reported(desk: Desk) -> None:
     desk.system.world.add_class("skiros:Bolt", "skiros:Product")
     desk.wait_for(
-        WorldChanged, lambda e: e.ontology and desk.system.ontology.is_subclass("skiros:Bolt", "skiros:Product")
+        WorldChanged, lambda e: e.ontology and desk.system.world.is_subclass("skiros:Bolt", "skiros:Product")
     )
 
 

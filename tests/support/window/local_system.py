@@ -25,7 +25,6 @@ from skiros2_skill.ros.messages import progress_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import SceneReader
 
 _ALL = -1
@@ -158,10 +157,6 @@ class LocalSystem:
     @property
     def scene(self) -> SceneReader:
         return self._wm.model.reader
-
-    @property
-    def ontology(self) -> Ontology:
-        return self._wm.model.ontology
 
     @property
     def managers(self) -> dict[str, Manager]:

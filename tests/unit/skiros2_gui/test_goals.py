@@ -17,6 +17,7 @@ from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completion, Vocabulary, complete
 from skiros2_gui.goal.plan import GoalExecution, check_syntax
 from skiros2_gui.goal.presenter import GoalPresenter
+from skiros2_task.core import goal_text
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.planners import planner_named
 from skiros2_task.core.planning import TaskPlanner, report_of
@@ -125,6 +126,12 @@ def test_quantifier_completes_variables_and_classes(lab: Lab) -> None:
     assert _suggested(lab, "(forall (?x ") == ["-"]
     assert "skiros:Location" in _suggested(lab, "(forall (?x - Loc")
     assert _suggested(lab, "(forall (?x - skiros:Location) (skiros:at ")[0] == "?x"
+
+
+def test_operators_of_other_packages_are_completed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(goal_text, "_operators", {"unless": lambda parts: parts[0]})
+    assert _suggested(lab, "(unl") == ["unless"]
+    assert _suggested(lab, "(unless ") == ["("]
 
 
 def test_unknown_text_has_no_completions(lab: Lab) -> None:

@@ -11,7 +11,6 @@ from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.description import Skill, Step, Why
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.request import StartPreview
-from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
@@ -115,10 +114,6 @@ class System(Protocol):
         """The replica of the scene (context "scene"), read in the window's thread without blocking. It may be newer
         than the last `WorldChanged`, and keeps its last state while the world model is down.
         """
-
-    @property
-    def ontology(self) -> Ontology | None:
-        """The replica of the ontologies; see `scene`."""
 
     @property
     def managers(self) -> dict[str, Manager]:

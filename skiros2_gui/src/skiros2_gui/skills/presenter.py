@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError
@@ -119,7 +120,7 @@ class SkillsPresenter:
         for name, manager in managers.items():
             self._window.jobs.run(
                 manager.read_skills,
-                lambda skills, name=name: self._take(name, skills),  # type: ignore[misc]
+                partial(self._take, name),
                 activity=f"reading the skills of {name}",
                 queue=name,
             )

@@ -206,12 +206,8 @@ class MarkerSet:
 
     def replace_all(self, elements: Iterable[Element]) -> MarkerUpdate:
         """Replaces all markers with those of the given elements."""
-        now = {marker.id: marker for element in elements if (marker := self._lifted(element)) is not None}
-        before, self._markers = self._markers, now
-        return MarkerUpdate(
-            [marker for eid, marker in now.items() if before.get(eid) != marker],
-            [marker for eid, marker in before.items() if eid not in now],
-        )
+        found: dict[str, Element | None] = {element.id: element for element in elements}
+        return self.replace({**dict.fromkeys(self._markers), **found})
 
     def replace(self, elements: dict[str, Element | None]) -> MarkerUpdate:
         """Replaces the markers of some elements, by id; None deletes the marker."""

@@ -15,7 +15,6 @@ import rosgraph
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
 from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
-from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
@@ -82,11 +81,6 @@ class RosSystem:
     def scene(self) -> SceneReader | None:
         world = self._connections.world.world if self._connections is not None else None
         return world.known_scene if world is not None else None
-
-    @property
-    def ontology(self) -> Ontology | None:
-        world = self._connections.world.world if self._connections is not None else None
-        return world.known_ontology if world is not None else None
 
     @property
     def managers(self) -> dict[str, Manager]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtGui import QGuiApplication
 from python_qt_binding.QtWidgets import (
     QFrame,
@@ -10,15 +10,14 @@ from python_qt_binding.QtWidgets import (
     QLabel,
     QPlainTextEdit,
     QProgressBar,
-    QPushButton,
     QSizePolicy,
-    QToolButton,
     QWidget,
 )
 
 from skiros2_gui.app.events import ConnectionChanged, ManagersChanged
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.system import clock, sentence, short, sign
+from skiros2_gui.app.widgets.controls import push_button, text_label, timer, tool_button
 from skiros2_gui.app.widgets.theme import tint
 from skiros2_gui.app.window import Window
 from skiros2_skill.core.runtime.history import one_line
@@ -53,10 +52,7 @@ class StatusLine(QWidget):
         self.bar.setFixedSize(5 * self.fontMetrics().height(), self.fontMetrics().height() // 2)
         self.bar.hide()
         self._row.addWidget(self.bar)
-        self._delay = QTimer(self)
-        self._delay.setSingleShot(True)
-        self._delay.setInterval(BUSY_AFTER)
-        self._delay.timeout.connect(self._show_busy)
+        self._delay = timer(self, BUSY_AFTER, self._show_busy)
         window.jobs.on_busy(self._on_busy)
         window.subscribe(ConnectionChanged, lambda _: self.show_parts())
         window.subscribe(ManagersChanged, lambda _: self.show_parts())
@@ -116,19 +112,15 @@ class ErrorBar(QFrame):
         self._problems = problems
         self.setObjectName("error_bar")
         self.setFrameShape(QFrame.StyledPanel)
-        self.text = QLabel()
-        self.text.setTextFormat(Qt.PlainText)
-        self.text.setWordWrap(True)
-        self.text.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.text = text_label("")
         self.text.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
-        self.copy_button = _button("Copy", "Copies the whole text", self.copy)
-        self.history_button = _button("Earlier…", "Shows earlier errors", self.show_history)
-        self.close_button = QToolButton()
-        self.close_button.setText("✕")
+        self.copy_button = push_button("Copy", "copyErrors", self.copy, "Copies the whole text")
+        self.history_button = push_button("Earlier…", "earlierErrors", self.show_history, "Shows earlier errors")
+        self.close_button = tool_button(
+            "✕", "dismissError", problems.dismiss, "Dismisses this error; the history keeps it"
+        )
         self.close_button.setAutoRaise(True)
-        self.close_button.setToolTip("Dismisses this error; the history keeps it")
         self.close_button.setAccessibleName("Dismiss the error")
-        self.close_button.clicked.connect(problems.dismiss)
         row = QHBoxLayout(self)
         row.setContentsMargins(9, 5, 5, 5)
         self._sign = QLabel("⚠")
@@ -170,10 +162,3 @@ class ErrorBar(QFrame):
             self.text.setText(shown)
             more = f"\n{whole[:MAX_IN_TIP]}" if shown != whole else ""
             self.text.setToolTip(f"At {clock(newest.stamp)}{more}")
-
-
-def _button(text: str, tip: str, clicked: object) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.clicked.connect(clicked)
-    return button

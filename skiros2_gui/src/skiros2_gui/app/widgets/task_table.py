@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 
-from python_qt_binding.QtCore import QSignalBlocker, Qt, QTimer, Signal
+from python_qt_binding.QtCore import QSignalBlocker, Qt, Signal
 from python_qt_binding.QtGui import QKeyEvent
 from python_qt_binding.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
     QHeaderView,
-    QPushButton,
     QTreeWidget,
     QTreeWidgetItem,
     QVBoxLayout,
@@ -20,6 +19,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
 from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, message_text
+from skiros2_gui.app.widgets.controls import push_button, timer
 from skiros2_gui.app.widgets.theme import colour_state
 from skiros2_gui.app.window import Window
 from skiros2_runs.core.states import TaskState, style_of
@@ -79,36 +79,25 @@ class TaskTable(QWidget):
         column.setContentsMargins(0, 4, 0, 0)
         column.addLayout(self._buttons())
         column.addWidget(self.list, 1)
-        self._update_timer = QTimer(self)
-        self._update_timer.setSingleShot(True)
-        self._update_timer.setInterval(_UPDATE_DELAY)
-        self._update_timer.timeout.connect(self.show_tasks)
-        self._clock = QTimer(self)
-        self._clock.setInterval(_TIME_PERIOD)
-        self._clock.timeout.connect(self._show_times)
+        self._update_timer = timer(self, _UPDATE_DELAY, self.show_tasks)
+        self._clock = timer(self, _TIME_PERIOD, self._show_times, repeats=True)
         self._clock.start()
         window.subscribe(TasksChanged, lambda _: self._update_soon())
         window.subscribe(RunRecorded, lambda _: self._update_soon())
         self.show_tasks()
 
     def _buttons(self) -> QHBoxLayout:
-        def make(text: str, name: str, tip: str, clicked: Callable[[], None]) -> QPushButton:
-            button = QPushButton(text)
-            button.setObjectName(name)
-            button.setToolTip(tip)
-            button.setAutoDefault(False)
-            button.setMinimumWidth(button.fontMetrics().height() + 8)
-            button.clicked.connect(lambda: clicked())
-            row.addWidget(button)
-            return button
-
+        self.pause = push_button("", "pauseButton", self._pause_or_resume)
+        self.step = push_button("Step", "stepButton", lambda: self._command(STEP), "Ticks the paused task once")
+        self.stop = push_button("■ Stop", "stopButton", self.stop_selected, "Ends the task  (space or Del in the list)")
+        clear_ended = self._window.tasks.clear_ended
+        self.clear = push_button("Clear", "clearButton", clear_ended, "Removes the tasks that have ended")
         row = QHBoxLayout()
         row.setSpacing(4)
         row.addStretch(1)
-        self.pause = make("", "pauseButton", "", self._pause_or_resume)
-        self.step = make("Step", "stepButton", "Ticks the paused task once", lambda: self._command(STEP))
-        self.stop = make("■ Stop", "stopButton", "Ends the task  (space or Del in the list)", self.stop_selected)
-        self.clear = make("Clear", "clearButton", "Removes the tasks that have ended", self._window.tasks.clear_ended)
+        for button in (self.pause, self.step, self.stop, self.clear):
+            button.setMinimumWidth(button.fontMetrics().height() + 8)
+            row.addWidget(button)
         return row
 
     # -- commands ---------------------------------------------------------------------------------------------
@@ -221,7 +210,8 @@ class TaskTable(QWidget):
         run = self.selected
         is_active = run is not None and not run.is_finished and self._is_live(run)
         is_paused = is_active and run is not None and run.state is TaskState.PAUSED
-        self.pause.setText("▶ Resume" if is_paused else "❚❚ Pause")
+        symbol = "" if self._shown is not None else "▶ " if is_paused else "❚❚ "  # a narrow list has no room for it
+        self.pause.setText(symbol + ("Resume" if is_paused else "Pause"))
         self.pause.setToolTip("Resumes the task" if is_paused else "Pauses the task: it is not ticked")
         self.pause.setEnabled(is_active)
         self.step.setEnabled(is_paused)

@@ -14,7 +14,6 @@ from python_qt_binding.QtWidgets import (
     QLineEdit,
     QMenu,
     QPlainTextEdit,
-    QPushButton,
     QSizePolicy,
     QSplitter,
     QTabWidget,
@@ -23,6 +22,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_gui.app.widgets.controls import push_button, text_label
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import STATE_COLOURS, colour_label
 from skiros2_gui.goal.completion import KEYWORD, Completion
@@ -149,10 +149,7 @@ class GoalBar(QWidget):
     def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._goals = goals
-        self.mistake = QLabel()
-        self.mistake.setObjectName("goalMistake")
-        self.mistake.setTextFormat(Qt.PlainText)
-        self.mistake.setWordWrap(True)
+        self.mistake = text_label("goalMistake", is_selectable=False)
         self.mistake.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self.line = GoalLine(goals, self.mistake)
         self.line.returnPressed.connect(goals.make_plan)
@@ -163,16 +160,9 @@ class GoalBar(QWidget):
         self._menu = QMenu(self)
         self._menu.aboutToShow.connect(self._fill_menu)
         self.earlier.setMenu(self._menu)
-        self.plan = QPushButton("Plan")
-        self.plan.setObjectName("planButton")
-        self.plan.clicked.connect(goals.make_plan)
-        self.achieve = QPushButton("▶ Achieve")
-        self.achieve.setObjectName("achieveButton")
-        self.achieve.clicked.connect(goals.achieve)
-        self.cancel = QPushButton("■ Cancel")
-        self.cancel.setObjectName("cancelGoalButton")
-        self.cancel.setToolTip("Cancels planning or execution")
-        self.cancel.clicked.connect(goals.cancel)
+        self.plan = push_button("Plan", "planButton", goals.make_plan)
+        self.achieve = push_button("▶ Achieve", "achieveButton", goals.achieve)
+        self.cancel = push_button("■ Cancel", "cancelGoalButton", goals.cancel, "Cancels planning or execution")
         heading = QLabel("Goal")
         font = heading.font()
         font.setBold(True)
@@ -224,11 +214,7 @@ class GoalView(QWidget):
         super().__init__(parent)
         self._goals = goals
         self._shown: GoalPlan | GoalExecution | None = None
-        self.head = QLabel()
-        self.head.setObjectName("planHead")
-        self.head.setTextFormat(Qt.PlainText)
-        self.head.setWordWrap(True)
-        self.head.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.head = text_label("planHead")
         self.head.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self.steps = RowsView(RowsModel(_HEADS), len(_HEADS) - 1, wraps=True)
         self.steps.setObjectName("planView")
@@ -250,11 +236,6 @@ class GoalView(QWidget):
         column.addWidget(self.head)
         column.addWidget(self.across, 1)
         self.show_goal()
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is nothing to show."""
-        return self._goals.plan is None and self._goals.execution is None and not self._goals.is_busy
 
     def show_goal(self) -> None:
         """Shows the presenter's plan or execution."""

@@ -13,10 +13,10 @@ from python_qt_binding.QtWidgets import (
     QMenu,
     QSlider,
     QToolBar,
-    QToolButton,
     QWidget,
 )
 
+from skiros2_gui.app.widgets.controls import tool_button
 from skiros2_gui.run.node import clock_text, duration_text
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
@@ -56,16 +56,23 @@ class TreeBar(QToolBar):
         self.follow.setToolTip("keep the running node in sight")
         self.follow.setChecked(presenter.follows)
         self.follow.toggled.connect(lambda is_on: setattr(presenter, "follows", is_on))
-        self._jump = _button("Running node", "jumpToRunning", "select the running node; again: the next one")
-        self._jump.clicked.connect(lambda: self._request(presenter.select_next(presenter.running()[::-1])))
-        fold = _button("Fold", "foldMenu", "fold and unfold; a double click folds one node")
-        fold.setPopupMode(QToolButton.InstantPopup)
+        self._jump = tool_button(
+            "Running node",
+            "jumpToRunning",
+            lambda: self._request(presenter.select_next(presenter.running()[::-1])),
+            "select the running node; again: the next one",
+        )
+        fold = tool_button("Fold", "foldMenu", tip="fold and unfold; a double click folds one node")
         menu = QMenu(self)
         for text, change in FOLDS:
             menu.addAction(text, lambda change=change: presenter.change_folds(change))
         fold.setMenu(menu)
-        fit = _button("Fit", "fitTree", "show the whole tree (F); 0 shows it at 100 %, + and − zoom")
-        fit.clicked.connect(lambda: self.fit_requested.emit())
+        fit = tool_button(
+            "Fit",
+            "fitTree",
+            lambda: self.fit_requested.emit(),
+            "show the whole tree (F); 0 shows it at 100 %, + and − zoom",
+        )
         for widget in (self.search, self.count, self.follow, self._jump, fold, fit):
             self.addWidget(widget)
 
@@ -114,17 +121,13 @@ class HistoryBar(QWidget):
         self._slider.setToolTip("the ticks of the task; the arrow keys go one back or on")
         self._slider.setPageStep(25)
         self._slider.valueChanged.connect(self._go)
-        self._back = _button("", "historyBack", "one tick back")
-        self._back.setArrowType(Qt.LeftArrow)
-        self._back.clicked.connect(lambda: presenter.step(-1))
-        self._on = _button("", "historyOn", "one tick on")
-        self._on.setArrowType(Qt.RightArrow)
-        self._on.clicked.connect(lambda: presenter.step(1))
-        for button in (self._back, self._on):
+        self._back = tool_button("", "historyBack", lambda: presenter.step(-1), "one tick back")
+        self._on = tool_button("", "historyOn", lambda: presenter.step(1), "one tick on")
+        for button, arrow in ((self._back, Qt.LeftArrow), (self._on, Qt.RightArrow)):
+            button.setArrowType(arrow)
             button.setAutoRaise(True)
             button.setAutoRepeat(True)
-        self._live = _button("Live", "historyLive", "show the task live")
-        self._live.clicked.connect(lambda: presenter.go_to(None))
+        self._live = tool_button("Live", "historyLive", lambda: presenter.go_to(None), "show the task live")
         self._label = QLabel()
         self._label.setObjectName("historyLabel")
         self._label.setTextInteractionFlags(Qt.TextSelectableByMouse)
@@ -161,12 +164,3 @@ class HistoryBar(QWidget):
     def _go(self, tick: int) -> None:
         is_last = self._presenter.run is not None and tick >= len(self._presenter.run) - 1
         self._presenter.go_to(None if is_last and self._presenter.bag is None else tick)
-
-
-def _button(text: str, name: str, tip: str) -> QToolButton:
-    button = QToolButton()
-    button.setText(text)
-    button.setObjectName(name)
-    button.setToolTip(tip)
-    button.setAccessibleName(text or tip)
-    return button

@@ -219,7 +219,8 @@ class TreeItem(QGraphicsItem):
     def _paint_boxes(self, painter: QPainter, seen: QRectF, is_readable: bool) -> None:
         painter.setFont(self._font)
         text = self._palette.color(QPalette.Text)
-        row = self._drawing.row  # type: ignore[union-attr]
+        assert self._drawing is not None
+        row = self._drawing.row
         for depth, index in self._seen(seen):
             state = int(self._states[index])
             strong, tint = self._colours(state)

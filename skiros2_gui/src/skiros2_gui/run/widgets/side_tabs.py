@@ -15,12 +15,12 @@ from python_qt_binding.QtWidgets import (
     QLineEdit,
     QListWidget,
     QListWidgetItem,
-    QPushButton,
     QTextBrowser,
     QVBoxLayout,
     QWidget,
 )
 
+from skiros2_gui.app.widgets.controls import push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import role_colour
 from skiros2_gui.run.breakpoints import CHOICES
@@ -245,12 +245,8 @@ class BreakpointPanel(QWidget):
         self._pattern.setClearButtonEnabled(True)
         self._pattern.returnPressed.connect(self._add)
         self._pattern.textChanged.connect(lambda _: self._enable())
-        self._add_button = QPushButton("Add")
-        self._add_button.setObjectName("breakpointAdd")
-        self._add_button.clicked.connect(self._add)
-        self._remove_button = QPushButton("Remove")
-        self._remove_button.setObjectName("breakpointRemove")
-        self._remove_button.clicked.connect(self._remove)
+        self._add_button = push_button("Add", "breakpointAdd", self._add)
+        self._remove_button = push_button("Remove", "breakpointRemove", self._remove)
         row = QHBoxLayout()
         row.addWidget(self._pattern, 1)
         row.addWidget(self._add_button)

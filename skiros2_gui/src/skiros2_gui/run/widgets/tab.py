@@ -6,10 +6,11 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
-from python_qt_binding.QtWidgets import QFileDialog, QLabel, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from python_qt_binding.QtCore import QByteArray, QEvent, Qt
+from python_qt_binding.QtWidgets import QFileDialog, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ElementSelected
+from skiros2_gui.app.widgets.controls import push_button, text_label, timer
 from skiros2_gui.app.widgets.task_table import TaskTable
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
@@ -54,11 +55,10 @@ class RunTab(QWidget):
         self._lay_out()
         self._stale = Redraw.ALL
         self._slow_stale = True
-        self._timer = _timer(self, _PERIOD, self._draw)
-        self._slow_timer = _timer(self, _SLOW_PERIOD, self._draw_side_tabs)
-        self._watch = QTimer(self)
-        self._watch.timeout.connect(lambda: window.tasks.check(time.time()))
-        self._watch.start(_WATCH_PERIOD)
+        self._timer = timer(self, _PERIOD, self._draw)
+        self._slow_timer = timer(self, _SLOW_PERIOD, self._draw_side_tabs)
+        self._watch = timer(self, _WATCH_PERIOD, lambda: window.tasks.check(time.time()), repeats=True)
+        self._watch.start()
         self.presenter.on_change = self._on_change
         self._messages.picked.connect(self._on_message)
         self._times.picked.connect(self._go_to_node)
@@ -240,24 +240,15 @@ class RunTab(QWidget):
         self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
-        self._source = QLabel()
-        self._source.setWordWrap(True)
-        self._source.setTextFormat(Qt.PlainText)
-        self._bag_button = QPushButton()
-        self._bag_button.setObjectName("openBag")
-        self._bag_button.setToolTip("show the tasks of a recorded run")
-        self._bag_button.clicked.connect(self._on_bag)
+        self._source = text_label("", is_selectable=False)
+        self._bag_button = push_button("", "openBag", self._on_bag, "show the tasks of a recorded run")
         left = QWidget()
         column = QVBoxLayout(left)
         column.setContentsMargins(6, 6, 6, 6)
         column.addWidget(self._source)
         column.addWidget(self._tasks, 1)
         column.addWidget(self._bag_button, 0, Qt.AlignLeft)
-        self._banner = QLabel()
-        self._banner.setObjectName("taskNote")
-        self._banner.setTextFormat(Qt.PlainText)
-        self._banner.setTextInteractionFlags(Qt.TextSelectableByMouse)
-        self._banner.setWordWrap(True)
+        self._banner = text_label("taskNote")
         self._banner.setMargin(6)
         self._banner.hide()
         middle = QWidget()
@@ -297,12 +288,3 @@ class RunTab(QWidget):
         self._draw_side_tabs()
         if self._side_tabs.currentWidget() is self._breakpoints:
             self.presenter.breakpoints.ask(self.presenter.robot)
-
-
-def _timer(parent: QWidget, period: int, call: Any) -> QTimer:
-    """Returns a single-shot timer (ms)."""
-    timer = QTimer(parent)
-    timer.setSingleShot(True)
-    timer.setInterval(period)
-    timer.timeout.connect(call)
-    return timer

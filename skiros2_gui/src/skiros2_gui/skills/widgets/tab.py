@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
+from python_qt_binding.QtCore import QByteArray, QEvent, Qt
 from python_qt_binding.QtWidgets import QPlainTextEdit, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import FailureExplained, TaskStarted
 from skiros2_gui.app.system import MANAGER
+from skiros2_gui.app.widgets.controls import timer
 from skiros2_gui.app.widgets.task_table import TaskTable
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.presenter import GoalPresenter
@@ -73,9 +74,7 @@ class SkillsTab(QWidget):
         window.subscribe(FailureExplained, lambda _: self._show_why())
         window.subscribe(TaskStarted, lambda _: self.below.setCurrentWidget(self.tasks))
         self._show_goal()
-        self._refresh_timer = QTimer(self)
-        self._refresh_timer.setInterval(_REFRESH_PERIOD)
-        self._refresh_timer.timeout.connect(self._refresh)
+        self._refresh_timer = timer(self, _REFRESH_PERIOD, self._refresh, repeats=True)
         self._refresh_timer.start()
 
     def _with_goal_bar(self, below: QWidget) -> QWidget:

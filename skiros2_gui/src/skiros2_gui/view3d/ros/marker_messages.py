@@ -142,4 +142,5 @@ def interactive_marker(name: str, marker: ElementMarker) -> Any:
 def _turned_to(direction: Vector) -> Any:
     """Returns the orientation of a control along a direction."""
     half = 0.5**0.5
-    return pose_message(Pose((0.0, 0.0, 0.0), (*(half * c for c in direction), half))).orientation  # type: ignore[arg-type]
+    x, y, z = (half * c for c in direction)
+    return pose_message(Pose((0.0, 0.0, 0.0), (x, y, z, half))).orientation

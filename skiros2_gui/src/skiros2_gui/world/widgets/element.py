@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt, QTimer
+from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt
 from python_qt_binding.QtGui import QKeySequence, QWheelEvent
 from python_qt_binding.QtWidgets import (
     QComboBox,
@@ -23,6 +23,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
+from skiros2_gui.app.widgets.controls import push_button, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, RelationRow
 from skiros2_gui.world.presenter import WorldPresenter
@@ -51,17 +52,14 @@ class PoseEditor(QWidget):
         self._shown = _IDENTITY
         self.frame = QLabel()
         self.frame.setTextFormat(Qt.PlainText)
-        self.add = QPushButton("Add a pose")
-        self.add.setObjectName("addPoseButton")
-        self.add.setToolTip("Gives it a pose at the origin of its parent")
-        self.add.clicked.connect(lambda: write([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
-        self.remove = QPushButton("Remove the pose")
-        self.remove.setObjectName("removePoseButton")
-        self.remove.clicked.connect(lambda: remove())
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_WRITE_DELAY)
-        self._timer.timeout.connect(self.flush)
+        self.add = push_button(
+            "Add a pose",
+            "addPoseButton",
+            lambda: write([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+            "Gives it a pose at the origin of its parent",
+        )
+        self.remove = push_button("Remove the pose", "removePoseButton", lambda: remove())
+        self._timer = timer(self, _WRITE_DELAY, self.flush)
         self.boxes = [_SpinBox(" m", 1e6, 0.01, 4) for _ in range(3)] + [_SpinBox("°", 360.0, 5.0, 3) for _ in range(3)]
         self._labels = [QLabel(name) for name in _NUMBERS]
         grid = QGridLayout(self)
@@ -101,7 +99,8 @@ class PoseEditor(QWidget):
         # Unchanged numbers are not rounded.
         numbers = [old if box.value() == round(old, box.decimals()) else box.value() for box, old in pairs]
         if numbers != self._numbers:
-            self._shown = PoseDetails((*numbers[:3],), (*numbers[3:],), self._shown.frame)  # type: ignore[arg-type]
+            x, y, z, roll, pitch, yaw = numbers
+            self._shown = PoseDetails((x, y, z), (roll, pitch, yaw), self._shown.frame)
             self._write(numbers[:3], numbers[3:])
 
     @property
@@ -182,16 +181,18 @@ class ElementPanel(QWidget):
         self.show_details()
 
     def _lay_out(self) -> None:
-        self.add_property_button = _button("Add property…", "Adds a property", self.add_property)
-        self.remove_property_button = _button(
-            "Remove property", "Removes the selected property (Delete)", self.remove_property
+        self.add_property_button = push_button(
+            "Add property…", "addPropertyButton", self.add_property, "Adds a property"
         )
-        self.add_relation_button = _button("Add relation…", "Adds a relation to another element", self.add_relation)
-        self.remove_relation_button = _button(
-            "Remove relation", "Removes the selected relation (Delete)", self.remove_relation
+        self.remove_property_button = push_button(
+            "Remove property", "removePropertyButton", self.remove_property, "Removes the selected property (Delete)"
         )
-        self.add_property_button.setObjectName("addPropertyButton")
-        self.add_relation_button.setObjectName("addRelationButton")
+        self.add_relation_button = push_button(
+            "Add relation…", "addRelationButton", self.add_relation, "Adds a relation to another element"
+        )
+        self.remove_relation_button = push_button(
+            "Remove relation", "removeRelationButton", self.remove_relation, "Removes the selected relation (Delete)"
+        )
         top = QVBoxLayout()
         top.addWidget(self.heading)
         top.addWidget(self.about)
@@ -405,13 +406,6 @@ def _about(details: Details, own: str) -> str:
         who = "this window" if details.author == own else details.author.strip("/")
         words += f"  ·  last changed by {who}, {format_time(details.stamp)}"
     return words
-
-
-def _button(text: str, tip: str, clicked: Any) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.clicked.connect(lambda: clicked())
-    return button
 
 
 def _with_buttons(view: QWidget, *buttons: QPushButton) -> QWidget:

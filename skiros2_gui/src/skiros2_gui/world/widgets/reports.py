@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtCore import QModelIndex, Qt
 from python_qt_binding.QtGui import QColor, QKeySequence, QTextCursor, QTextFormat
 from python_qt_binding.QtWidgets import (
     QComboBox,
@@ -21,6 +21,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.widgets import theme
+from skiros2_gui.app.widgets.controls import push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView, fixed_font
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import CONTEXTS, WorldQueries
@@ -59,10 +60,7 @@ class QueryPanel(QWidget):
         self.context = QComboBox()
         self.context.addItems(_CONTEXT_TEXTS)
         self.context.setToolTip("The context of the query")
-        self.run = QPushButton("Run")
-        self.run.setObjectName("sparqlRun")
-        self.run.setToolTip("Executes the query (Ctrl+Enter)")
-        self.run.clicked.connect(lambda: self.ask())
+        self.run = push_button("Run", "sparqlRun", lambda: self.ask(), "Executes the query (Ctrl+Enter)")
         for key in (Qt.Key_Return, Qt.Key_Enter):
             QShortcut(QKeySequence(Qt.CTRL + key), self, self.ask, context=Qt.WidgetWithChildrenShortcut)
         self.table = RowsView(RowsModel(()))
@@ -127,8 +125,8 @@ class QueryPanel(QWidget):
             highlights.append(selection)
         self.box.setExtraSelections(highlights)
 
-    def _go_to(self, index: object) -> None:
-        cell = self.table.rows.rows[index.row()].item[index.column()]  # type: ignore[attr-defined]
+    def _go_to(self, index: QModelIndex) -> None:
+        cell = self.table.rows.rows[index.row()].item[index.column()]
         hierarchy = self._presenter.hierarchy
         if hierarchy is not None and isinstance(cell, str) and cell in hierarchy.scene:
             self._presenter.select(cell)
@@ -162,10 +160,12 @@ class ReportPanel(QWidget):
         self.message = QLabel("Not validated yet.")
         self.message.setObjectName("validationSaid")
         self.message.setWordWrap(True)
-        self.again = QPushButton("Validate")
-        self.again.setObjectName("validateButton")
-        self.again.setToolTip("Validates the scene against ontologies and shapes")
-        self.again.clicked.connect(lambda: queries.validate())
+        self.again = push_button(
+            "Validate",
+            "validateButton",
+            lambda: queries.validate(),
+            "Validates the scene against ontologies and shapes",
+        )
         self.table = RowsView(RowsModel(("Severity", "Element", "Property", "Message")))
         self.table.setObjectName("validationTable")
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._go_to())

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
-from python_qt_binding.QtCore import QAbstractItemModel, QEvent, QMimeData, QModelIndex, Qt, QTimer, Signal
+from python_qt_binding.QtCore import QAbstractItemModel, QEvent, QMimeData, QModelIndex, Qt, Signal
 from python_qt_binding.QtGui import QColor, QFont
 from python_qt_binding.QtWidgets import (
     QAbstractItemView,
@@ -20,6 +20,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.widgets import theme
+from skiros2_gui.app.widgets.controls import timer
 from skiros2_gui.world.details import display_name
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.scene import TOP, UNPLACED
@@ -283,10 +284,7 @@ class ElementFinder(QWidget):
         self.line.setClearButtonEnabled(True)
         self.line.returnPressed.connect(lambda: self.go_to_next())
         self.message = QLabel()
-        self._timer = QTimer(self)
-        self._timer.setInterval(_DELAY)
-        self._timer.setSingleShot(True)
-        self._timer.timeout.connect(self.search)
+        self._timer = timer(self, _DELAY, self.search)
         self.line.textChanged.connect(lambda _: self._timer.start())
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtGui import QKeySequence
 from python_qt_binding.QtWidgets import (
     QHBoxLayout,
@@ -14,13 +14,13 @@ from python_qt_binding.QtWidgets import (
     QShortcut,
     QSplitter,
     QTabWidget,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.system import WORLD_MODEL
+from skiros2_gui.app.widgets.controls import timer, tool_button
 from skiros2_gui.app.window import Window
 from skiros2_gui.world.presenter import Redraw, WorldPresenter
 from skiros2_gui.world.queries import WorldQueries
@@ -69,22 +69,16 @@ class WorldTab(QWidget):
         ):
             self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
         self._lay_out()
-        self._highlight_timer = QTimer(self)
-        self._highlight_timer.setInterval(_HIGHLIGHT_PERIOD)
-        self._highlight_timer.timeout.connect(self._expire_highlights)
+        self._highlight_timer = timer(self, _HIGHLIGHT_PERIOD, self._expire_highlights, repeats=True)
         self.presenter.on_change = self._on_change
         self._on_change(Redraw.SCENE | Redraw.UNDO)
 
     def _lay_out(self) -> None:
-        self.add_button = _tool("Add…", "addButton", "Adds an element under the selected one (Insert)", self.add)
-        self.remove_button = _tool("Remove…", "removeButton", "Removes the selected elements (Delete)", self.remove)
-        self.undo_button = _tool("Undo", "undoButton", "", self.presenter.undo)
-        self.redo_button = _tool("Redo", "redoButton", "", self.presenter.redo)
-        self.file_button = QToolButton()
-        self.file_button.setObjectName("fileButton")
-        self.file_button.setText("Scene")
-        self.file_button.setToolTip("Loads and saves the scene, and validates it")
-        self.file_button.setPopupMode(QToolButton.InstantPopup)
+        self.add_button = tool_button("Add…", "addButton", self.add, "Adds an element under the selected one (Insert)")
+        self.remove_button = tool_button("Remove…", "removeButton", self.remove, "Removes the selected ones (Delete)")
+        self.undo_button = tool_button("Undo", "undoButton", self.presenter.undo)
+        self.redo_button = tool_button("Redo", "redoButton", self.presenter.redo)
+        self.file_button = tool_button("Scene", "fileButton", tip="Loads and saves the scene, and validates it")
         menu = QMenu(self.file_button)
         for text, name, call in (
             ("Load…", "loadAction", self.load),
@@ -300,12 +294,3 @@ class WorldTab(QWidget):
             menu.addAction(text, call).setEnabled(bool(is_there))
         menu.setAttribute(Qt.WA_DeleteOnClose)
         menu.popup(self.tree.viewport().mapToGlobal(at))
-
-
-def _tool(text: str, name: str, tip: str, clicked: Any) -> QToolButton:
-    button = QToolButton()
-    button.setText(text)
-    button.setObjectName(name)
-    button.setToolTip(tip)
-    button.clicked.connect(lambda: clicked())
-    return button

@@ -123,7 +123,9 @@ class PrimitiveActionClient(ClientPrimitive):
 
     def restart(self, goal: Any, text: str = "Restarting action.") -> State:
         """For `execute`, `onFeedback` and `onDone`: abandons the current goal and sends another. Returns Running."""
-        self._abandon()
+        if self._goal is None:
+            self.client.cancel_goal()
+            self.client.stop_tracking_goal()
         self._clear_answers()
         self._goal = goal
         self._watch = ServerWatch(self.client)
@@ -149,11 +151,6 @@ class PrimitiveActionClient(ClientPrimitive):
         self.wake()
 
     # -- internal ----------------------------------------------------------------------------------------------
-
-    def _abandon(self) -> None:
-        if self._goal is None:
-            self.client.cancel_goal()
-            self.client.stop_tracking_goal()
 
     def _close_client(self) -> None:
         if self.client is not None:

@@ -14,7 +14,8 @@ from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
 from skiros2_world_model.core.queries import SceneReader
-from skiros2_world_model.core.scene import ElementRecord, Scene
+from skiros2_world_model.core.replica import scene_of
+from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.transaction import Transaction
 from skiros2_world_model.core.world_model_abstract_interface import WmException, wm_errors
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -36,7 +37,7 @@ class PreviewCopy(WorldModelAbstractInterface):
         super().__init__()
         self._wm = wm
         self._lock = threading.RLock()
-        self._scene = _scene_of(wm.resolve_elements(Element()))
+        self._scene = scene_of(wm.resolve_elements(Element()))
         self._notifier = ChangeNotifier(0, "preview")
         self._warned: set[tuple[str, str, str]] = set()
         self._reader = SceneReader(self._lock, self._scenes, lambda: self._ontology)
@@ -135,13 +136,3 @@ class PreviewCopy(WorldModelAbstractInterface):
             changed = [eid for eid in committed.ids() if eid in self._scene]
             pending = [PendingChange(UPDATE, ids=changed), PendingChange(REMOVE, committed.removed())]
             return Outcome(ids, self._notifier.publish(pending, provenance, _SCENE, self._scene))
-
-
-def _scene_of(elements: Sequence[Element]) -> Scene:
-    scene = Scene()
-    for element in elements:
-        scene.put(ElementRecord(element.id, element.type, element.label, element._props))
-    for element in elements:
-        for relation in element.getRelations("-1"):
-            scene.relate(element.id, relation["type"], relation["dst"])
-    return scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, reasoners
 from skiros2_common.core.errors import Refused
@@ -216,9 +216,9 @@ class ReasonerWorldModel:
     def _as(self, author: str) -> Iterator[LocalWorldModel]:
         """The world model for one call of an author: during `parse`, the one that includes the current request."""
         if author not in self._authors:
-            parse_lock = LocalWorldModel(author, self._parsing)  # type: ignore[arg-type]
-            self._authors[author] = LocalWorldModel(author, self._model), parse_lock
-        usual, parse_lock = self._authors[author]
+            parsing = LocalWorldModel(author, cast("WorldModel", self._parsing))
+            self._authors[author] = LocalWorldModel(author, self._model), parsing
+        usual, parsing = self._authors[author]
         lock, reasoning = self._model.lock, self._model.reasoning
         while True:
             if lock.acquire(timeout=_LOCK_TIMEOUT):
@@ -227,13 +227,13 @@ class ReasonerWorldModel:
                         yield usual
                     else:  # this thread is in `parse`
                         with reasoning.parse_lock:
-                            yield parse_lock
+                            yield parsing
                 finally:
                     lock.release()
                 return
             with reasoning.parse_lock:
                 if reasoning.is_parsing:
-                    yield parse_lock
+                    yield parsing
                     return
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change
-from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_world_model.core.changeset import UNKNOWN, ChangeSet
 from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 
 
@@ -37,6 +37,18 @@ def apply_change(scene: Scene, change: Change) -> ChangeSet:
         else:
             scene.relate(*ends)
     return scene.commit(Provenance(change.number, change.stamp, change.author))
+
+
+def scene_of(elements: Sequence[Element], provenance: Provenance = UNKNOWN) -> Scene:
+    """A scene of elements with at least their outgoing relations."""
+    scene = Scene()
+    for element in elements:
+        scene.put(ElementRecord(element.id, element.type, element.label, element._props, provenance))
+    for element in elements:
+        for relation in element._rels:
+            if relation["src"] == "-1":
+                scene.relate(element.id, relation["type"], relation["dst"])
+    return scene
 
 
 def _set_relations(scene: Scene, element: Element, is_reset: bool) -> None:
@@ -195,13 +207,7 @@ class Replica:
 
     def _load(self, snapshot: Snapshot) -> None:
         provenance = Provenance(snapshot.number, 0.0, "")
-        scene = Scene()
-        for element in snapshot.elements:
-            scene.put(ElementRecord(element.id, element.type, element.label, element._props, provenance))
-        for element in snapshot.elements:
-            for relation in element._rels:
-                if relation["src"] == "-1":
-                    scene.relate(element.id, relation["type"], relation["dst"])
+        scene = scene_of(snapshot.elements, provenance)
         with self.lock:
             scene.inherit_removals(self._scene, self._reset)
             self._reset = None

@@ -147,7 +147,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
         """Returns the first result of `resolve_elements`, or None."""
         return next(iter(self._matching(e, context_id)), None)
 
-    def get_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
+    def get_relations(self, subj: Element | str, pred: str, obj: Element | str) -> list[RelationDict]:
         """Returns the relations along a predicate and its subproperties, as dicts; an empty part matches any.
 
         When both subject and object are given, `src` is "-1" in the result. Relations that a reasoner owns are computed
@@ -166,7 +166,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
         """
         return reasoners.get(pred)
 
-    def get_reasoner_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
+    def get_reasoner_relations(self, subj: Element | str, pred: str, obj: Element | str) -> list[RelationDict]:
         """Computes relations between two elements with a reasoner; returns them as dicts.
 
         :param subj, obj: elements or ids; an abstract element stands for all matching elements.
@@ -182,7 +182,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
             if by_name or full_name(name) == full_name(pred)
         ]
 
-    def check_relation(self, subj: Any, pred: str, obj: Any, state: bool, abstract: bool) -> bool:
+    def check_relation(self, subj: Element | str, pred: str, obj: Element | str, state: bool, abstract: bool) -> bool:
         """Whether a relation or one of its subproperties holds (`state` true) or does not hold.
 
         :param subj, obj: elements or ids; an abstract element stands for any matching element.
@@ -246,7 +246,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
             self.remove_listener(listener)
 
     def wait_for_relation(
-        self, subj: Any, pred: str, obj: Any, state: bool = True, timeout: float | None = None
+        self, subj: Element | str, pred: str, obj: Element | str, state: bool = True, timeout: float | None = None
     ) -> bool:
         """Blocks until a relation holds (`state` true) or does not hold; arguments as for `check_relation`.
 
@@ -300,17 +300,17 @@ class SceneAbstractInterface(OntologyAbstractInterface):
             return None
         return reasoner
 
-    def _pairs(self, subj: Any, obj: Any) -> Iterator[tuple[Element, Element]]:
+    def _pairs(self, subj: Element | str, obj: Element | str) -> Iterator[tuple[Element, Element]]:
         for one in self._like(subj):
             for other in self._like(obj):
                 if one.id != other.id:
                     yield one, other
 
-    def _like(self, wanted: Any) -> list[Element]:
+    def _like(self, wanted: Element | str) -> list[Element]:
         element = self._element(wanted)
         return self._matching(element, _SCENE) if element.isAbstract() else [element]
 
-    def _element(self, given: Any) -> Element:
+    def _element(self, given: Element | str) -> Element:
         if isinstance(given, Element):
             return given
         return self.get_element(given) if given else Element("")
@@ -328,7 +328,7 @@ def _individuals(element: Element) -> list[str]:
     return [full_name(str(name)) for name in (template, element.id) if name]
 
 
-def id_of(given: Any) -> str:
+def id_of(given: Element | str) -> str:
     return given.id if isinstance(given, Element) else str(given or "")
 
 

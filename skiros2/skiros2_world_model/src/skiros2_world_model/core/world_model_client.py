@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Sequence
-from typing import Any
 
 from skiros2_common.core.discrete_reasoner import data_of, reasoners
 from skiros2_common.core.names import full_name
@@ -147,7 +146,7 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         outcome = self.transact([request], context_id)
         return outcome.elements.get(outcome.ids[0]) or self.get_element(outcome.ids[0], context_id)
 
-    def set_relation(self, subj: Any, pred: str, obj: Any, value: bool = True) -> bool:
+    def set_relation(self, subj: Element | str, pred: str, obj: Element | str, value: bool = True) -> bool:
         """Adds (`value` true) a relation, or removes it and its subproperties. Returns True.
 
         The relation is stored in the context of the subject.

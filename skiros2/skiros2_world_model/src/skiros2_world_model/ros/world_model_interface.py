@@ -101,7 +101,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
         if self._is_local(context_id):
-            return super().find_element(eid, context_id)
+            return self._local(context_id).find(eid, context_id)
         try:
             return self._get(srvs.WmGetRequest.GET, context_id, msgs.WmElement(id=eid))[0]
         except WmException as error:
@@ -111,7 +111,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
         if self._is_local(context_id):
-            return super().refreshed(e, context_id)
+            return self._local(context_id).refreshed(e, context_id)
         return self.find_element(e.id, context_id)
 
     def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:

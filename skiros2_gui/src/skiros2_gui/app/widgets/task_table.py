@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 
 from python_qt_binding.QtCore import QSignalBlocker, Qt, Signal
-from python_qt_binding.QtGui import QKeyEvent
+from python_qt_binding.QtGui import QKeyEvent, QShowEvent
 from python_qt_binding.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
@@ -82,8 +82,9 @@ class TaskTable(QWidget):
         self._update_timer = timer(self, _UPDATE_DELAY, self.show_tasks)
         self._clock = timer(self, _TIME_PERIOD, self._show_times, repeats=True)
         self._clock.start()
-        window.subscribe(TasksChanged, lambda _: self._update_soon())
-        window.subscribe(RunRecorded, lambda _: self._update_soon())
+        if shown is None:  # else the tab calls `show_tasks`
+            window.subscribe(TasksChanged, lambda _: self._update_soon())
+            window.subscribe(RunRecorded, lambda _: self._update_soon())
         self.show_tasks()
 
     def _buttons(self) -> QHBoxLayout:
@@ -111,6 +112,10 @@ class TaskTable(QWidget):
     def stop_selected(self) -> None:
         """Stops the selected task."""
         self._command(STOP)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self.show_tasks()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() == Qt.Key_Delete:
@@ -140,7 +145,7 @@ class TaskTable(QWidget):
     # -- display ------------------------------------------------------------------------------------------------
 
     def _update_soon(self) -> None:
-        if not self._update_timer.isActive():
+        if self.isVisible() and not self._update_timer.isActive():
             self._update_timer.start()
 
     def show_tasks(self) -> None:

@@ -58,33 +58,20 @@ class HookGuard:
         calls = self.calls[-1:]
         return _hung(calls[0]).name if calls else ""
 
-    def enter(self, node: SkillWrapper, hook: str) -> list[Call]:
-        """Registers a hook before its call. Returns the argument for `leave`."""
-        calls = self.calls
-        calls.append((node, hook))
-        return calls
-
-    @staticmethod
-    def leave(calls: list[Call]) -> None:
-        """Removes the entry of a hook after its call.
-
-        :raises HookAbandoned: another thread has removed it.
-        """
-        try:
-            calls.pop()
-        except IndexError:
-            raise HookAbandoned from None
-
     def call(self, node: SkillWrapper, hook: str, function: Callable[..., _T], *args: Any) -> _T:
         """Calls a function under the guard.
 
         :raises HookAbandoned: another thread has abandoned the call, whatever the function returns or raises.
         """
-        calls = self.enter(node, hook)
+        calls = self.calls
+        calls.append((node, hook))
         try:
             return function(*args)
         finally:
-            self.leave(calls)
+            try:
+                calls.pop()
+            except IndexError:
+                raise HookAbandoned from None
 
     def abandon(self) -> HungHook | None:
         """Abandons the hook that is being called; None when there is none.

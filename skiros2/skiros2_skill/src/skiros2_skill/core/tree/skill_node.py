@@ -308,10 +308,10 @@ class SkillWrapper(DescribedNode):
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
-            state = visitor.finish_tick(self, visitor.hooks.execute_raised(self, error), parameters.world_version)
+            state = visitor.finish_execute(self, None, error)
             return state
         if answer is not _RUNNING or local_revision.current != parameters.local_revision:
-            state = visitor.finish_tick(self, visitor.hooks.execute_state(self, answer), parameters.world_version)
+            state = visitor.finish_execute(self, answer)
             return state
         if instance.progressed_at > self.progressed_at:
             visitor.changed = True

@@ -7,6 +7,7 @@ a session of its own. What differs is tested with roslaunch and by the tests of 
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import gc
 import importlib
@@ -23,16 +24,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-#: Whose programs may be forked, and what they import.
+#: Whose programs may be forked.
 PACKAGES = ("skiros2_world_model", "skiros2_skill", "skiros2_task")
-_MODULES = (
-    "skiros2_world_model.ros.world_model_server",
-    "skiros2_world_model.command_line.program",
-    "skiros2_skill.ros.skill_manager",
-    "skiros2_skill.command_line.program",
-    "skiros2_task.ros.task_manager",
-    "skiros2_task.command_line.achieve",
-)
 #: Variables that the interpreter or a library reads when it starts; with others than the server's it is no fork.
 _AT_START = ("LANG", "LC_ALL", "PYTHONHASHSEED", "PYTHONWARNINGS")
 
@@ -119,6 +112,14 @@ class Fork:
 # -- the server --------------------------------------------------------------------------------------------------------
 
 
+def _imports() -> set[str]:
+    """The modules that the programs import."""
+    programs = Path(__file__).parents[2] / "install/lib"
+    trees = [ast.parse(script.read_text()) for package in PACKAGES for script in (programs / package).iterdir()]
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {node.module for node in nodes if node.module}
+
+
 def _serve(requests: socket.socket) -> dict[str, Any]:
     """Forks until the connection ends. Returns only in a fork, with the request."""
     wake, woken = os.pipe()
@@ -179,7 +180,7 @@ def _become(request: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    for module in _MODULES:
-        __import__(module)
+    for module in _imports():
+        importlib.import_module(module)
     gc.freeze()
     runpy.run_path(_become(_serve(socket.socket(fileno=int(sys.argv[1])))), run_name="__main__")

@@ -12,7 +12,7 @@ import pytest
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld, transport_world
-from support.ros import Ros, install_environment
+from support.ros import Ros, install_environment, run_command
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -33,9 +33,7 @@ def run(ros: Ros, tmp_path: Path) -> Run:
 
     def run(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         env = {**ros.master.env, "HOME": str(tmp_path)}
-        return subprocess.run(
-            ["rosrun", "skiros2_task", name, *arguments], env=env, capture_output=True, text=True, timeout=60
-        )
+        return run_command(["rosrun", "skiros2_task", name, *arguments], env)
 
     return run
 

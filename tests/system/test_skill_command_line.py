@@ -15,7 +15,7 @@ import pytest
 
 from skiros2_msgs import srv as srvs
 from support.programs import Program
-from support.ros import Ros, RosMaster, wait_until
+from support.ros import Ros, RosMaster, run_command, wait_until
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -42,7 +42,7 @@ def run(ros_master: RosMaster, cell: Ros) -> Iterator[Run]:
     def run(name: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
         command = ["rosrun", "skiros2_skill", name, *arguments]
         env = {**ros_master.env, **environment}
-        return subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
+        return run_command(command, env)
 
     yield run
     run("breakpoint", "remove", "all")

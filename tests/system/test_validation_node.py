@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import pytest
 import rospy
 
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.ros.world_model_interface import WmException, WorldModelInterface
-from support.ros import Ros
+from support.ros import Ros, run_command
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -66,9 +64,7 @@ def test_files_are_validated_on_load_and_the_scene_on_request(ros: Ros, start, w
     wm.load("better.ttl")
     assert told(ask().findings) == {WEIGHT}
     assert wm.validate("other").findings == []
-    shown = subprocess.run(
-        ["rosrun", "skiros2_world_model", "validate"], env=ros.master.env, capture_output=True, text=True, check=False
-    )
+    shown = run_command(["rosrun", "skiros2_world_model", "validate"], ros.master.env)
     assert (shown.returncode, shown.stdout.splitlines()[0]) == (0, "context scene: 1 warning")
 
 

@@ -27,6 +27,7 @@ from collections.abc import Iterator
 from importlib import resources
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from skiros2_task.core.engines import (
@@ -100,8 +101,13 @@ def main() -> None:
 def _load() -> None:
     """Imports the slow modules at low priority: on Linux, niceness belongs to the thread."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LOADING_NICENESS)
+    # unified-planning imports ConfigSpace for one annotation; scipy.stats, which comes with it, takes most of the time.
+    stand_in = ModuleType("ConfigSpace")
+    vars(stand_in)["ConfigurationSpace"] = object
+    sys.modules["ConfigSpace"] = stand_in
     for name in ("unified_planning.engines", "unified_planning.io", "skiros2_task.core.up_model"):
         importlib.import_module(name)
+    del sys.modules["ConfigSpace"]  # a planner may use it
     with contextlib.suppress(ImportError):  # reported by the job that needs it
         importlib.import_module(_TRANSLATOR)
 

@@ -4,6 +4,9 @@
 
 python := .venv/bin/python3
 
+# Compiled files are kept: each node and each process of the tests would otherwise compile all that it imports.
+export PYTHONDONTWRITEBYTECODE =
+
 help:  ## show this list
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
 

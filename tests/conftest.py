@@ -68,7 +68,7 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
     with master:
         import rospy
 
-        from skiros2_common.ros.inbound_connections import handshake_in_threads
+        from skiros2_common.ros.node import handshake_in_threads
 
         rospy.init_node("tests", anonymous=True, disable_signals=True)
         handshake_in_threads()

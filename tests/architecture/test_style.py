@@ -20,8 +20,8 @@ FILE_LINES = 450
 CLASS_LINES = 300
 #: Longer ones, each with the reason why it is one concept after all.
 LONG: dict[str, str] = {
-    "skiros2/skiros2_world_model/src/skiros2_world_model/core/world_model_client.py:WorldModelAbstractInterface": (
-        "the contract's calls, which both adapters share"
+    "skiros2/skiros2_world_model/src/skiros2_world_model/core/world_model.py:WorldModel": (
+        "one lock for requests and reads"
     ),
 }
 

@@ -14,8 +14,7 @@ from benchmarks.measurement import Measurement, paired
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.engine.inference import infer
-from skiros2_skill.core.engine.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 RUNS = 9

@@ -11,6 +11,8 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
+from unified_planning.environment import get_environment
+
 from benchmarks.measurement import Measurement, paired
 from skiros2_task.core.engine_worker import write_pddl
 from skiros2_task.core.engines import DOMAIN_FILE, PROBLEM_FILE, EngineProcesses, Limits
@@ -101,7 +103,7 @@ def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterat
     one_by_one = sum(step.end - step.start for step in ours.steps)
     yield _compared(name, figure, "its steps one after the other", one_by_one, None)
     for engine in OTHERS:
-        if engine not in processes.engines():
+        if engine not in get_environment().factory.engines:
             print(f"    {engine} is not installed", file=sys.stderr)
             continue
         other = engine_planner(processes, engine)

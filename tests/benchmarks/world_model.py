@@ -19,7 +19,7 @@ from skiros2_common.core.property_conditions import ConditionProperty
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.world_model import WorldModel
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support.ros import Ros, install_environment
+from support.ros import Ros, install_environment, run_command
 
 pytestmark = pytest.mark.timeout(240)
 
@@ -65,7 +64,7 @@ def test_lint_fails_for_warnings_when_it_is_strict(tmp_path: Path) -> None:
     env["PYTHONPATH"] = os.pathsep.join([str(tmp_path), env["PYTHONPATH"]])
     for options, status in (([], 0), (["--strict"], 1)):
         command = ["rosrun", "skiros2_skill", "lint", *options, "flawed"]
-        done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
+        done = run_command(command, env)
         assert done.returncode == status, done.stdout + done.stderr
         assert "0 errors, 1 warning" in done.stdout
 
@@ -88,7 +87,7 @@ def test_a_library_is_reloaded_while_its_manager_runs(ros: Ros, tmp_path: Path) 
     )  # fmt: skip
     ros.service(f"{ROBOT}/command", srvs.SkillCommand)
     client = SkillManagerInterface(ROBOT, "tests")
-    progress = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    progress = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
 
     def said() -> str:
         task = client.execute(skill_list=[client.get_skill("greet_loudly")])
@@ -97,7 +96,7 @@ def test_a_library_is_reloaded_while_its_manager_runs(ros: Ros, tmp_path: Path) 
 
     def reload(*libraries: str) -> tuple[int, str]:
         command = ["rosrun", "skiros2_skill", "reload", *libraries]
-        done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
+        done = run_command(command, env)
         return done.returncode, done.stdout + done.stderr
 
     assert said() == "HELLO"

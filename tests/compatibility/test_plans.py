@@ -18,8 +18,7 @@ from skiros2_skill.core.skill import SerialStar, SkillBase, SkillDescription
 from skiros2_skill.core.tree.node import all_nodes
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_skill.testing import SkillBench
-from skiros2_task.core.engines import FoundPlan, Limits, Outcome
-from skiros2_task.core.planners import PlannerAnswer
+from skiros2_task.core.engines import FoundPlan, Limits, Outcome, PlannerAnswer
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.task import PlanningTask, PlanStep
 

@@ -15,7 +15,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
-from skiros2_world_model.ros.reasoners import Reasoners
+from skiros2_world_model.ros.world_model_server import Reasoners
 
 PACKAGE = "packing_reasoners"
 SCENE = "skiros:Scene-0"

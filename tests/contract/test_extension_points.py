@@ -200,7 +200,7 @@ def test_engine_of_a_plugin_makes_a_valid_plan(processes: EngineProcesses) -> No
 
 
 def test_editor_of_a_plugin_edits_the_parameters_of_its_type(qtbot: Any) -> None:
-    from skiros2_gui.skills.fields import Field
+    from skiros2_gui.skills.form import Field
     from skiros2_gui.skills.widgets.editors import editor_of
 
     plugin("editors")

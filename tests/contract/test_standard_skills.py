@@ -68,7 +68,7 @@ def test_standard_skill_has_its_type_and_parameters(library, label):
 def test_moved_object_starts_at_its_location(library):
     (condition,) = library.by_label("wm_move_object").declared.pre_conditions
     assert condition.relation == "skiros:spatiallyRelated"
-    assert (condition.subject_key, condition.object_key) == ("StartLocation", "Object")
+    assert condition.getKeys() == ["StartLocation", "Object"]
 
 
 def test_type_without_label_selects_both_implementations(library):

@@ -42,7 +42,7 @@ def store(make):
 
 def ask(store, query, context=""):
     store.prepare()
-    return store.query(query, context, NAMESPACES)
+    return store.query(query, context, NAMESPACES).rows
 
 
 def content(store, context=""):

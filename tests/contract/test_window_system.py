@@ -12,10 +12,8 @@ import pytest
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import Event, TaskProgress, WorldChanged
+from skiros2_gui.app.events import Event, EventQueue, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
-from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.client.description import Step
@@ -25,6 +23,7 @@ from skiros2_world_model.core.local_world_model import LocalWorldModel, source_o
 from skiros2_world_model.core.world_model import WorldModel
 from support import hand_skills
 from support.ros import Ros
+from support.window.local_system import LocalSystem
 
 ROBOT = "/test_robot"
 SCENE = "skiros:Scene-0"
@@ -179,7 +178,7 @@ def test_loaded_scene_is_reported_as_reset(desk: Desk) -> None:
 def test_added_class_is_known_when_reported(desk: Desk) -> None:
     desk.system.world.add_class("skiros:Bolt", "skiros:Product")
     desk.wait_for(
-        WorldChanged, lambda e: e.ontology and desk.system.ontology.is_subclass("skiros:Bolt", "skiros:Product")
+        WorldChanged, lambda e: e.ontology and desk.system.world.is_subclass("skiros:Bolt", "skiros:Product")
     )
 
 

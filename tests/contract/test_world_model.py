@@ -475,10 +475,9 @@ def test_prefix_of_a_client_is_unknown_to_others(world):
     assert mine.is_subclass("Pallet", "skiros:Container")
     assert mine.query_ontology("SELECT ?x WHERE { ?x rdfs:subClassOf skiros:Container . ?i a :Pallet, ?x }") != []
     assert not others.is_subclass("Pallet", "skiros:Container")
-    mine.declare_prefix("http://x.org/Lab.owl")
+    mine.add_ontology("http://x.org/Lab.owl")
     mine.add_class("lab:Bench", "skiros:Location")
     assert mine.get_triples("lab:Bench", "rdfs:subClassOf") == ["skiros:Location"]
-    mine.add_ontology("http://x.org/Lab.owl")
     assert others.wait_until(lambda: others.is_subclass("lab:Bench", "sumo:Object"), 10.0)  # published on the monitor
 
 

@@ -16,7 +16,6 @@ from python_qt_binding.QtWidgets import (
     QLineEdit,
     QPushButton,
     QTextBrowser,
-    QToolButton,
     QTreeWidget,
     QWidget,
 )
@@ -24,11 +23,10 @@ from python_qt_binding.QtWidgets import (
 from skiros2_common.core.errors import Refused
 from skiros2_gui.app.events import ConnectionChanged
 from skiros2_gui.app.widgets import main_widget
-from skiros2_gui.app.widgets.error_bar import ErrorHistory
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import palette_of
-from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_skill.client.description import Step
+from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import break_down, fetch, furnish
 
 
@@ -71,9 +69,9 @@ def test_error_is_shown_copied_dismissed_and_kept(window: MainWidget, qtbot: QtB
     bar.close_button.click()
     assert not bar.isVisible()
     bar.history_button.click()
-    history = window.findChild(ErrorHistory)
-    assert history.list.item(0).text().endswith(text)
-    history.reject()
+    history = window.error_bar.history
+    assert history.toPlainText().splitlines()[0].endswith(text)
+    history.close()
 
 
 def test_error_bar_shows_the_first_line_and_keeps_the_rest(window: MainWidget) -> None:
@@ -134,7 +132,7 @@ def test_stop_does_not_wait_for_an_inspection_that_blocks(
     running.presenter.select(1)
     qtbot.waitUntil(is_asked.is_set, timeout=20_000)
     try:
-        stop = window.findChild(QToolButton, "stopTask")
+        stop = running.findChild(QPushButton, "stopButton")
         qtbot.waitUntil(stop.isEnabled)
         qtbot.mouseClick(stop, Qt.LeftButton)
         qtbot.waitUntil(lambda: running.presenter.run.latest.has_ended, timeout=9_000)
@@ -146,7 +144,7 @@ def test_exception_of_a_skill_is_shown_before_the_traceback(window: MainWidget, 
     robot = window.system.add_manager("/robot", [break_down])
     robot.command("start", -1, [Step("skiros:Break", "break_down")])
     tasks = window.findChild(QTreeWidget, "taskList")
-    qtbot.waitUntil(lambda: tasks.topLevelItemCount() == 1 and "failed" in tasks.topLevelItem(0).text(3))
+    qtbot.waitUntil(lambda: tasks.topLevelItemCount() == 1 and "failed" in tasks.topLevelItem(0).text(1))
     said = tasks.topLevelItem(0).text(5)
     assert "KeyError: 'sloow' (" in said
     assert said.endswith(", in execute)")

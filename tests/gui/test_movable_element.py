@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pytestqt.qtbot import QtBot
 
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import ElementSelected, ProblemReported
+from skiros2_gui.app.events import ElementSelected, EventQueue, ProblemReported
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.testing.local_system import LocalSystem
+from support.window.local_system import LocalSystem
 
 
 def test_selection_is_movable_in_rviz_and_failures_are_reported(qtbot: QtBot) -> None:

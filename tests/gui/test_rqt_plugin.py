@@ -11,9 +11,9 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.testing.local_system import LocalSystem
 from support.ros import ROOT
 from support.rqt_host import Instance, RqtHost, provide_rqt
+from support.window.local_system import LocalSystem
 
 PACKAGE = ROOT / "skiros2_gui"
 #: As `rqt_gui -s gui.skiros`.

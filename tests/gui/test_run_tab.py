@@ -12,21 +12,21 @@ import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import QPointF, Qt, QTimer, QUrl
 from python_qt_binding.QtGui import QPalette
-from python_qt_binding.QtWidgets import QAbstractButton, QAction, QLabel, QLineEdit, QListWidget, QSlider
+from python_qt_binding.QtWidgets import QAbstractButton, QAction, QLabel, QLineEdit, QListWidget, QSlider, QTreeWidget
 
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ElementSelected, TaskProgress, TaskStarted
 from skiros2_gui.app.window import Window
-from skiros2_gui.run.node_text import ConditionText, NodeText
-from skiros2_gui.run.widgets.details import NodeDetails
+from skiros2_gui.run.node import ConditionText, NodeText
+from skiros2_gui.run.widgets.side_tabs import NodeDetails
 from skiros2_gui.run.widgets.tab import RunTab
-from skiros2_gui.testing.local_system import LocalManager, LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_skill.client.description import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree
 from support.recorded_run import ROOT
+from support.window.local_system import LocalManager, LocalSystem
+from support.window.synchronous import make_window
 from unit.skiros2_skill.skills import describe
 
 
@@ -77,7 +77,7 @@ def test_task_is_drawn_in_the_colours_of_its_states(tab: RunTab, window: Window,
         tints.add(image.pixelColor(tab.view.mapFromScene(inside)).name())
     assert len(tints) == 3
     assert tab.view.palette().color(QPalette.Base).name() not in tints
-    assert tab.findChild(QListWidget, "taskChoice").item(0).text().startswith("▶ pick and 1 more")
+    assert tab.findChild(QTreeWidget, "taskChoice").topLevelItem(0).text(0) == "pick, place"
 
 
 def test_click_selects_a_node_and_shows_its_details(tab: RunTab, window: Window, qtbot: QtBot) -> None:
@@ -163,8 +163,8 @@ def test_message_selects_its_node_and_tick(tab: RunTab, window: Window, qtbot: Q
     tell(window, pick_and_place(SUCCESS, RUNNING), 1002.0)
     tab._side_tabs.setCurrentWidget(tab._messages)
     rows = tab._messages.rows.rows
-    line = next(line for text, _, line in rows if "pick running" in text)
-    tab._messages.chosen.emit(line)
+    line = next(row.item for row in rows if "pick running" in row.cells[0])
+    tab._messages.picked.emit(line)
     assert tab.presenter.tick == 0
     assert tab.presenter.tree.selected == 100
 
@@ -174,8 +174,8 @@ def test_picked_or_started_task_is_shown(tab: RunTab, window: Window, qtbot: QtB
     tell(window, pick_and_place(task_id=2))
     drawn(tab, qtbot)
     assert tab.presenter.run.task_id == 1
-    tasks = tab.findChild(QListWidget, "taskChoice")
-    tasks.setCurrentRow(0)
+    tasks = tab.findChild(QTreeWidget, "taskChoice")
+    tasks.setCurrentItem(tasks.topLevelItem(1))
     assert tab.presenter.run.task_id == 2
     window.publish(TaskStarted("/robot", 3))
     tell(window, pick_and_place(task_id=3))
@@ -299,15 +299,15 @@ def button(tab: RunTab, name: str) -> QAbstractButton:
 
 
 def test_task_is_paused_stepped_and_stopped_by_clicks(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
-    qtbot.mouseClick(button(tab, "pauseTask"), Qt.LeftButton)
-    qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Resume")
+    qtbot.mouseClick(button(tab, "pauseButton"), Qt.LeftButton)
+    qtbot.waitUntil(lambda: button(tab, "pauseButton").text().endswith("Resume"))
     code = tab.presenter.frame.code(1)
-    qtbot.mouseClick(button(tab, "stepTask"), Qt.LeftButton)
+    qtbot.mouseClick(button(tab, "stepButton"), Qt.LeftButton)
     qtbot.waitUntil(lambda: tab.presenter.frame.code(1) == code + 1)
     tab.toggle()
-    qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Pause")
-    qtbot.mouseClick(button(tab, "stopTask"), Qt.LeftButton)
-    qtbot.waitUntil(lambda: not button(tab, "stopTask").isEnabled())
+    qtbot.waitUntil(lambda: button(tab, "pauseButton").text().endswith("Pause"))
+    qtbot.mouseClick(button(tab, "stopButton"), Qt.LeftButton)
+    qtbot.waitUntil(lambda: not button(tab, "stopButton").isEnabled())
     assert tab.presenter.run.latest.has_ended
 
 

@@ -12,10 +12,10 @@ from skiros2_gui.app.events import ConnectionChanged
 from skiros2_gui.app.system import MASTER, Part
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_gui.view3d.widgets import rviz_panel
 from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 
 
 class WithMaster(LocalSystem):

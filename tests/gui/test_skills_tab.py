@@ -28,12 +28,12 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.errors import Refused
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.skills.fields import ElementChoice, Field
+from skiros2_gui.goal.plan import GoalExecution
+from skiros2_gui.skills.form import ElementChoice, Field
 from skiros2_gui.skills.presenter import SkillsPresenter
 from skiros2_gui.skills.widgets import editors
 from skiros2_gui.skills.widgets.tab import SkillsTab
-from skiros2_gui.testing.local_system import LocalSystem
+from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 FETCH = ("/robot", "skiros:Fetch", "")
@@ -179,15 +179,17 @@ def test_reason_of_a_failure_is_shown_below_the_list(tab: SkillsTab, qtbot: QtBo
     qtbot.keyClick(loud, Qt.Key_Up)
     _click(qtbot, tab, "startButton")
     qtbot.waitUntil(lambda: "too loud" in _child(tab, QPlainTextEdit, "taskWhy").toPlainText())
-    assert tab.tasks.list.topLevelItem(0).text(3) == "✗ failed"
+    qtbot.waitUntil(lambda: tab.tasks.list.topLevelItem(0).text(1) == "✗ failed")
 
 
 def test_settings_are_restored_and_invalid_ones_skipped(tab: SkillsTab) -> None:
-    tab.skills.uses = {"skiros:Note|note": 3}
+    tab.goals.write("(skiros:contain box nut)")
     kept = tab.settings()
-    tab.restore({"uses": [], "across": 3, "down": "ä", "more": None})
+    tab.goals.write("")
+    tab.restore({"goals": 3, "goal": [], "across": 3, "down": "ä", "more": None})
+    assert tab.goals.text == ""
     tab.restore(kept)
-    assert tab.skills.rows[0].skills[0].offer.key == NOTE
+    assert tab.goals.text == "(skiros:contain box nut)"
 
 
 def test_registered_editor_edits_the_fields_that_it_accepts(

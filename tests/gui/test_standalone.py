@@ -16,7 +16,7 @@ from skiros2_gui import standalone
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import SYSTEM, apply_theme, is_dark
 from skiros2_gui.standalone import EndBySignal, StandaloneWindow
-from skiros2_gui.testing.local_system import LocalSystem
+from support.window.local_system import LocalSystem
 
 Open = Callable[[], StandaloneWindow]
 

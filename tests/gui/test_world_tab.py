@@ -13,8 +13,6 @@ from python_qt_binding.QtWidgets import QComboBox, QDialog, QLineEdit
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import WorldChanged
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_gui.world.scene import UNPLACED
 from skiros2_gui.world.widgets.dialogs import (
     AddDialog,
@@ -27,6 +25,8 @@ from skiros2_gui.world.widgets.dialogs import (
 from skiros2_gui.world.widgets.tab import WorldTab
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 
 BOX = "skiros:LargeBox"
 
@@ -259,7 +259,7 @@ def test_relation_dialog_adds_a_relation(desk: Desk) -> None:
     assert not dialog.ok.isEnabled()
     _choose(desk, dialog.other, "screw")
     _choose(desk, dialog.predicate, "cora:robotPart")
-    assert "robotPart is meant for a subject of class Device, not LargeBox" in dialog.note.text()
+    assert "the subject of cora:robotPart is a sumo:Device, which skiros:LargeBox is not" in dialog.note.text()
     assert not desk.wm.get_relations(box, "cora:robotPart", part)
     _choose(desk, dialog.predicate, "skiros:at")
     desk.press(dialog)

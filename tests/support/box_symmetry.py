@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skiros2_sim.core.box_fit import least_turned
+from skiros2_sim.core.perception import least_turned
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between, conjugated, multiplied
 
 

@@ -8,9 +8,8 @@ from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
 from skiros2_sim.core.drive_path import Pose2D
-from skiros2_sim.core.gripper_motion import GripperMotion
-from skiros2_sim.core.joint_motion import JointMotion
-from skiros2_sim.core.joint_path import JointGoal, JointPoint
+from skiros2_sim.core.gripper import GripperMotion
+from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint
 from skiros2_sim.core.motion import Motion, Outcome, State
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, Vector

@@ -15,9 +15,8 @@ from control_msgs.msg import FollowJointTrajectoryResult, GripperCommandResult
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
-from skiros2_sim.core.gripper_motion import GripperMotion
-from skiros2_sim.core.joint_motion import JointMotion
-from skiros2_sim.core.joint_path import JointGoal, JointPoint
+from skiros2_sim.core.gripper import GripperMotion
+from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint
 from skiros2_sim.core.perception import detect
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World

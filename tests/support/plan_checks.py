@@ -21,9 +21,9 @@ from skiros2_common.core.abstract_skill import SkillCore
 from skiros2_common.core.conditions import ConditionGenerate
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.engines import Limits, Outcome
+from skiros2_task.core.engines import Limits, Outcome, PlannerAnswer
 from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.planners import Planner, PlannerAnswer
+from skiros2_task.core.planners import Planner
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.up_model import UpProblem
 from skiros2_world_model.core.local_world_model import LocalWorldModel

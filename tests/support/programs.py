@@ -13,6 +13,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from support.forks import Fork, ForkServer
+
 #: What terminals take for colours and titles; roslaunch and rospy print it also when there is none.
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
 
@@ -26,25 +28,38 @@ class Program:
     :param command: the program and its arguments.
     :param env: its whole environment; by default this process's.
     :param cwd: the folder it runs in.
+    :param forks: starts it, instead of the system; see support/forks.py.
     """
 
-    def __init__(self, command: Sequence[str], env: Mapping[str, str] | None = None, cwd: Path | None = None) -> None:
+    def __init__(
+        self,
+        command: Sequence[str],
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+        forks: ForkServer | None = None,
+    ) -> None:
         self.command = [str(part) for part in command]
         self._lines: list[str] = []
         self._change = threading.Condition()
         self._closed = False
-        self._process = subprocess.Popen(
-            self.command,
-            env=None if env is None else dict(env),
-            cwd=cwd,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            start_new_session=True,
-        )
-        self._reader = threading.Thread(target=self._read, name=f"output of {self.command[0]}", daemon=True)
+        read, write = os.pipe()
+        self._process: Fork | subprocess.Popen[str]
+        if forks is not None:
+            self._process = forks.start(self.command, env or os.environ, cwd, write, write)
+        else:
+            self._process = subprocess.Popen(
+                self.command,
+                env=None if env is None else dict(env),
+                cwd=cwd,
+                stdin=subprocess.DEVNULL,
+                stdout=write,
+                stderr=write,
+                text=True,
+                start_new_session=True,
+            )
+        os.close(write)
+        name = f"output of {self.command[0]}"
+        self._reader = threading.Thread(target=self._read, args=(read,), name=name, daemon=True)
         self._reader.start()
 
     @property
@@ -132,12 +147,12 @@ class Program:
     def __str__(self) -> str:
         return " ".join(os.path.basename(part) if index == 0 else part for index, part in enumerate(self.command))
 
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            with self._change:
-                self._lines.append(_TERMINAL_CODES.sub("", line.rstrip("\n")))
-                self._change.notify_all()
+    def _read(self, descriptor: int) -> None:
+        with open(descriptor, errors="replace") as output:
+            for line in output:
+                with self._change:
+                    self._lines.append(_TERMINAL_CODES.sub("", line.rstrip("\n")))
+                    self._change.notify_all()
         with self._change:
             self._closed = True
             self._change.notify_all()

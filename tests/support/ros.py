@@ -21,15 +21,17 @@ import functools
 import os
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 import xmlrpc.client
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from skiros2_common.core.ports import free_port
+from skiros2_common.core.processes import free_port
+from support.forks import ForkServer
 from support.programs import ProcessId, Program, descendants
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,18 +57,57 @@ def install_environment(setup: Path = INSTALL / "setup.bash") -> dict[str, str]:
     return dict(line.split("=", 1) for line in dump.split("\0") if line)
 
 
+@functools.cache
+def _forks() -> ForkServer:
+    return ForkServer(ROOT / ".venv/bin/python3", install_environment())
+
+
+def _forked(command: Sequence[str], env: Mapping[str, str]) -> list[str]:
+    """The script and the arguments of a program that can be forked; of others nothing."""
+    package, *rest = command[1:] if command[0] == "rosrun" else (Path(command[0]).parent.name, *command)
+    script = INSTALL / "lib" / package / rest[0]
+    return [str(script), *rest[1:]] if _forks().suits(script, env) else []
+
+
+def start_program(command: Sequence[str], env: Mapping[str, str], cwd: Path | None = None) -> Program:
+    """Starts a program; what `rosrun` would start is forked if it can be (see support/forks.py)."""
+    if forked := _forked(command, env):
+        return Program(forked, env, cwd, _forks())
+    return Program(command, env, cwd)
+
+
+def run_command(
+    command: Sequence[str], env: Mapping[str, str], cwd: Path | None = None, timeout: float = 60.0
+) -> subprocess.CompletedProcess[str]:
+    """Runs a program to its end, as `start_program` starts it."""
+    forked = _forked(command, env)
+    if not forked:
+        return subprocess.run(command, env=env, cwd=cwd, capture_output=True, text=True, timeout=timeout)
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        fork = _forks().start(forked, env, cwd, out.fileno(), err.fileno())
+        try:
+            status = fork.wait(timeout)
+        except BaseException:
+            os.killpg(fork.pid, signal.SIGKILL)
+            raise
+        for file in (out, err):
+            file.seek(0)
+        return subprocess.CompletedProcess(command, status, out.read(), err.read())
+
+
 def wait_until(condition: Callable[[], Any], timeout: float = 30.0, what: str = "") -> Any:
-    """Asks every 20 ms until the condition is true, and returns its value. For what cannot be waited for otherwise.
+    """Asks up to 50 times a second until the condition is true, and returns its value.
 
     :raises AssertionError: it is not true within that time (s).
     """
-    end = time.monotonic() + timeout
+    end, pause = time.monotonic() + timeout, 0.02
     while True:
         if value := condition():
             return value
         if time.monotonic() > end:
             raise AssertionError(f"not within {timeout:g} s: {what or condition}")
-        time.sleep(0.02)
+        time.sleep(pause)
+        pause = min(1.2 * pause, 0.1)  # a question to the master costs as much as it gives
 
 
 class RosMaster:
@@ -283,7 +324,7 @@ class Ros:
         environment = dict(env or self.master.env)
         if namespace:
             environment["ROS_NAMESPACE"] = namespace
-        program = Program(command, environment, cwd=self.master.home)
+        program = start_program(command, environment, self.master.home)
         self.programs.append(program)
         return program
 

@@ -14,8 +14,8 @@ from python_qt_binding.QtWidgets import QApplication
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.standalone import StandaloneWindow
-from skiros2_gui.testing.driver import Driver
-from skiros2_gui.testing.rviz_screenshot import rviz_screenshot
+from support.window.driver import Driver
+from support.window.rviz_screenshot import rviz_screenshot
 
 
 def main(label: str, picture: str) -> int:

@@ -10,7 +10,7 @@ import pytest
 
 from skiros2_msgs import srv as srvs
 from support.programs import Program
-from support.ros import Ros, RosMaster, wait_until
+from support.ros import Ros, RosMaster, run_command, wait_until
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -41,7 +41,7 @@ def run(ros_master: RosMaster, cell: Ros) -> Run:
     def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
         command = ["rosrun", "skiros2_task", "achieve", *arguments]
         env = {**ros_master.env, **environment}
-        return subprocess.run(command, env=env, capture_output=True, text=True, timeout=90)
+        return run_command(command, env, timeout=90.0)
 
     return run
 

@@ -20,7 +20,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.testing import SkillBench, Trace
-from skiros2_skill.testing.trace import TracedNode
+from skiros2_skill.testing.bench_task import TracedNode
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Messages, Ros
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_msgs import srv as srvs
-from support.ros import Ros, RosMaster, wait_until
+from support.ros import Ros, RosMaster, run_command, wait_until
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -43,7 +43,7 @@ def run(ros_master: RosMaster, workspace: Path) -> Run:
     def run(name: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
         env = {**ros_master.env, "ROS_NAMESPACE": "cell", **environment}
         command = ["rosrun", "skiros2_world_model", name, *arguments]
-        return subprocess.run(command, env=env, cwd=workspace, capture_output=True, text=True, timeout=30)
+        return run_command(command, env, workspace)
 
     return run
 

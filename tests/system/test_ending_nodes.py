@@ -12,8 +12,7 @@ from support.ros import ROOT, Ros
 HELD_UP = """
 import threading, time
 import rospy
-from skiros2_common.ros.shutdown import spin
-from skiros2_common.ros.node import run_node
+from skiros2_common.ros.node import run_node, spin
 
 lock = threading.Lock()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import rospy
 
-from skiros2_common.core.ports import free_port
+from skiros2_common.core.processes import free_port
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.ros.world_model_interface import WmException, WorldModelInterface

@@ -74,6 +74,26 @@ def skill(robot, label, **values):
     return holder
 
 
+# -- commands of a new client ------------------------------------------------------------------------------------------
+
+
+def test_new_client_hears_of_the_end_of_a_task_that_it_starts_at_once(robot):
+    for _ in range(5):
+        client = SkillManagerInterface(ROBOT, "hasty")
+        started = client.execute(skill_list=[skill(robot, "add", A=1, B=2)])
+        wait_until(lambda: not client.tasks, what=f"the end of task {started}")  # noqa: B023
+        client.shutdown()
+
+
+def test_new_client_hears_of_the_end_of_a_task_that_it_stops_at_once(robot):
+    for _ in range(5):
+        client = SkillManagerInterface(ROBOT, "hasty")
+        started = client.execute(skill_list=[skill(robot, "stay")])
+        client.preempt_one(started)
+        wait_until(lambda: not client.tasks, what=f"the end of task {started}")  # noqa: B023
+        client.shutdown()
+
+
 # -- what goals become -------------------------------------------------------------------------------------------------
 
 
@@ -369,6 +389,7 @@ def test_the_tick_rate_is_that_of_the_parameter(ros, shared):
     ros.service(f"{ROBOT}/command", srvs.SkillCommand)
     assert rospy.get_param(f"{ROBOT}/tick_rate") == 5.0
     client = SkillManagerInterface(ROBOT, "tests")
+    wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
     client.execute(skill_list=[skill(client, "stay")])
     rate = wait_until(lambda: len(client._tick_times) >= 6 and client.get_tick_rate(), what="ticks")
     assert 4.0 < rate < 6.0

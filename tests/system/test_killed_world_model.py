@@ -82,7 +82,7 @@ class Writer:
                 count = self.acknowledged + 1
                 operations, parts = self._request(count)
                 self._asked = count, count, parts
-                self.wmi._transact(operations, "scene")
+                self.wmi.transact(operations)
                 self.acknowledged, self._parts, self._asked = count, parts, None
         except WmException as error:
             if not ("broke off" in str(error) or "does not answer" in str(error)):

@@ -123,7 +123,7 @@ def test_launch_with_unknown_names_fails_before_any_node_starts(
     lines = program.output.splitlines()
     assert culprit in lines[-1]
     assert lines.count(lines[-1]) == 2
-    wait_until(lambda: not processes("launch_error.py", lines[-1]), what="the end of what printed the last line")
+    wait_until(lambda: not processes("launch_error", lines[-1]), what="the end of what printed the last line")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import os
 import subprocess
 from pathlib import Path
 
-from support.ros import install_environment
+from support.ros import install_environment, run_command
 
 LIBRARIES = Path(__file__).parents[1] / "libraries"
 
@@ -17,7 +17,7 @@ def lint(*arguments: str) -> subprocess.CompletedProcess[str]:
     env["PYTHONPATH"] = os.pathsep.join([str(LIBRARIES), env["PYTHONPATH"]])
     env["ROS_MASTER_URI"] = "http://127.0.0.1:1"  # where nobody is
     command = ["rosrun", "skiros2_skill", "lint", *arguments]
-    return subprocess.run(command, env=env, cwd=LIBRARIES, capture_output=True, text=True, timeout=60)
+    return run_command(command, env, LIBRARIES)
 
 
 def test_the_installed_libraries_have_no_faults() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -156,7 +157,8 @@ def test_embedded_rviz_draws_the_selection(
     ros: Ros, world: WorldModelInterface, tmp_path: Path
 ) -> None:
     with Display() as display:
-        env = {**ros.master.env, **display.env, "XDG_CONFIG_HOME": str(tmp_path)}
+        path = f"{Path(rviz_window.__file__).parents[1]}:{os.environ.get('PYTHONPATH', '')}"
+        env = {**ros.master.env, **display.env, "XDG_CONFIG_HOME": str(tmp_path), "PYTHONPATH": path}
         picture = tmp_path / "window.png"
         program = ros.program(sys.executable, rviz_window.__file__, "Product A", str(picture), env=env)
         assert program.wait(60.0) == 0, "it draws, and ends without a crash"

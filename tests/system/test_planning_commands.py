@@ -12,7 +12,7 @@ import pytest
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld, transport_world
-from support.ros import Ros, install_environment
+from support.ros import Ros, install_environment, run_command
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -33,9 +33,7 @@ def run(ros: Ros, tmp_path: Path) -> Run:
 
     def run(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         env = {**ros.master.env, "HOME": str(tmp_path)}
-        return subprocess.run(
-            ["rosrun", "skiros2_task", name, *arguments], env=env, capture_output=True, text=True, timeout=60
-        )
+        return run_command(["rosrun", "skiros2_task", name, *arguments], env)
 
     return run
 
@@ -73,14 +71,8 @@ def test_plan_command_explains_why_there_is_no_plan(run: Run, world: PlanningWor
     assert explained.stdout.splitlines()[first].startswith("  (skiros:hasA ")
 
 
-def test_domain_command_shows_the_actions_of_skills(run: Run, world: PlanningWorld) -> None:
-    shown = run("domain")
-    assert (shown.returncode, shown.stderr) == (0, "")
-    assert "skiros:Drive (drive) of /alpha, /beta" in shown.stdout.splitlines()
-
-
 def test_command_without_a_world_model_fails_with_a_message(run: Run) -> None:
-    for command in ("plan", "preview", "explain", "domain"):
+    for command in ("plan", "preview", "explain"):
         refused = run(command, "(a b)")
         assert (refused.returncode, refused.stdout) == (3, "")
         assert refused.stderr.startswith(f"{command}: there is no world model /wm on the master ")

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_bags.core.checking import check
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.run import Run
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.run import Run, check
 from skiros2_runs.core.states import NodeState
 from support.programs import Program
 from support.ros import Ros, RosMaster, wait_until

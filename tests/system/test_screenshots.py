@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,8 @@ def start(folder: Path) -> Program:
     env = {**install_environment(), "HOME": str(folder)}
     for name in ("DISPLAY", "QT_QPA_PLATFORM", "ROS_MASTER_URI"):
         env.pop(name, None)
-    return Program(["rosrun", "skiros2_gui", "screenshots", str(folder / "pictures")], env)
+    env["PYTHONPATH"] = f"{Path(__file__).parents[1]}:{env.get('PYTHONPATH', '')}"
+    return Program([sys.executable, "-m", "support.window.screenshots", str(folder / "pictures")], env)
 
 
 def test_screenshots_show_each_tab_during_a_run(tmp_path: Path) -> None:

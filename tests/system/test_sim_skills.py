@@ -11,7 +11,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_sim_msgs.srv import GetPose, SetFault, SetFaultRequest
 from skiros2_sim_skills.core.places import pose_in_scene
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support.ros import Ros, wait_until
+from support.ros import Ros, run_command, wait_until
 from support.stand_in_drivers import pose_of
 
 pytestmark = pytest.mark.timeout(120)
@@ -28,7 +28,7 @@ def test_picked_object_follows_the_gripper_until_it_is_lost(ros: Ros) -> None:
 
     def run(*words: str) -> subprocess.CompletedProcess[str]:
         command = ["rosrun", "skiros2_skill", "run", *words]
-        return subprocess.run(command, env=ros.master.env, capture_output=True, text=True, timeout=60)
+        return run_command(command, ros.master.env)
 
     def error(element: str) -> float:
         """How far the world model is from the truth (m)."""

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.world_element import Element
+from skiros2_demo.run_check import Thing
 from skiros2_demo.simulation import Simulation
-from skiros2_demo.world_state import Thing
 from skiros2_msgs import srv as srvs
 from skiros2_sim_msgs.msg import Contacts
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface

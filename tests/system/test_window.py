@@ -12,16 +12,15 @@ import pytest
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_gui.app.health import sentence
 from skiros2_gui.app.ros.system import RosSystem
-from skiros2_gui.app.system import Part
+from skiros2_gui.app.system import Part, sentence
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.testing.driver import Driver
 from skiros2_msgs.msg import TreeProgress
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import window_monitor
 from support.ros import INSTALL, Ros, RosMaster, wait_until
 from support.rqt_host import RqtHost, provide_rqt
+from support.window.driver import Driver
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -77,7 +76,7 @@ def test_skill_is_started_and_stopped_by_clicks(window: Driver, demo: Ros) -> No
     window.open_tab("Running")
     window.open_tab("Messages")
     window.wait_for_row("messages", "Waiting: ")
-    window.click("stopTask")
+    window.click("stopButton")
     window.wait_for_row("messages", "Stopped while waiting")
     root = told.wait_for(lambda message: abs(message.progress[0].progress_code) == 1).progress[0]
     assert root.type == ":Root"

@@ -1,7 +1,8 @@
-"""Selects the window for launch files, and keeps its node alive."""
+"""Checks for a display; selects the window for launch files, and keeps its node alive."""
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -9,7 +10,26 @@ from importlib.util import find_spec
 
 import rospkg
 
-from skiros2_gui.display import display_problem
+
+def display_problem() -> str:
+    """Returns why no window can be shown here; "" if one can. Qt would abort the process."""
+    platform = os.environ.get("QT_QPA_PLATFORM", "")
+    if platform.partition(":")[0] not in ("", "xcb") or os.environ.get("WAYLAND_DISPLAY"):
+        return ""
+    display = os.environ.get("DISPLAY", "")
+    if not display:
+        return "there is no display to open the window on: DISPLAY is not set"
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:  # another platform plugin may work
+        return ""
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    opened = x11.XOpenDisplay(None)
+    if not opened:
+        return f"the display {display} (DISPLAY) cannot be opened"
+    x11.XCloseDisplay(opened)
+    return ""
 
 
 def rqt_command() -> list[str] | None:

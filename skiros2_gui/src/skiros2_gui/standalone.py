@@ -6,13 +6,12 @@ import json
 import logging
 import math
 import signal
-import socket
 import sys
 import threading
 from collections.abc import Sequence
 from typing import Any
 
-from python_qt_binding.QtCore import QByteArray, QSettings, QSocketNotifier, Qt
+from python_qt_binding.QtCore import QByteArray, QSettings, Qt, QTimer
 from python_qt_binding.QtGui import QCloseEvent, QKeySequence
 from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
 
@@ -22,7 +21,7 @@ from skiros2_gui.app.events import NodeShutdown
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import CHOICES, SYSTEM, apply_theme
-from skiros2_gui.display import display_problem
+from skiros2_gui.launcher import display_problem
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +30,9 @@ NO_DISPLAY = 2
 
 #: The time to unregister from the master (s).
 _SHUTDOWN_TIMEOUT = 2.0
+
+#: The longest delay of a signal (ms).
+_SIGNAL_PERIOD = 200
 
 _THEMES = {"system": "As the desktop", "light": "Light", "dark": "Dark"}
 
@@ -176,29 +178,22 @@ def make_application(argv: Sequence[str]) -> QApplication:
 
 
 class EndBySignal:
-    """Closes the windows on SIGINT and SIGTERM. Python alone handles signals only when Qt has an event."""
+    """Closes the windows on SIGINT and SIGTERM. Python handles signals only while it runs, hence the timer."""
 
     def __init__(self) -> None:
-        self._reader, self._writer = socket.socketpair()
-        for end in (self._reader, self._writer):
-            end.setblocking(False)
-        self._notifier = QSocketNotifier(self._reader.fileno(), QSocketNotifier.Read)
-        self._notifier.activated.connect(self._on_signal)
-        self._before = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        self._handlers = {number: signal.signal(number, _ignored) for number in (signal.SIGINT, signal.SIGTERM)}
+        self._timer = QTimer()
+        self._timer.timeout.connect(lambda: None)
+        self._timer.start(_SIGNAL_PERIOD)
+        self._handlers = {number: signal.signal(number, self._on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def close(self) -> None:
         """Restores the previous handlers."""
-        self._notifier.setEnabled(False)
+        self._timer.stop()
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
-        signal.set_wakeup_fd(self._before)
-        self._reader.close()
-        self._writer.close()
 
-    def _on_signal(self) -> None:
-        self._reader.recv(64)
-        QApplication.closeAllWindows()  # dialogs too
+    def _on_signal(self, *_: object) -> None:
+        QTimer.singleShot(0, QApplication.closeAllWindows)  # dialogs too
 
 
 def _leave_ros() -> None:
@@ -209,10 +204,6 @@ def _leave_ros() -> None:
     end = threading.Thread(target=rospy.signal_shutdown, args=("the window was closed",), daemon=True)
     end.start()
     end.join(_SHUTDOWN_TIMEOUT)
-
-
-def _ignored(number: int, frame: Any) -> None:
-    """Does nothing: the signal was written to the wake-up socket."""
 
 
 def _number(value: Any) -> float | None:

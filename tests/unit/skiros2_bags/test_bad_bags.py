@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag1 import Writer
 
-from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.core.run import Run
 from support.recorded_run import good_run, write_bag
 

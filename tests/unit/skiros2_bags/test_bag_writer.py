@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag1 import Reader
 
-from skiros2_bags.core.bag_file import BagFile
+from skiros2_bags.core.bag_file import BagError, BagFile
 from skiros2_bags.core.bag_writer import COMPRESSIONS, BagWriter
-from skiros2_bags.core.errors import BagError
 from skiros2_common.core.errors import WrongValue
 
 TEXT = {

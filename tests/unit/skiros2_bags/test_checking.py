@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from skiros2_bags.core.checking import check
-from skiros2_bags.core.run import Run
+from skiros2_bags.core.run import Run, check
 from support.recorded_run import GOAL, Monitor, good_run, moved, scene, tree, write_bag
 
 

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.testing.recorded_task import recorded_tasks
-from skiros2_bags.testing.recording import Recording
-from skiros2_bags.testing.replay_settings import Settings
-from skiros2_bags.testing.rerun import rerun
+from skiros2_bags.command_line.replay import main
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.testing.recording import Recording, recorded_tasks
+from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills import timed_motions, transport_skills
@@ -138,6 +137,18 @@ def test_shorter_motion_names_its_tick(
     assert found.what.endswith("close_gripper_timed")
     assert found.expected.startswith("running, code 1") and found.got.startswith("succeeded")
     assert any("move_arm_timed" in line for line in found.context)
+
+
+def test_program_prints_the_result(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(BAGS / "timed_drive.bag"), "--workspace", str(WORKSPACE)]) == 0
+    assert capsys.readouterr().out == "as recorded\n"
+    assert main([str(BAGS / "none.bag")]) == 2
+    assert "there is no such file" in capsys.readouterr().err
+
+
+@pytest.mark.replay(BAGS / "timed_drive.bag", workspace=WORKSPACE)
+def test_fixture_returns_the_divergence(replayed: str | None) -> None:
+    assert replayed is None
 
 
 def test_bag_without_requests_is_rejected(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.core.run import Run
 from skiros2_runs.core.history import node_histories
 from skiros2_runs.core.states import TaskState

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skiros2_bags.core.selection import Selection, is_graph_name, pattern
+from skiros2_bags.core.bag_writer import Selection, is_graph_name, pattern
 from skiros2_common.core.errors import WrongValue
 
 SYSTEM = [

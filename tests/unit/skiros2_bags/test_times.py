@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from skiros2_bags.core.times import local_time, parse_time
+from skiros2_bags.command_line.commands import local_time, parse_time
 from skiros2_common.core.errors import WrongValue
 
 START = 1795233085.25
@@ -23,7 +22,6 @@ RUN: Any = SimpleNamespace(start=START, end=START + 60)
         ("-3", START + 57),
         ("1795233090.5", 1795233090.5),
         (local_time(START + 5), int(START) + 5),
-        (time.strftime("%H:%M:%S", time.localtime(START + 7)), int(START) + 7),
     ],
 )
 def test_time_is_parsed(text: str, expected: float) -> None:

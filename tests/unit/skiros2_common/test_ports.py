@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from pathlib import Path
 
-from skiros2_common.core.ports import free_port, is_free
+from skiros2_common.core.processes import free_port, is_free
 
 
 def test_free_port_is_free_and_not_ephemeral() -> None:

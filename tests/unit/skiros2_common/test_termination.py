@@ -8,8 +8,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from skiros2_common.core.processes import descendants, end_processes
-from skiros2_common.core.termination import TERMINATION_SIGNALS, Terminated, TerminationSignals, exit_status
+from skiros2_common.core.processes import (
+    TERMINATION_SIGNALS,
+    Terminated,
+    TerminationSignals,
+    descendants,
+    end_processes,
+    exit_status,
+)
 from support.programs import ProcessId
 from support.ros import wait_until
 

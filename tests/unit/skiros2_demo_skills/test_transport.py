@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_demo_skills.poses import get_pose
 from skiros2_skill.testing import FakeClock, SkillBench
+from skiros2_std_reasoners.core.spatial_data import pose_of
 
 ROOT = Path(__file__).parents[3]
 SCENE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl" / "pick_place_scene.ttl"
@@ -63,12 +63,12 @@ def test_skills_bring_a_product_to_another_tray(bench: SkillBench) -> None:
 def test_drive_updates_location_and_pose(bench: SkillBench) -> None:
     assert succeeded(drive(bench, "Workstation 1"))
     assert at(bench) == ["Workstation 1"]
-    assert get_pose(bench.wmi.get_element(bench.robot.id))[:3] == pytest.approx((1.1, 1.5, 0.2))
+    assert pose_of(bench.wmi.get_element(bench.robot.id)).position == pytest.approx((1.1, 1.5, 0.2))
 
 
 def test_drive_without_approach_pose_ends_at_the_place(bench: SkillBench) -> None:
     assert succeeded(drive(bench, "Workstation 1"), drive(bench, "Charging station"))
-    assert get_pose(bench.wmi.get_element(bench.robot.id))[:3] == pytest.approx((0.0, 0.0, 0.2))
+    assert pose_of(bench.wmi.get_element(bench.robot.id)).position == pytest.approx((0.0, 0.0, 0.2))
 
 
 def test_drive_to_the_current_place_is_refused(bench: SkillBench) -> None:
@@ -127,7 +127,7 @@ def test_motions_report_progress(bench: SkillBench) -> None:
 
 def test_object_poses_after_pick_and_place(bench: SkillBench) -> None:
     def position() -> tuple[float, ...]:
-        return get_pose(bench.element("Product A"))[:3]
+        return pose_of(bench.element("Product A")).position
 
     succeeded(drive(bench, "Workstation 1"), pick(bench, "Product A"))
     assert position() == (0.0, 0.0, 0.0)

@@ -7,8 +7,15 @@ from typing import Any
 
 import pytest
 
-from skiros2_gui.app.event_queue import MAX_CHANGES, MAX_STATES, EventQueue
-from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress, WorldChanged
+from skiros2_gui.app.events import (
+    MAX_CHANGES,
+    MAX_STATES,
+    ConnectionChanged,
+    EventQueue,
+    ManagersChanged,
+    TaskProgress,
+    WorldChanged,
+)
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,17 +15,17 @@ from hypothesis import strategies as st
 from skiros2_gui.app.events import GoalFeedback
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completion, Vocabulary, complete
-from skiros2_gui.goal.execution import GoalExecution
-from skiros2_gui.goal.plan import check_syntax
+from skiros2_gui.goal.plan import GoalExecution, check_syntax
 from skiros2_gui.goal.presenter import GoalPresenter
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import SynchronousJobs, make_window
+from skiros2_task.core import goal_text
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.planners import planner_named
-from skiros2_task.core.planning import PlanReport, TaskPlanner, report_of
+from skiros2_task.core.planning import TaskPlanner, report_of
 from skiros2_task.core.preview import preview
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.planning_world import DRIVE, PlanningWorld
+from support.window.local_system import LocalSystem
+from support.window.synchronous import SynchronousJobs, make_window
 
 
 @dataclass
@@ -64,8 +65,9 @@ class TaskManager:
             raise self.result
         return self.result
 
-    def plan(self, goals: str) -> PlanReport:
-        return report_of(self.planner.plan(goals), lambda plan: preview(PreviewCopy(self.planner.wm), plan))
+    def plan(self, goals: str) -> Any:
+        report = report_of(self.planner.plan(goals), lambda plan: preview(PreviewCopy(self.planner.wm), plan))
+        return SimpleNamespace(**report)
 
     def cancel(self) -> None:
         self.cancelled += 1
@@ -124,6 +126,12 @@ def test_quantifier_completes_variables_and_classes(lab: Lab) -> None:
     assert _suggested(lab, "(forall (?x ") == ["-"]
     assert "skiros:Location" in _suggested(lab, "(forall (?x - Loc")
     assert _suggested(lab, "(forall (?x - skiros:Location) (skiros:at ")[0] == "?x"
+
+
+def test_operators_of_other_packages_are_completed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(goal_text, "_operators", {"unless": lambda parts: parts[0]})
+    assert _suggested(lab, "(unl") == ["unless"]
+    assert _suggested(lab, "(unless ") == ["("]
 
 
 def test_unknown_text_has_no_completions(lab: Lab) -> None:

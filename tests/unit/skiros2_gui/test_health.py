@@ -6,8 +6,18 @@ import time
 
 import pytest
 
-from skiros2_gui.app.health import clock, missing, sentence, short, sign
-from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Part
+from skiros2_gui.app.system import (
+    MANAGER,
+    MASTER,
+    TASK_MANAGER,
+    WORLD_MODEL,
+    Part,
+    clock,
+    missing,
+    sentence,
+    short,
+    sign,
+)
 
 NOW = 1795291003.5  # s since the epoch
 AT = clock(NOW)

@@ -113,17 +113,6 @@ def test_activities_list_running_calls(desk: Desk) -> None:
     assert reported == [["loading the scene"], []]
 
 
-def test_posted_calls_run_here_in_order(desk: Desk) -> None:
-    def post() -> None:
-        for number in range(5):
-            desk.jobs.post(lambda n=number: desk.seen.append((n, threading.current_thread())))
-
-    thread = threading.Thread(target=post)
-    thread.start()
-    desk.until(lambda: len(desk.seen) == 5)
-    assert desk.seen == [(n, threading.current_thread()) for n in range(5)]
-
-
 def test_closed_jobs_deliver_and_start_nothing(desk: Desk) -> None:
     began, gate, ended = threading.Event(), threading.Event(), threading.Event()
 
@@ -138,7 +127,6 @@ def test_closed_jobs_deliver_and_start_nothing(desk: Desk) -> None:
     gate.set()
     assert ended.wait(10)
     desk.jobs.run(lambda: 1, desk.seen.append)
-    desk.jobs.post(lambda: desk.seen.append(2))
     desk.jobs.deliver()
     assert desk.seen == []
     assert desk.jobs.activities == []

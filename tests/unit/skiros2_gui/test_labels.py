@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from skiros2_gui.view3d.labels import LINE, MAX_LINES, place_labels
+from skiros2_gui.view3d.marker_set import LINE, MAX_LINES, place_labels
 from skiros2_gui.view3d.markers import AXES, BOX, TEXT_HEIGHT, ElementMarker, Visual
 from skiros2_std_reasoners.core.geometry import Pose, from_euler
 

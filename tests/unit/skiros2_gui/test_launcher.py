@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_gui.display import display_problem, virtual_display
-from skiros2_gui.launcher import rqt_command
+from skiros2_gui.launcher import display_problem, rqt_command
+from support.display import Display
 from support.programs import Program
 from support.ros import ROOT
 
@@ -72,8 +72,10 @@ def test_display_problem_names_the_reason(
 def test_virtual_display_is_available_within_its_context(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in DISPLAY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    with virtual_display():
+    with Display() as display:
+        monkeypatch.setenv("DISPLAY", display.name)
         assert display_problem() == ""
+    monkeypatch.delenv("DISPLAY")
     assert "DISPLAY is not set" in display_problem()
 
 

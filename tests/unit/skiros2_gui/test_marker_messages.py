@@ -1,19 +1,17 @@
-"""Markers as messages; packed messages equal plain ones."""
+"""Markers as messages."""
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
-from typing import Any
 
 import pytest
-from visualization_msgs.msg import InteractiveMarkerControl, Marker, MarkerArray
+from visualization_msgs.msg import InteractiveMarkerControl, Marker
 
-from skiros2_gui.view3d.markers import AXES, BOX, MESH, ElementMarker, Visual
-from skiros2_gui.view3d.robot_model import RobotPart
+from skiros2_gui.view3d.markers import AXES, BOX, MESH, ElementMarker, RobotPart, Visual
 from skiros2_gui.view3d.ros.marker_messages import (
     TEXTS,
-    PackedMarkers,
+    deletions,
+    element_markers,
     interactive_marker,
     pose_message,
     robot_marker,
@@ -33,50 +31,29 @@ def marker(x: float = 1.0, frame: str = "größe", its_visual: Visual | None = N
     return ElementMarker("skiros:Teil-ä-7", frame, Pose((x, 2.0, 3.0), TURNED), its_visual or visual())
 
 
-def sent(packed: PackedMarkers, put: list[ElementMarker], gone: list[ElementMarker] | None = None) -> list[Any]:
-    buffer = io.BytesIO()
-    packed.message(put, gone or []).serialize(buffer)
-    return list(MarkerArray().deserialize(buffer.getvalue()).markers)
-
-
 @pytest.mark.parametrize(
     "its_visual", [visual(), visual(AXES), visual(MESH, mesh="file:///a.stl"), visual(text="")], ids=str
 )
-def test_packed_markers_equal_plain_messages(its_visual: Visual) -> None:
-    packed = PackedMarkers()
-    for x in (1.0, 5.0):  # made, then moved
-        shape, text = sent(packed, [marker(x, its_visual=its_visual)])
-        wanted = shape_marker(its_visual)
-        wanted.header.frame_id, wanted.pose = "größe", pose_message(Pose((x, 2.0, 3.0), TURNED))
-        buffer = io.BytesIO()
-        wanted.serialize(buffer)
-        assert shape == Marker().deserialize(buffer.getvalue())
-        assert (text.ns, text.id, text.text) == ("skiros:Teil-ä" + TEXTS, 7, its_visual.text)
-        assert text.pose.position.x == x and text.pose.position.z > 3.0 and text.header.frame_id == "größe"
-
-
-def test_changed_frame_or_visual_is_packed_again() -> None:
-    packed = PackedMarkers()
-    sent(packed, [marker()])
-    assert {m.header.frame_id for m in sent(packed, [marker(frame="map")])} == {"map"}
-    assert sent(packed, [marker(frame="map", its_visual=visual(text="other"))])[1].text == "other"
+def test_element_is_a_shape_with_its_text_above(its_visual: Visual) -> None:
+    shape, text = element_markers(marker(its_visual=its_visual))
+    wanted = shape_marker(its_visual)
+    wanted.header.frame_id, wanted.pose = "größe", pose_message(Pose((1.0, 2.0, 3.0), TURNED))
+    assert shape == wanted
+    assert (text.ns, text.id, text.text) == ("skiros:Teil-ä" + TEXTS, 7, its_visual.text)
+    assert text.pose.position.x == 1.0 and text.pose.position.z > 3.0 and text.header.frame_id == "größe"
 
 
 def test_removed_marker_is_deleted() -> None:
-    packed = PackedMarkers()
-    sent(packed, [marker()])
-    ended = sent(packed, [], [marker()])
-    assert [(m.ns, m.id, m.action) for m in ended] == [
+    assert [(m.ns, m.id, m.action) for m in deletions(visual())] == [
         ("skiros:Teil-ä", 7, Marker.DELETE),
         ("skiros:Teil-ä" + TEXTS, 7, Marker.DELETE),
     ]
 
 
 def test_hidden_label_is_deleted() -> None:
-    packed = PackedMarkers()
-    _, text = sent(packed, [replace(marker(), lift=None)])
+    _, text = element_markers(replace(marker(), lift=None))
     assert (text.ns, text.action) == ("skiros:Teil-ä" + TEXTS, Marker.DELETE)
-    _, text = sent(packed, [replace(marker(), lift=0.5)])
+    _, text = element_markers(replace(marker(), lift=0.5))
     assert text.action == Marker.ADD and text.pose.position.z == pytest.approx(marker().text_position[2] + 0.5)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.master import ask_master
-from skiros2_gui.app.ros import master
+from skiros2_gui.app.ros import system as master
 
 
 @pytest.fixture

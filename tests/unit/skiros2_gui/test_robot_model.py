@@ -7,8 +7,7 @@ import math
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_gui.view3d.markers import BOX, MESH
-from skiros2_gui.view3d.robot_model import CYLINDER, SPHERE, read_robot
+from skiros2_gui.view3d.markers import BOX, CYLINDER, MESH, SPHERE, read_robot
 
 URDF = """<robot name="r">
   <material name="blue"><color rgba="0 0 1 1"/></material>

@@ -17,13 +17,13 @@ from skiros2_gui.app.tasks import PAUSE, RESUME, STEP, STOP
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
-from skiros2_gui.testing.local_system import LocalManager, LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.client.description import Step
 from support.progress import IDLE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree, root
 from support.recorded_run import ROOT
 from support.ros import wait_until
+from support.window.local_system import LocalManager, LocalSystem
+from support.window.synchronous import make_window
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe
 
 Guard = describe("Guard", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])
@@ -211,7 +211,7 @@ def test_tasks_of_a_disconnected_robot_are_lost(window, presenter, robot):
     assert run.state is TaskState.LOST
     assert not presenter.is_live
     assert presenter.frame.state(1) == RUNNING
-    presenter.clear_ended()
+    window.tasks.clear_ended()
     assert presenter.run is None and presenter.frame is None
 
 
@@ -220,8 +220,8 @@ def test_task_that_the_manager_does_not_list_is_lost(window, presenter, robot):
     presenter.toggle()
     until(window, lambda: presenter.is_paused)
     window.publish(TaskProgress("/robot", pick_and_place(task_id=task + 1), time.time() - 100))
-    presenter.check(time.time())
-    presenter.check(time.time() + 100)
+    window.tasks.check(time.time())
+    window.tasks.check(time.time() + 100)
     assert {run.task_id: run.is_lost for run in presenter.runs} == {task: False, task + 1: True}
     window.publish(TaskProgress("/robot", pick_and_place(task_id=task + 1), time.time()))
     assert not any(run.is_lost for run in presenter.runs)  # it has told of itself again

@@ -18,15 +18,15 @@ from skiros2_gui.app.events import TaskProgress
 from skiros2_gui.app.tasks import RESUME, STEP, is_silent
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import rows_of
-from skiros2_gui.skills.fields import Editor, Field, ValueMode
+from skiros2_gui.skills.form import Editor, Field, ValueMode
 from skiros2_gui.skills.presenter import Refused, SkillsPresenter
 from skiros2_gui.skills.start_status import start_status
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_skill.client.description import Parameter
 from support.progress import SUCCESS, root
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 ROBOT = "/robot"
@@ -93,25 +93,13 @@ def test_search_covers_names_and_parameters(lab: Lab) -> None:
     assert lab.skills.rows == ()
 
 
-def test_most_used_skill_comes_first(lab: Lab) -> None:
-    lab.skills.restore({"uses": {"skiros:Note|note": 2, "skiros:Fetch|": 1}})
-    assert [name for name, _ in _names(lab)] == ["note", "Fetch"]
-    assert lab.skills.settings() == {"uses": {"skiros:Note|note": 2, "skiros:Fetch|": 1}}
-
-
-@pytest.mark.parametrize("nonsense", [{"uses": 3}, {"uses": {"a": "b", 3: 4, "c": -1, "d": True}}, {}])
-def test_invalid_settings_are_skipped(lab: Lab, nonsense: dict[str, Any]) -> None:
-    lab.skills.restore(nonsense)
-    assert lab.skills.uses == {}
-
-
 def test_skills_of_a_disconnected_robot_are_removed(lab: Lab) -> None:
     lab.skills.choose(NOTE)
     lab.skills.write("Text", "kept")
     assert lab.skills.can_start
     lab.system.remove_manager(ROBOT)
     lab.window.process_events()
-    assert rows_of({}, {}) == lab.skills.rows == ()
+    assert rows_of({}) == lab.skills.rows == ()
     assert not lab.skills.can_start
     lab.system.add_manager(ROBOT, [note])
     lab.window.process_events()
@@ -296,7 +284,7 @@ def test_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
     lab.skills.start()
     lab.until("running")
     row = lab.window.tasks.last_started(ROBOT)
-    assert (row.latest.shape.skills_text().lower(), lab.skills.uses) == ("fetch", {"skiros:Fetch|": 1})
+    assert row.latest.shape.skills_text().lower() == "fetch"
     lab.window.tasks.toggle(row)
     lab.until("paused")
     lab.window.tasks.command(STEP, ROBOT, row.task_id)
@@ -336,7 +324,6 @@ def test_refused_start_has_explanation(lab: Lab) -> None:
     lab.skills.start()
     assert "there is no element" in lab.skills.refused.text
     assert "Thing" in {origin.key for origin in lab.skills.refused.explanation.tried[0].params}
-    assert lab.skills.uses == {}
 
 
 def test_first_line_of_a_refusal_is_its_text(lab: Lab) -> None:

@@ -7,9 +7,8 @@ import itertools
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_gui.run.drawing import Drawing
-from skiros2_gui.run.layout import COUSINS, SIBLINGS, tidy_layout
-from skiros2_runs.core.shape import Shape
+from skiros2_gui.run.tree import COUSINS, SIBLINGS, Drawing, layout, pre_order
+from skiros2_runs.core.frame import Shape
 from support.progress import ProgressNode, pick_and_place, random_tree, root
 
 #: Types and processors.
@@ -30,7 +29,7 @@ def children_of(steps: list[int]) -> list[list[int]]:
 @given(trees)
 def test_layout_keeps_order_and_distance_and_centres_parents(steps: list[int]) -> None:
     children = children_of(steps)
-    row = tidy_layout(children)
+    row = layout(children, pre_order(children))
     assert min(row) == 0.0
     level, parent = [0], {0: -1}
     while level:
@@ -46,11 +45,12 @@ def test_layout_keeps_order_and_distance_and_centres_parents(steps: list[int]) -
 
 
 def test_long_chain_is_a_line() -> None:
-    assert tidy_layout([[number + 1] for number in range(5000)] + [[]]) == [0.0] * 5001
+    chain = [[number + 1] for number in range(5000)] + [[]]
+    assert layout(chain, pre_order(chain)) == [0.0] * 5001
 
 
 def test_empty_tree_has_empty_layout() -> None:
-    assert tidy_layout([]) == []
+    assert layout([], []) == []
     assert Drawing(Shape([]), ()).drawn == []
 
 

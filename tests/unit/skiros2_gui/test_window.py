@@ -6,11 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress
+from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, TaskProgress
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 
 
 @pytest.fixture

@@ -9,17 +9,18 @@ import pytest
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_gui.world.choices import CLASS, TEMPLATE, class_choices, element_choices, flat
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED, SceneHierarchy
 from skiros2_gui.world.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.changes import ADD, RESET, UPDATE, Change
+from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model import WorldModel
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +87,10 @@ def test_invalid_value_is_refused_with_the_property(vocabulary: Vocabulary, key:
 
 def test_domain_and_range_are_inherited(vocabulary: Vocabulary) -> None:
     assert vocabulary.mismatch("rparts:ArmDevice", "cora:robotPart", "cora:Robot") == ""
-    assert "for a subject of class Device" in vocabulary.mismatch("skiros:Part", "cora:robotPart", "cora:Robot")
-    assert "for an object of class Robot" in vocabulary.mismatch("rparts:ArmDevice", "cora:robotPart", "skiros:Part")
+    wrong = vocabulary.mismatch("skiros:Part", "cora:robotPart", "cora:Robot")
+    assert "the subject of cora:robotPart is a sumo:Device" in wrong
+    wrong = vocabulary.mismatch("rparts:ArmDevice", "cora:robotPart", "skiros:Part")
+    assert "the object of cora:robotPart is a cora:Robot" in wrong
     assert vocabulary.predicate("sumo:located").domain == ("sumo:Physical",)  # of the relation above it
 
 
@@ -206,7 +209,7 @@ def test_history_contains_author_and_changes(queries: WorldQueries) -> None:
     queries.fetch_history(ROOT)
     assert queries.history.entries is not None
     newest = queries.history.entries[0]
-    assert newest.author == "window" and newest.lines[-1].endswith("-> Cell 5")
+    assert newest.author == "window" and changed_lines(newest)[-1].endswith("-> Cell 5")
     queries.fetch_history("skiros:Part-77")
     assert queries.history.entries == () and "skiros:Part-77" in queries.history.text
 

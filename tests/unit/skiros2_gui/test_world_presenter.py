@@ -7,8 +7,6 @@ import pytest
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ConnectionChanged, ElementSelected, WorldChanged
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import SynchronousJobs, make_window
 from skiros2_gui.world.presenter import HIGHLIGHT_SECONDS, WorldPresenter
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, UNPLACED
@@ -16,6 +14,8 @@ from skiros2_world_model.core.changes import RESET, Add, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_abstract_interface import WmException
+from support.window.local_system import LocalSystem
+from support.window.synchronous import SynchronousJobs, make_window
 
 BOX = "skiros:LargeBox"
 
@@ -272,6 +272,18 @@ def test_orientation_is_edited_in_degrees(cell: Cell) -> None:
     after = cell.tab.details()
     assert after is not None and after.pose is not None
     assert after.pose.angles == pytest.approx((0.0, 0.0, 90.0))
+
+
+def test_pose_is_removed_and_restored(cell: Cell) -> None:
+    box = cell.add()
+    cell.tab.select(box)
+    cell.change(lambda r: r.remove_pose(box))
+    details = cell.tab.details()
+    assert details is not None and details.pose is None and cell.problem == ""
+    assert not any(row.name.startswith(("Position", "Orientation")) for row in details.properties)
+    cell.undo()
+    details = cell.tab.details()
+    assert details is not None and details.pose is not None
 
 
 def test_external_drag_is_one_undo_command(cell: Cell) -> None:

@@ -11,12 +11,12 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.window import Window
-from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_gui.testing.synchronous import make_window
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, SceneHierarchy
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from support.window.local_system import LocalSystem
+from support.window.synchronous import make_window
 
 _PICK = st.integers(0, 5)
 
@@ -132,7 +132,7 @@ class UndoStack(RuleBasedStateMachine):
         assert len(shown) == len(set(shown)) == len(hierarchy) + 2  # the top, and the node of what is nowhere
         anew = SceneHierarchy(self.wm.resolve_elements(Element()), hierarchy.spatial, hierarchy.parts)
         assert [list(hierarchy.children(eid)) for eid in shown] == [list(anew.children(eid)) for eid in shown]
-        assert all(hierarchy.child(hierarchy.parent(eid), hierarchy.row(eid)) == eid for eid in shown if eid != TOP)
+        assert all(hierarchy.children(hierarchy.parent(eid))[hierarchy.row(eid)] == eid for eid in shown if eid != TOP)
 
 
 class EditsAmongOthers(UndoStack):

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from skiros2_sim.core.box_fit import (
+from skiros2_sim.core.perception import (
     Points,
     corners_of,
     fit_box,

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from skiros2_sim.core import joint_motion as codes
-from skiros2_sim.core.joint_motion import JointMotion
-from skiros2_sim.core.joint_path import JointGoal, JointPoint, JointTolerance
+from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint, JointTolerance
 from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
@@ -111,7 +110,7 @@ def test_cancelled_trajectory_brakes_on_its_path(robot: MovedRobot) -> None:
         ({"points": (JointPoint(0.0, (0.5, 0, 0, -1, 0, 1, 0)),)}, codes.INVALID_GOAL, "begins immediately .*joint1"),
         ({"start": math.nan}, codes.INVALID_GOAL, "start nan"),
         ({"goal_time_tolerance": -1.0}, codes.INVALID_GOAL, "goal time tolerance -1.0"),
-        ({"path_tolerance": {"panda_joint1": JointTolerance(math.nan)}}, codes.INVALID_GOAL, "path tolerance of"),
+        ({"path_tolerance": {"panda_joint1": JointTolerance(math.nan)}}, codes.INVALID_GOAL, "the tolerance of"),
         ({"goal_tolerance": {"x": JointTolerance(0.1)}}, codes.INVALID_JOINTS, "goal tolerance for 'arm/x'"),
     ],
 )

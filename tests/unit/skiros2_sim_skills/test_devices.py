@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from skiros2_common.core.world_element import Element
 from skiros2_sim_skills.core.devices import opening, posture
 
@@ -26,11 +24,8 @@ def test_opening_has_a_default() -> None:
     assert opening(gripper) == 0.05
 
 
-def test_earlier_names_are_read_with_one_warning(caplog: pytest.LogCaptureFixture) -> None:
+def test_earlier_names_are_read() -> None:
     gripper = Element("rparts:GripperEffector", "Gripper")
     gripper.setProperty("demo:Opening", 0.04)
-    for _ in range(2):
-        assert posture(arm_with("demo"), "home") == {"a": 0.5, "b": -1.0}
-        assert opening(gripper) == 0.04
-    (warning,) = caplog.messages
-    assert "demo:Postures is now skiros:Postures" in warning
+    assert posture(arm_with("demo"), "home") == {"a": 0.5, "b": -1.0}
+    assert opening(gripper) == 0.04

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.errors import Refused
-from skiros2_demo.disturbances import Moved, Slip
-from skiros2_demo.world_state import Thing, WorldState
+from skiros2_demo.run_check import Thing, WorldState
+from skiros2_demo.simulation import Moved, Slip
 from skiros2_std_reasoners.core.geometry import Pose
 
 IDLE, RUNNING = 4, 3

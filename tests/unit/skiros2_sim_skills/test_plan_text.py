@@ -3,7 +3,7 @@
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_demo.plan_text import plan_lines, steps_of
+from skiros2_demo.run_check import plan_lines, steps_of
 from support.recorded_run import PLAN, PRODUCT, TRAY_B
 
 NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}

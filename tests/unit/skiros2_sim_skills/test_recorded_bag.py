@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_demo.changes import changes
-from skiros2_demo.run_check import GoalRun, check, read_run
+from skiros2_demo.run_check import GoalRun, changes, check, read_run
 from skiros2_runs.core.task_run import TaskRun
 from support.progress import FAILURE, ProgressNode, root
 
@@ -30,8 +29,8 @@ def test_recorded_run_passes_all_checks(run: GoalRun) -> None:
 
 def test_world_before_and_after_is_read(run: GoalRun) -> None:
     told = changes(run.before, run.after)
-    assert "Product A is in Tray B; it was in Tray A" in told
-    assert "mobile_manipulator is at Workstation 2; it was at Charging station" in told
+    assert {"- Tray A skiros:contain Product A", "+ Tray B skiros:contain Product A"} <= {*told}
+    assert "+ mobile_manipulator skiros:at Workstation 2" in told
     assert {run.after.name(i) for i in run.after.things} >= {"Tray A", "Tray B", "Product B", "Product C", "Gripper"}
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from skiros2_bags.core.checking import Finding
-from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.run import Finding
 from skiros2_demo.run_check import check, read_run
 from support.recorded_run import (
     FAILURE,

@@ -13,11 +13,11 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
 from skiros2_skill.client.description import Why, find_skill, read_skill
-from skiros2_skill.command_line import connection, program, world
+from skiros2_skill.command_line import connection, program, queries
 from skiros2_skill.command_line.assignments import read_steps
-from skiros2_skill.command_line.world import World
+from skiros2_skill.command_line.queries import World
 from skiros2_skill.core.engine.breakpoints import Breakpoint
-from skiros2_skill.core.runtime.task_starter import StartPreview
+from skiros2_skill.core.runtime.request import StartPreview
 from skiros2_skill.ros.registration import Registration
 from unit.skiros2_skill.skills import CONTAINER, INFERRED, OBJECT, OPTIONAL, REQUIRED, contains, describe, primitive
 
@@ -139,7 +139,7 @@ def manager(skills):
 def run(manager, bench, monkeypatch, capsys):
     """Runs a command to its end."""
     monkeypatch.setattr(program, "connect", lambda robot, author: manager)
-    monkeypatch.setattr(world, "connect", lambda name, author: bench.wmi)
+    monkeypatch.setattr(queries, "connect", lambda name, author: bench.wmi)
 
     def run(name: str, *arguments: str) -> Result:
         capsys.readouterr()
@@ -214,7 +214,7 @@ def test_describe_without_a_world_model_reports_missing_conditions(run, monkeypa
     def absent(name, author):
         raise Unavailable("there is no world model /wm")
 
-    monkeypatch.setattr(world, "connect", absent)
+    monkeypatch.setattr(queries, "connect", absent)
     shown = run("describe", "measure")
     assert shown.status == 0
     assert shown.out.splitlines()[-1] == "conditions are not known: there is no world model /wm"
@@ -394,7 +394,7 @@ def test_unknown_element_is_refused(run, skills, name):
 
 def test_world_model_of_the_managers_namespace_is_used(monkeypatch, bench):
     asked = []
-    monkeypatch.setattr(world, "connect", lambda name, author: asked.append((name, author)) or bench.wmi)
+    monkeypatch.setattr(queries, "connect", lambda name, author: asked.append((name, author)) or bench.wmi)
     with pytest.raises(UnknownName):
         World("/cell/robot", "mary").registered("skiros:Grasp", "none")
     assert asked == [("/cell/wm", "mary")]

@@ -42,12 +42,8 @@ FETCH = [
 ]
 
 
-def nothing_holds(skill_type, label):
-    return []
-
-
-def lines(nodes, screen=Screen(), holds=nothing_holds, most=None):  # noqa: B008
-    return [line.text for line in picture(screen, frame_of(nodes), "/arm", holds, most)]
+def lines(nodes, screen=Screen(), most=None):  # noqa: B008
+    return [line.text for line in picture(screen, frame_of(nodes), "/arm", most)]
 
 
 # -- the tree ----------------------------------------------------------------------------------------------------------
@@ -61,18 +57,6 @@ def test_tree_shows_states_processors_times_and_messages():
         "├── ▶ grasp   running    0.5 s  closing",
         "└── ○ node 4  idle",
     ]
-
-
-def test_hold_conditions_are_shown_below_running_nodes():
-    asked = []
-
-    def holds(skill_type, label):
-        asked.append((skill_type, label))
-        return ["Robot skiros:at Place"] if label == "grasp" else []
-
-    shown = lines(task(*FETCH), holds=holds)
-    assert shown[4] == "│   └── holds: Robot skiros:at Place"
-    assert asked == [("skiros:Fetch", "fetch"), ("skiros:Grasp", "grasp")]
 
 
 def test_root_shows_why_it_failed_or_is_paused():
@@ -89,7 +73,7 @@ def test_failure_shows_its_code():
 
 def test_each_state_has_a_colour():
     nodes = [node(i, "x", state) for i, state in enumerate((SUCCESS, FAILURE, RUNNING, IDLE, 9))]
-    colours = [line.colour for line in picture(Screen(), frame_of(task(*nodes)), "/arm", nothing_holds)[1:]]
+    colours = [line.colour for line in picture(Screen(), frame_of(task(*nodes)), "/arm")[1:]]
     assert len(set(colours)) == 5
 
 
@@ -231,7 +215,7 @@ def live(monkeypatch):
     monkeypatch.setattr(watch.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
     monkeypatch.setattr(watch, "screen", lambda: Screen(60))
     out = io.StringIO()
-    view = LiveView(out, nothing_holds, idle="no task runs on /arm; Ctrl-C ends")
+    view = LiveView(out, idle="no task runs on /arm; Ctrl-C ends")
 
     def shown(*tasks):
         for nodes in tasks:

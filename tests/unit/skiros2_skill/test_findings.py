@@ -11,7 +11,7 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.explanation import Change, Explanation
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.diagnosis.authors import add_authors
+from skiros2_skill.core.runtime.diagnosis import add_authors
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel

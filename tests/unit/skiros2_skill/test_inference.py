@@ -13,8 +13,7 @@ from skiros2_common.core.explanation import FilterStep
 from skiros2_common.core.names import id_order
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.engine.inference import infer
-from skiros2_skill.core.engine.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 make = SkillDescription()

@@ -5,7 +5,7 @@ import pytest
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import HOLD, PRE
 from skiros2_runs.core.values import FAILS, HOLDS, UNKNOWN, NodeStatus
-from skiros2_skill.core.diagnosis.inspection import inspect
+from skiros2_skill.core.runtime.diagnosis import inspect
 from skiros2_skill.core.runtime.task import Task
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe, primitive, running_for
 

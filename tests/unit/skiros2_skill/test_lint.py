@@ -253,7 +253,7 @@ def test_checked_code_has_only_the_reading_methods_of_the_port(bench):
             getattr(guard, name)
         except SkirosError:
             refused.add(name)
-    assert {"instanciate", "add_element", "transact", "_transact", "_modify", "set_relation", "add_class"} <= refused
+    assert {"instanciate", "add_element", "transact", "_modify", "set_relation", "add_class"} <= refused
     assert calls - refused == read_only_calls(WorldModelPort) & calls
 
 

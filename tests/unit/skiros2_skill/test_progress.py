@@ -8,7 +8,7 @@ import rospy
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_msgs import msg as msgs
-from skiros2_skill.ros.progress import ProgressPublisher
+from skiros2_skill.ros.messages import ProgressPublisher
 from unit.skiros2_skill.skills import Note, primitive
 
 
@@ -71,19 +71,6 @@ def test_no_message_is_created_without_subscriber(progress, task, monkeypatch):
     assert (asked, progress._publisher.sent) == ([1], [])
 
 
-def test_unchanged_message_is_not_serialized_again(progress, task, monkeypatch):
-    progress.publish(task)
-    with monkeypatch.context() as patch:
-        patch.setattr(task, "progress", lambda: pytest.fail("asked again"))
-        patch.setattr(msgs.TreeProgress, "serialize", lambda *_: pytest.fail("written again"))
-        progress.publish(task)
-    first, second = progress._publisher.sent
-    assert first == second
-    tick(task)
-    progress.publish(task)
-    assert [node.progress_code for node in read(progress._publisher.sent[2])] == [0, 2]
-
-
 def test_message_with_parameters_is_always_current(progress, task):
     progress.with_params = True
     progress.publish(task)
@@ -96,11 +83,10 @@ def test_message_with_parameters_is_always_current(progress, task):
     assert texts == [["äöü"], ["new"]]
 
 
-def test_message_of_ended_task_is_discarded(progress, task):
+def test_last_message_of_a_task_tells_of_its_end(progress, task):
     progress.publish(task)
     task.preempt()
     tick(task)
     progress.publish(task)
     assert read(progress._publisher.sent[-1])[0].progress_code == -1
     assert task.state is State.Failure
-    assert progress._messages == {}

@@ -6,7 +6,7 @@ import pytest
 from actionlib import CommState
 
 from skiros2_common.core.errors import TimedOut
-from skiros2_skill.client import skill_run
+from skiros2_skill.client import manager
 
 
 class Client:
@@ -40,7 +40,7 @@ class Client:
 def clock(monkeypatch):
     clock = SimpleNamespace(now=100.0, sleep=None)
     clock.monotonic = lambda: clock.now
-    monkeypatch.setattr(skill_run, "time", clock)
+    monkeypatch.setattr(manager, "time", clock)
     return clock
 
 
@@ -52,32 +52,32 @@ def client():
 @pytest.fixture
 def runs(client, clock):
     """Three goals, sent one after the other."""
-    last_accepted = skill_run._LastAccepted()
+    last_accepted = manager._LastAccepted()
     runs = []
     for _ in range(3):
-        runs.append(skill_run.SkillRun(client, None, None, last_accepted))
+        runs.append(manager.SkillRun(client, None, None, last_accepted))
         clock.now += 0.01
     return runs
 
 
 def test_goal_that_is_not_accepted_times_out(runs, clock):
-    clock.now += skill_run.SILENCE + 0.1
+    clock.now += manager.SILENCE + 0.1
     with pytest.raises(TimedOut, match="/robot/execute has not taken the skills"):
         runs[0].wait(0.0)
 
 
 def test_goal_waits_while_earlier_goals_are_accepted(runs, client, clock):
     for number in range(2):
-        clock.now += skill_run.SILENCE - 1.0
+        clock.now += manager.SILENCE - 1.0
         client.accept(number)
         assert not runs[2].wait(0.0)
-    clock.now += skill_run.SILENCE + 0.1
+    clock.now += manager.SILENCE + 0.1
     with pytest.raises(TimedOut, match="has not taken"):
         runs[2].wait(0.0)
 
 
 def test_goal_that_was_passed_over_times_out(runs, client, clock):
-    clock.now += skill_run.SILENCE + 0.1
+    clock.now += manager.SILENCE + 0.1
     client.accept(2)
     assert not runs[2].wait(0.0)
     with pytest.raises(TimedOut, match="has not taken"):
@@ -86,11 +86,11 @@ def test_goal_that_was_passed_over_times_out(runs, client, clock):
 
 def test_feedback_after_result_is_delivered(client, monkeypatch):
     callbacks = {}
-    monkeypatch.setattr(skill_run.actionlib, "ActionClient", lambda name, kind: client)
-    monkeypatch.setattr(skill_run.rospy, "Subscriber", lambda topic, kind, call: callbacks.setdefault(topic, call))
-    monkeypatch.setattr(skill_run.ServerWatch, "is_connected", lambda self: True)
+    monkeypatch.setattr(manager.actionlib, "ActionClient", lambda name, kind: client)
+    monkeypatch.setattr(manager.rospy, "Subscriber", lambda topic, kind, call: callbacks.setdefault(topic, call))
+    monkeypatch.setattr(manager.ServerWatch, "is_connected", lambda self: True)
     received = []
-    run = skill_run.SkillRunner("/robot").run("me", [], received.append)
+    run = manager.SkillRunner("/robot").run("me", [], received.append)
     handle = client.handles[0]
     handle.state, handle.get_result = CommState.DONE, lambda: SimpleNamespace(task_id=7)
     handle.on_transition(handle)

@@ -12,8 +12,8 @@ from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
 from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.request import TaskRefused, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
-from skiros2_skill.core.runtime.task_starter import TaskRefused, TaskStarter
 from skiros2_skill.ros.messages import param_messages, skill_request, wire_code, wire_text
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, Note, contains, describe, primitive

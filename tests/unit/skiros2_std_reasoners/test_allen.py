@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skiros2_std_reasoners.core.allen import relation, same
+from skiros2_std_reasoners.core.relations import interval_relation as relation
+from skiros2_std_reasoners.core.relations import same
 
 ENDS = st.integers(-4, 4)
 INTERVALS = st.tuples(ENDS, ENDS).map(lambda ends: (float(min(ends)), float(max(ends)))).filter(lambda i: i[0] < i[1])

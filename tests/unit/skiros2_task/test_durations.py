@@ -93,12 +93,12 @@ def test_concurrent_processes_share_file(file: Path) -> None:
     ("text", "reason"),
     [
         ("{", "Expecting property name"),
-        ("[]", "the file: expected an object"),
-        ('{"a": 3}', "a: expected an object"),
-        ('{"a": {"/b": 3}}', "a of /b: expected a list"),
-        ('{"a": {"/b": [-1]}}', "a of /b: -1 is not a duration"),
-        ('{"a": {"/b": ["x"]}}', "a of /b: 'x' is not a duration"),
-        ('{"a": {"/b": [NaN]}}', "a of /b: nan is not a duration"),
+        ("[]", "'list' object has no attribute 'items'"),
+        ('{"a": 3}', "'int' object has no attribute 'items'"),
+        ('{"a": {"/b": 3}}', "'int' object is not iterable"),
+        ('{"a": {"/b": [-1]}}', "a of /b took -1, expected seconds"),
+        ('{"a": {"/b": ["x"]}}', "a of /b took 'x', expected seconds"),
+        ('{"a": {"/b": [NaN]}}', "a of /b took nan, expected seconds"),
     ],
 )
 def test_malformed_file_is_logged_and_replaced(

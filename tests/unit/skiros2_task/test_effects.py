@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skiros2_task.core.effects import FactFamilies
+from skiros2_task.core.conditions import FactFamilies
 from skiros2_task.core.formula import Atom, Kind, Not, Or, Predicate
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
 from skiros2_task.core.execution import End, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
-from skiros2_task.core.planners import PlannerAnswer, engine_planner
+from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.task import PlanningTask
 from support.planning_world import PlanningWorld, transport_world

@@ -97,7 +97,7 @@ def test_portfolio_respects_time_limit(processes: EngineProcesses, own_folder: P
 def test_portfolio_respects_memory_limit(processes: EngineProcesses) -> None:
     blind = SearchPortfolio((Search("blind", "astar(blind())"),))
     job = Job(transport_task(4, 12, 14), blind, Limits(60.0, memory_mb=60))
-    answer = processes.run(job, threading.Event()).answer
+    answer = processes.run(job, threading.Event())
     assert answer.outcome is Outcome.FAILED
     assert "blind exceeded its memory limit" in answer.reason
 
@@ -110,10 +110,12 @@ def test_planner_named_accepts_quality_or_engine(processes: EngineProcesses) -> 
     assert other.name == "fast-downward-opt"
 
 
-def test_installed_engines_are_listed(processes: EngineProcesses) -> None:
-    engines = processes.engines()
-    assert {"fast-downward", "fast-downward-opt"} <= set(engines)
-    assert not any("[" in name for name in engines)
+def test_unknown_engine_is_answered_with_the_installed_ones(processes: EngineProcesses) -> None:
+    answer = engine_planner(processes, "no-such-engine").solve(transport_task(1, 2, 1), LIMITS)
+    assert answer.outcome is Outcome.FAILED
+    _, _, names = answer.reason.partition("installed: ")
+    assert {"fast-downward", "fast-downward-opt"} <= set(names.split(", "))
+    assert "[" not in names
 
 
 BAD = "support.bad_engines"

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_common.core.errors import WrongType
-from skiros2_task.core.engines import FoundPlan, Limits, Outcome
-from skiros2_task.core.formula import Atom, Exists, Kind, Predicate
-from skiros2_task.core.planners import PlannerAnswer
+from skiros2_task.core.engines import FoundPlan, Limits, Outcome, PlannerAnswer
+from skiros2_task.core.formula import Kind, Predicate
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep
@@ -106,30 +104,6 @@ def test_planner_is_not_called_for_trivial_goals(world: PlanningWorld) -> None:
     assert tasks.plan(f"(skiros:at {world.robots[0]} {world.places[0]})").verdict is Verdict.NOTHING_TO_DO
     assert tasks.plan(f"(skiros:hasA {world.places[0]} {world.products[0]})").verdict is Verdict.IMPOSSIBLE
     assert given.asked == []
-
-
-def test_goal_may_be_formula(world: PlanningWorld) -> None:
-    answer = PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", (drive_step(world),)),))
-    goal = Atom(AT, (world.robots[0], world.places[1]))
-    assert planner(world, answer).plan(goal).verdict is Verdict.PLANNED
-    somewhere = Exists((("?x", "skiros:Location"),), Atom(AT, (world.robots[0], "?x")))
-    assert planner(world, answer).plan(somewhere).verdict is Verdict.NOTHING_TO_DO
-
-
-@pytest.mark.parametrize(
-    ("terms", "expected"), [(("nobody", "?x"), "unknown element 'nobody'"), (("?x",), "expected subject and object")]
-)
-def test_formula_with_unknown_name_is_refused(world: PlanningWorld, terms: tuple[str, ...], expected: str) -> None:
-    goal = Exists((("?x", "skiros:Location"),), Atom(AT, terms))
-    result = planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)
-    assert result.verdict is Verdict.FAILED
-    assert expected in result.message
-
-
-@pytest.mark.parametrize("goal", [None, 3, b"(p a)", ["(p a)"]])
-def test_goal_of_wrong_type_raises(world: PlanningWorld, goal: object) -> None:
-    with pytest.raises(WrongType, match="expected its text or a formula, found"):
-        planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)  # type: ignore[arg-type]
 
 
 def test_cancelled_request_does_not_reach_planner(world: PlanningWorld) -> None:

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.engines import FoundPlan, Limits, Outcome
+from skiros2_task.core.engines import FoundPlan, Limits, Outcome, PlannerAnswer
 from skiros2_task.core.formula import disjunction, holds
 from skiros2_task.core.plan import make_plan
-from skiros2_task.core.planners import PlannerAnswer
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.reduction import reduced
 from skiros2_task.core.semantics import validate

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_task.core.engines import EngineProcesses, Limits, Outcome, descendants
+from skiros2_common.core.processes import descendants
+from skiros2_task.core.engines import EngineProcesses, Limits, Outcome
 from skiros2_task.core.formula import Not, Or, conjunction
 from skiros2_task.core.planners import EnginePlanner, engine_planner
 from skiros2_task.core.semantics import validate

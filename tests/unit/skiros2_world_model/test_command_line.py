@@ -14,8 +14,8 @@ from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.errors import WrongValue
 from skiros2_world_model.command_line import program
-from skiros2_world_model.command_line.connection import connect
-from skiros2_world_model.command_line.values import point
+from skiros2_world_model.command_line.program import connect
+from skiros2_world_model.command_line.reading import point
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
@@ -234,9 +234,9 @@ def test_query_shows_a_table(run) -> None:
     ]
 
 
-def test_query_of_a_file_without_names_of_columns(run, tmp_path: Path) -> None:
+def test_query_of_a_file_that_selects_all_columns(run, tmp_path: Path) -> None:
     (tmp_path / "all.rq").write_text("# all\nSELECT * WHERE { skiros:Scene-0 skiros:contain ?x }")
-    assert run("query", "-f", str(tmp_path / "all.rq")).out == "skiros:LargeBox-80\n"
+    assert run("query", "-f", str(tmp_path / "all.rq")).out.split() == ["x", "------------------", "skiros:LargeBox-80"]
     assert run("query", "ASK {}", "--json").json == [[True]]
     assert run("query", "SELECT ?x { ?x a skiros:Robot7 }").out == "no rows\n"
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError
-from skiros2_common.core.ports import free_port
+from skiros2_common.core.processes import free_port
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.endpoint_store import EndpointStore
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies

@@ -49,13 +49,12 @@ def test_the_last_change_of_an_element_a_property_and_a_relation(mary: LocalWorl
     tray = paul.get_element(tray.id)
     tray.setProperty("Weight", 2.0)
     paul.update_element(tray)
-    history = mary.model.history
-    last = [history.last_change(tray.id, *which) for which in ((), ("Weight",), ("Color",), ("contain",))]
-    assert [entry and entry.author for entry in last] == ["paul", "paul", "mary", "paul"]
-    assert last[0] and last[1] and last[0].number == last[1].number == tray.version
-    assert history.last_change(SCENE, "contain", tray.id) is not None
-    assert history.last_change(tray.id, "Size") is None
-    assert history.last_change(SCENE, "contain", "skiros:LargeBox-99") is None
+    entries = mary.history(tray.id)[::-1]
+    names = ("skiros:Weight", "skiros:Color", "skiros:contain")
+    last = [next(entry for entry in entries if entry.affects([name])) for name in names]
+    assert [entry.author for entry in last] == ["paul", "mary", "paul"]
+    assert entries[0].number == last[0].number == tray.version
+    assert not any(entry.affects(["skiros:Size"]) for entry in entries)
 
 
 def test_an_element_that_is_gone_has_a_history(mary: LocalWorldModel, paul: LocalWorldModel) -> None:

@@ -15,7 +15,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import Add, Operation, Patch, Relate, Remove, Update
-from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.history import HistoryEntry
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.world_model import WorldModel

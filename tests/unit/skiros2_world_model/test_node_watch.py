@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from skiros2_world_model.ros import node_watch
-from skiros2_world_model.ros.node_watch import NodeWatch
+from skiros2_world_model.ros import last_will
+from skiros2_world_model.ros.last_will import NodeWatch
 from support.ros import wait_until
 
 #: A node's slave API, as far as it is asked; it prints where it listens.
@@ -34,7 +34,7 @@ server.serve_forever()
 WHILE = 1.0
 
 
-class ElementRecord:
+class RosNode:
     """A process with a slave API."""
 
     def __init__(self, protocol: str = "HTTP/1.1") -> None:
@@ -51,7 +51,7 @@ class ElementRecord:
 class Wire:
     """Stands between watch and node, and can be cut."""
 
-    def __init__(self, node: ElementRecord) -> None:
+    def __init__(self, node: RosNode) -> None:
         self._node = node
         self._listener = socket.create_server(("localhost", 0))
         self.port = self._listener.getsockname()[1]
@@ -95,8 +95,8 @@ class Wire:
 
 
 @pytest.fixture
-def node() -> Iterator[ElementRecord]:
-    node = ElementRecord()
+def node() -> Iterator[RosNode]:
+    node = RosNode()
     yield node
     node.kill()
 
@@ -123,14 +123,14 @@ def has_answered(wire: Wire, count: int) -> None:
     wait_until(lambda: wire.connections == count, what="the connection")
 
 
-def test_a_node_that_is_killed_is_gone(node: ElementRecord, watch: Any) -> None:
+def test_a_node_that_is_killed_is_gone(node: RosNode, watch: Any) -> None:
     gone = watch(node.port, node.pid)
     assert not gone.wait(0.3)
     node.kill()
     assert gone.wait(5.0)
 
 
-def test_one_that_is_stopped_for_a_while_is_not(node: ElementRecord, watch: Any) -> None:
+def test_one_that_is_stopped_for_a_while_is_not(node: RosNode, watch: Any) -> None:
     gone = watch(node.port, node.pid)
     os.kill(node.pid, signal.SIGSTOP)
     assert not gone.wait(WHILE)
@@ -140,7 +140,7 @@ def test_one_that_is_stopped_for_a_while_is_not(node: ElementRecord, watch: Any)
     assert gone.wait(5.0)
 
 
-def test_one_that_is_killed_while_it_is_stopped_is_gone(node: ElementRecord, watch: Any) -> None:
+def test_one_that_is_killed_while_it_is_stopped_is_gone(node: RosNode, watch: Any) -> None:
     os.kill(node.pid, signal.SIGSTOP)
     gone = watch(node.port, node.pid)
     assert not gone.wait(0.3)
@@ -148,7 +148,7 @@ def test_one_that_is_killed_while_it_is_stopped_is_gone(node: ElementRecord, wat
     assert gone.wait(5.0)
 
 
-def test_broken_connection_to_a_live_node_is_restored(node: ElementRecord, watch: Any) -> None:
+def test_broken_connection_to_a_live_node_is_restored(node: RosNode, watch: Any) -> None:
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     for count in (1, 2, 3):
@@ -162,7 +162,7 @@ def test_broken_connection_to_a_live_node_is_restored(node: ElementRecord, watch
 
 
 def test_a_node_that_closes_each_connection_is_watched_too(watch: Any) -> None:
-    node = ElementRecord("HTTP/1.0")
+    node = RosNode("HTTP/1.0")
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     has_answered(wire, 3)
@@ -172,12 +172,12 @@ def test_a_node_that_closes_each_connection_is_watched_too(watch: Any) -> None:
     assert gone.wait(5.0)
 
 
-def test_another_process_in_its_place_is_not_the_node(node: ElementRecord, watch: Any) -> None:
+def test_another_process_in_its_place_is_not_the_node(node: RosNode, watch: Any) -> None:
     assert watch(node.port, node.pid + 1).wait(5.0)
 
 
 def test_address_that_is_not_a_node_counts_as_dead(watch: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node_watch, "_PAUSES", (0.01, 0.05))
+    monkeypatch.setattr(last_will, "_PAUSES", (0.01, 0.05))
     with socket.create_server(("localhost", 0)) as stranger:
         answers = [b"", b"no HTTP", b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n"] * 2
 
@@ -215,9 +215,9 @@ def network(monkeypatch: pytest.MonkeyPatch) -> Network:
 
 
 def test_one_that_is_out_of_reach_for_long_is_gone(
-    node: ElementRecord, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
+    node: RosNode, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(node_watch, "UNREACHABLE_TIMEOUT", 0.5)
+    monkeypatch.setattr(last_will, "UNREACHABLE_TIMEOUT", 0.5)
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     has_answered(wire, 1)
@@ -228,7 +228,7 @@ def test_one_that_is_out_of_reach_for_long_is_gone(
     assert gone.wait(5.0)
 
 
-def test_one_that_is_out_of_reach_for_a_while_is_not(node: ElementRecord, watch: Any, network: Network) -> None:
+def test_one_that_is_out_of_reach_for_a_while_is_not(node: RosNode, watch: Any, network: Network) -> None:
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     has_answered(wire, 1)
@@ -241,9 +241,9 @@ def test_one_that_is_out_of_reach_for_a_while_is_not(node: ElementRecord, watch:
 
 
 def test_one_that_was_never_reached_is_not_gone(
-    node: ElementRecord, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
+    node: RosNode, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(node_watch, "UNREACHABLE_TIMEOUT", 0.1)
+    monkeypatch.setattr(last_will, "UNREACHABLE_TIMEOUT", 0.1)
     network.is_up = False
     gone = watch(node.port, node.pid)
     for _ in range(3):
@@ -254,7 +254,7 @@ def test_one_that_was_never_reached_is_not_gone(
     assert gone.wait(5.0)
 
 
-def test_other_process_at_the_first_connection_is_not_a_death(node: ElementRecord) -> None:
+def test_other_process_at_the_first_connection_is_not_a_death(node: RosNode) -> None:
     gone = threading.Event()
     watch = NodeWatch(f"http://localhost:{node.port}/", node.pid + 1, gone.set)
     watch.connect()
@@ -264,13 +264,13 @@ def test_other_process_at_the_first_connection_is_not_a_death(node: ElementRecor
     assert not gone.is_set()
 
 
-def test_nobody_is_met_where_nobody_listens(node: ElementRecord) -> None:
+def test_nobody_is_met_where_nobody_listens(node: RosNode) -> None:
     node.kill()
     with pytest.raises(OSError):
         NodeWatch(f"http://localhost:{node.port}/", node.pid, list).connect()
 
 
-def test_one_that_dies_right_after_it_was_met_is_gone(node: ElementRecord) -> None:
+def test_one_that_dies_right_after_it_was_met_is_gone(node: RosNode) -> None:
     gone = threading.Event()
     watch = NodeWatch(f"http://localhost:{node.port}/", node.pid, gone.set)
     watch.connect()

@@ -7,7 +7,7 @@ import pyoxigraph as ox
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_world_model.core.rdf_files import parse_triples, read_triples, turtle, write_file
+from skiros2_world_model.core.rdf import parse_triples, read_triples, turtle, write_file
 
 LAB = "http://x.org/lab.owl#"
 

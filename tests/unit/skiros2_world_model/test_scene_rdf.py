@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.local_world_model import source_ontologies
-from skiros2_world_model.core.rdf_files import turtle
+from skiros2_world_model.core.rdf import turtle
 from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.scene_rdf import scene_triples, scene_turtle
 from skiros2_world_model.core.world_model import WorldModel

@@ -339,8 +339,8 @@ def content(scene: Scene) -> SceneModel:
 
 
 def test_random_requests_match_a_simple_model() -> None:
-    run_state_machine_as_test(InProcess, settings=fuzz_settings(120, 30))
+    run_state_machine_as_test(InProcess, settings=fuzz_settings(40, 30))
 
 
 def test_random_requests_match_a_simple_model_with_journal_reasoner_and_restarts() -> None:
-    run_state_machine_as_test(Kept, settings=fuzz_settings(120, 30))
+    run_state_machine_as_test(Kept, settings=fuzz_settings(40, 30))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_world_model.core.datatypes import as_datatype
 from skiros2_world_model.core.prefixes import XSD, Prefixes
-from skiros2_world_model.core.terms import literal, parse_term, python_value, term_text
+from skiros2_world_model.core.rdf import literal, parse_term, python_value, term_text
 
 
 def typed(text, datatype):

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from skiros2_common.core.errors import Refused, TimedOut, WrongValue
-from skiros2_world_model.core.time_limit import TimeLimit
+from skiros2_world_model.core.triple_store import TimeLimit
 
 
 def test_caller_gets_result_or_exception():

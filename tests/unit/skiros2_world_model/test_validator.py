@@ -6,10 +6,10 @@ import threading
 
 import pytest
 
-from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.report import VIOLATION, WARNING
-from skiros2_world_model.core.validator import Validator
+from skiros2_world_model.core.validation import Validator
 from support.ros import wait_until
 
 SCENE = """@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
@@ -39,46 +39,19 @@ def told(report):
     return {(f.severity, f.element, f.property) for f in report.findings}
 
 
-def test_findings_of_a_loaded_file_are_logged_and_cached(validator, load, caplog):
+def test_findings_of_a_loaded_file_are_logged(validator, load, caplog):
     load("-1")
     with caplog.at_level(logging.WARNING):
         validator.file_loaded("scene")
-        report = validator.file_report("scene")
-    assert told(report) == {
-        (VIOLATION, "skiros:LargeBox-1", "skiros:SizeX"), (WARNING, "skiros:LargeBox-1", "skiros:colour")
-    }  # fmt: skip
-    assert report.origin.endswith("workspace/scene.ttl")
+        wait_until(lambda: any("skiros:SizeX: a size is" in m for m in caplog.messages))
     logged = [m for m in caplog.messages if "skiros:SizeX: a size is" in m]
     assert len(logged) == 1 and "scene.ttl: 1 violation, 1 warning" in logged[0] and "colour" not in logged[0]
-    assert validator.file_report("scene") is report
 
 
-def test_the_file_that_was_loaded_last_counts(validator, load):
-    for size in ("-1", "-2", "-3", "1"):
-        load(size)
-        validator.file_loaded("scene")
-    assert told(validator.file_report()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
-
-
-def test_waiting_caller_gets_the_report_of_the_later_file(validator, load):
-    load("-1")
-    validator.file_loaded("scene")
-    validator.file_loaded("scene")  # this one waits, and is cancelled
-    reports = []
-    waiting = threading.Thread(target=lambda: reports.append(validator.file_report()))
-    waiting.start()
-    load("1")
-    validator.file_loaded("scene")
-    waiting.join()
-    assert len(reports) == 1
-    assert told(validator.file_report()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
-
-
-def test_a_file_of_another_context_is_validated_when_asked_for(validator, load):
+def test_a_file_of_another_context_is_validated_too(validator, load, caplog):
     load("-1", "memory")
-    assert validator.file_report("memory").origin.endswith("memory.ttl")
-    with pytest.raises(UnknownName, match="no file was loaded into the context 'scene'"):
-        validator.file_report()
+    validator.file_loaded("memory")
+    wait_until(lambda: any("memory.ttl: 1 violation" in m for m in caplog.messages))
 
 
 def test_current_scene_is_validated_with_classes_declared_at_run_time(validator, model, wm):
@@ -94,9 +67,8 @@ def test_current_scene_is_validated_with_classes_declared_at_run_time(validator,
 def test_missing_file_is_reported(validator, load, workspace, caplog):
     load("1")
     (workspace / "scene.ttl").unlink()
-    with pytest.raises(WrongValue, match=r"scene\.ttl: cannot be read"):
-        validator.file_report()
-    assert any("scene.ttl: cannot be read" in m for m in caplog.messages)
+    validator.file_loaded("scene")
+    wait_until(lambda: any("scene.ttl: cannot be read" in m for m in caplog.messages))
 
 
 def test_invalid_shapes_are_reported(validator, model, load, workspace):
@@ -106,7 +78,7 @@ def test_invalid_shapes_are_reported(validator, model, load, workspace):
                       "sh:targetNode <urn:x> ; sh:minCount 1 .")  # fmt: skip
     model.knowledge_base.shapes = [broken]
     with pytest.raises(WrongValue, match=r"cell\.shapes\.ttl"):
-        validator.file_report()
+        validator.validate_context()
 
 
 def test_stop_kills_a_running_validation(validator, model, load, workspace):
@@ -117,8 +89,6 @@ def test_stop_kills_a_running_validation(validator, model, load, workspace):
     validator.file_loaded("scene")
     wait_until(lambda: validator._process is not None)
     validator.stop()
-    with pytest.raises(Refused):
-        validator.file_report()
     for refused in (validator.validate_context, lambda: validator.file_loaded("scene")):
         with pytest.raises(Refused, match="has ended"):
             refused()

@@ -1,9 +1,10 @@
-"""Blocking calls in worker threads."""
+"""Blocking calls in worker threads, and a limit of the time spent on repeated work."""
 
 from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -89,14 +90,6 @@ class Jobs:
             self._start(job)
         self._notify_busy()
 
-    def post(self, call: Callable[[], None]) -> None:
-        """Schedules a call in the window's thread. Any thread; posted calls keep their order."""
-        with self._lock:
-            if self._is_closed:
-                return
-            self._ended.append(Job(_nothing, lambda _: call(), None, "", ""))
-        self._wake()
-
     def deliver(self) -> None:
         """Calls the callbacks of the calls that have ended."""
         while not self._is_closed:
@@ -104,12 +97,9 @@ class Jobs:
                 if not self._ended:
                     return
                 job = self._ended.popleft()
-            was_run = job in self._running
-            if was_run:
-                self._running.remove(job)
+            self._running.remove(job)
             self._call_back(job)
-            if was_run:
-                self._notify_busy()
+            self._notify_busy()
 
     def close(self) -> None:
         """Discards waiting calls and all results. Does not wait for running calls."""
@@ -166,5 +156,27 @@ class Jobs:
             hook()
 
 
-def _nothing() -> None:
-    """The call of a posted job, whose work is done in `done`."""
+class Throttle:
+    """Keeps repeated work to a share of the time. For one thread.
+
+    :param share: 0 to 1.
+    """
+
+    def __init__(self, share: float = 0.1, clock: Callable[[], float] = time.monotonic) -> None:
+        self._share = share
+        self._clock = clock
+        self._began = self._ready_at = -1.0
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the work may start again."""
+        return self._clock() >= self._ready_at
+
+    def begin(self) -> None:
+        """The work starts."""
+        self._began = self._clock()
+
+    def end(self) -> None:
+        """The work has ended."""
+        now = self._clock()
+        self._ready_at = now + (now - self._began) * (1.0 / self._share - 1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -69,8 +69,8 @@ class TaskList:
 
     @property
     def rows(self) -> list[TaskRun]:
-        """The running tasks, then the ended ones; the newest first."""
-        return sorted(self.runs, key=lambda run: (run.is_finished, -run.start, run.robot, run.task_id))
+        """The tasks in the order of lists."""
+        return in_order(self.runs)
 
     def find(self, robot: str, task_id: int) -> TaskRun | None:
         """Returns the latest task with that id."""
@@ -202,6 +202,11 @@ class TaskList:
             self.runs.mark_lost(name)
         self._managers = managers
         self._window.publish(TasksChanged())
+
+
+def in_order(runs: Iterable[TaskRun]) -> list[TaskRun]:
+    """Returns the running tasks, then the ended ones; the newest first."""
+    return sorted(runs, key=lambda run: (run.is_finished, -run.start, run.robot, run.task_id))
 
 
 def is_silent(run: TaskRun, now: float) -> bool:

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import Event
+from skiros2_gui.app.events import Event, EventQueue
 from skiros2_gui.app.jobs import Jobs
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.system import System

@@ -11,7 +11,7 @@ from heapq import nsmallest
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
 from skiros2_gui.goal.lines import quoted
-from skiros2_task.core.goal_text import COMPARATORS
+from skiros2_task.core.goal_text import COMPARATORS, keywords
 from skiros2_task.core.skills import SkillCondition
 from skiros2_task.core.world import WorldView
 
@@ -21,7 +21,6 @@ RELATION, PROPERTY, VALUE, CLASS, ELEMENT, KEYWORD = "relation", "property", "va
 MAX_COMPLETIONS = 60
 
 _QUANTIFIERS = ("forall", "exists")
-_CONNECTIVES = ("and", "or", "not", "imply", *_QUANTIFIERS)
 _TOKEN = re.compile(r'"[^"\n]*"?|[(),]|[^\s(),";]+')
 _COMMENT = re.compile(r";[^\n]*")
 _CHILD = "()"
@@ -198,10 +197,10 @@ def _expected(stack: list[list[str]], variables: list[str], vocabulary: Vocabula
     if not inside:
         if above and above[0] in COMPARATORS:
             return list(vocabulary.properties)
-        connectives = [Completion(word, word, KEYWORD, 3) for word in (*_CONNECTIVES, *COMPARATORS)]
+        connectives = [Completion(word, word, KEYWORD, 3) for word in (*keywords(), *COMPARATORS)]
         return [*vocabulary.predicates, *connectives]
     head = inside[0].lower()
-    if head in (*_CONNECTIVES, *COMPARATORS):
+    if head in (*keywords(), *COMPARATORS):
         if head == "=" and inside[-1] == _CHILD:
             return list(vocabulary.values)
         return [Completion("(", "(", KEYWORD)]

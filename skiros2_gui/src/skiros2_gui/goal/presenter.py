@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, StopRequested, WorldChanged
+from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
-from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completions, Vocabulary, complete
-from skiros2_gui.goal.execution import GoalExecution
 from skiros2_gui.goal.lines import Line, read_lines, write_lines
-from skiros2_gui.goal.plan import Diagnostic, GoalChecker, GoalPlan, check_syntax, read_plan
+from skiros2_gui.goal.plan import Diagnostic, GoalChecker, GoalExecution, GoalPlan, check_syntax, read_plan
 
 _QUEUE = "goal: check"
 

@@ -1,18 +1,105 @@
-"""The folding, search and selection of a drawn tree. Nodes are identified by id, which is kept when
-the shape changes.
+"""The drawn tree of a task: layout, folding, search and selection. Nodes are identified by id, which is kept when the
+shape changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import bisect
+import itertools
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 
-from skiros2_gui.run.drawing import Drawing
-from skiros2_runs.core.frame import Frame
-from skiros2_runs.core.shape import Shape
+from skiros2_runs.core.frame import Frame, Shape
 from skiros2_runs.core.states import FAILURE, RUNNING
+
+#: The distance of two neighbouring leaves with the same parent, and with different parents.
+SIBLINGS, COUSINS = 1.0, 1.25
 
 #: A tree with more nodes is partly folded at first.
 MAX_AT_FIRST = 1500
+
+
+def pre_order(children: Sequence[Sequence[int]]) -> list[int]:
+    """Returns the indices of the nodes below the first one, each before its children."""
+    order: list[int] = []
+    waiting = [0] if children else []
+    while waiting:
+        order.append(waiting.pop())
+        waiting.extend(reversed(children[order[-1]]))
+    return order
+
+
+def layout(children: Sequence[Sequence[int]], order: Sequence[int]) -> list[float]:
+    """Returns the row of each node: leaves are stacked in order, and each parent is centred over its children.
+
+    :param order: the nodes in pre-order; others get row 0.
+    """
+    row = [0.0] * len(children)
+    parent = {child: node for node in order for child in children[node]}
+    leaves = [node for node in order if not children[node]]
+    for above, leaf in itertools.pairwise(leaves):
+        row[leaf] = row[above] + (SIBLINGS if parent[above] == parent[leaf] else COUSINS)
+    for node in reversed(order):
+        if children[node]:
+            row[node] = (row[children[node][0]] + row[children[node][-1]]) / 2
+    return row
+
+
+@dataclass(frozen=True)
+class Column:
+    """The nodes of one depth, from top to bottom.
+
+    :param nodes: their indices.
+    :param rows: their positions; 1 is the height of a node with its gap.
+    """
+
+    nodes: Sequence[int]
+    rows: Sequence[float]
+
+    def between(self, top: float, bottom: float) -> range:
+        """Returns the positions in `nodes` whose row is between two rows."""
+        return range(bisect.bisect_left(self.rows, top), bisect.bisect_right(self.rows, bottom))
+
+
+class Drawing:
+    """Immutable. Takes time linear in the number of nodes.
+
+    :param folded: the ids of nodes whose children are not drawn.
+    :ivar drawn: the indices of the drawn nodes in pre-order.
+    :ivar columns: by depth.
+    :ivar row: of each node, by index; 0 for nodes that are not drawn.
+    :ivar hidden: the number of descendants of each folded node, by index.
+    """
+
+    def __init__(self, shape: Shape, folded: Collection[int]) -> None:
+        self.shape = shape
+        self.children: list[Sequence[int]] = [
+            () if children and shape.id(index) in folded else children for index, children in enumerate(shape.children)
+        ]
+        self.drawn = pre_order(self.children)
+        self.row = layout(self.children, self.drawn)
+        self._is_drawn = [False] * len(shape)
+        levels: dict[int, list[int]] = {}
+        for index in self.drawn:
+            self._is_drawn[index] = True
+            levels.setdefault(shape.depths[index], []).append(index)
+        self.columns = [Column(levels[depth], [self.row[p] for p in levels[depth]]) for depth in sorted(levels)]
+        below = [0] * len(shape)
+        for index in range(len(shape) - 1, 0, -1):
+            below[shape.parents[index]] += below[index] + 1
+        self.hidden = {p: below[p] for p in self.drawn if shape.children[p] and not self.children[p]}
+
+    @property
+    def height(self) -> float:
+        """The row of the lowest node."""
+        return max((column.rows[-1] for column in self.columns), default=0.0)
+
+    def is_drawn(self, index: int) -> bool:
+        return self._is_drawn[index]
+
+    def visible_node(self, index: int) -> int:
+        """Returns the node, or its folded ancestor if it is not drawn."""
+        return next(node for node in reversed(self.shape.path(index)) if self._is_drawn[node])
 
 
 class RunTree:
@@ -102,9 +189,10 @@ class RunTree:
 
     def _search(self, words: list[str]) -> list[int]:
         assert self.drawing is not None
-        keys = self.drawing.shape.keys
-        names = (f"{kind} {label} {processor}".lower() for _, _, kind, label, processor in keys)
-        return _in_order(self.drawing.shape, [p for p, name in enumerate(names) if all(w in name for w in words)])
+        shape = self.drawing.shape
+        names = (f"{kind} {label} {processor}".lower() for _, _, kind, label, processor in shape.keys)
+        found = {p for p, name in enumerate(names) if all(word in name for word in words)}
+        return [p for p in pre_order(shape.children) if p in found] if found else []
 
     def next_of(self, indices: Iterable[int], step: int = 1) -> int | None:
         """Returns the node of `indices` that follows the selected one (-1: precedes it), cyclically; None if there is
@@ -150,24 +238,5 @@ class RunTree:
 
 def _deepest_for(shape: Shape, most: int) -> int:
     """Returns the largest depth with at most that many nodes; at least 1."""
-    counts = [0] * (max(shape.depths) + 1)
-    for depth in shape.depths:
-        counts[depth] += 1
-    total, depth = 0, 0
-    while depth < len(counts) and total + counts[depth] <= most:
-        total += counts[depth]
-        depth += 1
-    return max(1, depth - 1)
-
-
-def _in_order(shape: Shape, indices: list[int]) -> list[int]:
-    """Returns indices in pre-order; messages may have another order."""
-    if len(indices) < 2:
-        return indices
-    selected, waiting, ordered = set(indices), [0], []
-    while waiting:
-        index = waiting.pop()
-        if index in selected:
-            ordered.append(index)
-        waiting.extend(reversed(shape.children[index]))
-    return ordered
+    depths = sorted(shape.depths)
+    return max(1, depths[most] - 1)

@@ -35,11 +35,6 @@ class Offer:
         return self.label or local_name(self.type)
 
     @property
-    def use(self) -> str:
-        """The key under which starts are counted, for all robots."""
-        return f"{self.type}|{self.label}"
-
-    @property
     def parameters(self) -> dict[str, Parameter]:
         """The parameters of all implementations; the first declaration of a key counts."""
         found: dict[str, Parameter] = {}
@@ -69,13 +64,10 @@ class RobotRow:
     skills: tuple[SkillRow, ...]
 
 
-def rows_of(
-    offered: Mapping[str, Sequence[Skill]], uses: Mapping[str, int], search: str = ""
-) -> tuple[RobotRow, ...]:
-    """Returns the tree, the most used skills first.
+def rows_of(offered: Mapping[str, Sequence[Skill]], search: str = "") -> tuple[RobotRow, ...]:
+    """Returns the tree, skills sorted by name.
 
     :param offered: by the node names of the managers.
-    :param uses: the number of starts, by `Offer.use`.
     :param search: words that must all occur in the names of a skill or of its parameters.
     """
     words = search.lower().split()
@@ -83,7 +75,7 @@ def rows_of(
     for manager in sorted(offered):
         found = (_filtered(row, words) for row in _skill_rows(manager, offered[manager]))
         skills = [row for row in found if row is not None]
-        skills.sort(key=lambda row: (-_count(row, uses), row.offer.name.lower(), row.offer.key))
+        skills.sort(key=lambda row: (row.offer.name.lower(), row.offer.key))
         if skills or not words:
             rows.append(RobotRow(manager, tuple(skills)))
     return tuple(rows)
@@ -122,7 +114,3 @@ def _filtered(row: SkillRow, words: Sequence[str]) -> SkillRow | None:
 def _has(offer: Offer, words: Sequence[str]) -> bool:
     text = " ".join((offer.manager, offer.type, offer.label, *offer.parameters)).lower()
     return all(word in text for word in words)
-
-
-def _count(row: SkillRow, uses: Mapping[str, int]) -> int:
-    return sum(uses.get(offer.use, 0) for offer in (row.offer, *row.children))

@@ -5,28 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ManagersChanged, TaskStarted, WorldChanged
+from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.system import Manager
 from skiros2_gui.app.tasks import STOP
-from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import Offer, RobotRow, offers_of, rows_of
-from skiros2_gui.skills.fields import ElementChoice, Field, ValueMode, element_choices
-from skiros2_gui.skills.form import Form
+from skiros2_gui.skills.form import ElementChoice, Field, Form, ValueMode, element_choices
 from skiros2_skill.client.description import Skill, Step
-from skiros2_skill.core.runtime.task_starter import StartPreview
+from skiros2_skill.core.runtime.request import StartPreview
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 #: The job queue of previews.
 _QUEUE = "skills: preview"
-
-_MAX_USES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,6 @@ class SkillsPresenter:
         self.on_form: Callable[[], None] = _nothing
         self.on_preview: Callable[[], None] = _nothing
         self.search = ""
-        self.uses: dict[str, int] = {}
         self.form: Form | None = None
         self.preview: Preview | None = None
         self.refused: Refused | None = None
@@ -114,7 +111,7 @@ class SkillsPresenter:
     @property
     def rows(self) -> tuple[RobotRow, ...]:
         """The tree, filtered by the search."""
-        return rows_of(self._offered, self.uses, self.search)
+        return rows_of(self._offered, self.search)
 
     def load(self) -> None:
         """Reads the skills of all managers. Those of disconnected managers are removed at once."""
@@ -123,7 +120,7 @@ class SkillsPresenter:
         for name, manager in managers.items():
             self._window.jobs.run(
                 manager.read_skills,
-                lambda skills, name=name: self._take(name, skills),  # type: ignore[misc]
+                partial(self._take, name),
                 activity=f"reading the skills of {name}",
                 queue=name,
             )
@@ -135,7 +132,7 @@ class SkillsPresenter:
             self._show_rows()
 
     def _show_rows(self) -> None:
-        self._offers = {offer.key: offer for offer in offers_of(rows_of(self._offered, {}))}
+        self._offers = {offer.key: offer for offer in offers_of(rows_of(self._offered))}
         self.on_rows()
         chosen = self.form.offer if self.form is not None else None
         if chosen is None:
@@ -280,7 +277,6 @@ class SkillsPresenter:
         self.is_starting = False
         offer = form.offer
         if isinstance(result, Started):
-            self.uses[offer.use] = min(self.uses.get(offer.use, 0) + 1, _MAX_USES)
             self.tasks.started(offer.manager, result.task_id, result.nodes, result.stamp)
             self._window.publish(TaskStarted(offer.manager, result.task_id))
             if self._stop_when_started:
@@ -304,20 +300,6 @@ class SkillsPresenter:
             self.tasks.command(STOP, manager, last.task_id)
         else:
             self.start()
-
-    # -- settings ----------------------------------------------------------------------------------------------
-
-    def settings(self) -> dict[str, Any]:
-        """Returns the settings to store, as JSON values."""
-        return {"uses": self.uses}
-
-    def restore(self, settings: Mapping[str, Any]) -> None:
-        """Restores settings; invalid values are skipped."""
-        uses = settings.get("uses")
-        if isinstance(uses, Mapping):
-            counts = {k: n for k, n in uses.items() if isinstance(k, str) and type(n) is int and 0 < n <= _MAX_USES}
-            self.uses = counts
-        self.on_rows()
 
 
 def _preview(

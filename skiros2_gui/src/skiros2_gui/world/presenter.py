@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import enum
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.world_element import Element
@@ -37,40 +37,32 @@ class Highlight:
     stamp: float
 
 
-class WorldView(Protocol):
-    """The view of the tab."""
+class Redraw(enum.Flag):
+    """The parts of the tab to redraw."""
 
-    def show_scene(self) -> None:
-        """`hierarchy` and `vocabulary` have been replaced."""
-
-    def show_details(self) -> None:
-        """The selection, or the selected element, has changed."""
-
-    def show_selection(self) -> None:
-        """The selection was changed by other than the view."""
-
-    def show_undo(self) -> None:
-        """The undo stack has changed."""
-
-    def show_highlights(self, ids: Sequence[str]) -> None:
-        """Elements have been highlighted, or not any more."""
+    SCENE = enum.auto()  # `hierarchy` and `vocabulary` have been replaced
+    DETAILS = enum.auto()
+    SELECTION = enum.auto()  # changed by other than the tree
+    UNDO = enum.auto()
+    HIGHLIGHTS = enum.auto()
 
 
 class WorldPresenter:
     """The state of the tab. Used by the Qt thread only; jobs make the blocking calls.
 
     :param clock: monotonic (s).
+    :ivar on_change: called with the parts to redraw.
     """
 
     def __init__(self, window: Window, clock: Callable[[], float] = time.monotonic) -> None:
         self.window = window
         self.hierarchy: SceneHierarchy | None = None
         self.vocabulary: Vocabulary | None = None
-        self._editor = SceneEditor(window, self._show_undo)
+        self._editor = SceneEditor(window, lambda: self.on_change(Redraw.UNDO))
         self.undo_stack = self._editor.undo_stack
         self.selected = ""
         self.highlights: dict[str, Highlight] = {}
-        self.view: WorldView | None = None
+        self.on_change: Callable[[Redraw], None] = lambda part: None
         self._clock = clock
         self._waiting: list[Change] | None = None  # received while the scene is being read
         self._is_stale = False
@@ -110,9 +102,7 @@ class WorldPresenter:
             self._is_replaced = False
             self._editor.clear()
         self.highlights.clear()
-        if self.view is not None:
-            self.view.show_scene()
-            self.view.show_details()
+        self.on_change(Redraw.SCENE | Redraw.DETAILS)
         if self.selected and self.selected not in self.hierarchy.scene:
             self.select("")
         self._follow(changes)
@@ -154,8 +144,7 @@ class WorldPresenter:
             self.read()  # the tree has changed
         else:
             self.vocabulary = vocabulary
-            if self.view is not None:
-                self.view.show_details()
+            self.on_change(Redraw.DETAILS)
 
     def _follow(self, changes: Sequence[Change]) -> None:
         hierarchy = self.hierarchy
@@ -167,27 +156,19 @@ class WorldPresenter:
             if self._waiting is None:
                 self.read()
             return
-        now = self._clock()
-        changed: dict[str, None] = {}
+        now, part = self._clock(), Redraw(0)
         for change in changes:
             if change.author != author:
-                for element in change.elements:
-                    self.highlights[element.id] = Highlight(change.author, change.action, now)
-                    changed[element.id] = None
-                for relation in change.relations:
-                    for eid in (relation["src"], relation["dst"]):
-                        self.highlights[eid] = Highlight(change.author, change.action, now)
-                        changed[eid] = None
+                ends = (relation[side] for relation in change.relations for side in ("src", "dst"))
+                ids = [*(element.id for element in change.elements), *ends]
+                self.highlights.update(dict.fromkeys(ids, Highlight(change.author, change.action, now)))
+                part |= Redraw.HIGHLIGHTS
         self._editor.on_changes(update.by_change)
         if self.selected and self.selected not in hierarchy.scene:
             self.select("")
         if self._element_to_select:
             self._select_when_added(self._element_to_select)
-        if self.view is None:
-            return
-        self.view.show_highlights(list(changed))
-        if self.selected in update.elements:
-            self.view.show_details()
+        self.on_change(part | Redraw.DETAILS if self.selected in update.elements else part)
 
     def expire_highlights(self) -> None:
         """Removes old highlights. To be called periodically."""
@@ -195,24 +176,21 @@ class WorldPresenter:
         expired = [eid for eid, highlight in self.highlights.items() if highlight.stamp <= oldest]
         for eid in expired:
             del self.highlights[eid]
-        if expired and self.view is not None:
-            self.view.show_highlights(expired)
+        if expired:
+            self.on_change(Redraw.HIGHLIGHTS)
 
     # -- selection ---------------------------------------------------------------------------------------------
 
-    def select(self, eid: str, by: object = None) -> None:
+    def select(self, eid: str, in_tree: bool = False) -> None:
         """Selects an element; "" for none.
 
-        :param by: the view that makes the selection, which is not notified.
+        :param in_tree: whether it was selected in the tree, which is not notified.
         """
         if eid == self.selected:
             return
         self.selected = eid
         self.window.publish(ElementSelected(eid, self))
-        if self.view is not None:
-            self.view.show_details()
-            if by is not self.view:
-                self.view.show_selection()
+        self.on_change(Redraw.DETAILS if in_tree else Redraw.DETAILS | Redraw.SELECTION)
 
     def _on_selected(self, event: ElementSelected) -> None:
         if event.by is self or event.eid == self.selected:
@@ -220,9 +198,7 @@ class WorldPresenter:
         if event.eid and (self.hierarchy is None or event.eid not in self.hierarchy.scene):
             return
         self.selected = event.eid
-        if self.view is not None:
-            self.view.show_details()
-            self.view.show_selection()
+        self.on_change(Redraw.DETAILS | Redraw.SELECTION)
 
     def details(self) -> Details | None:
         """Returns the details of the selected element, or None."""
@@ -290,10 +266,6 @@ class WorldPresenter:
         """Returns the author of this window's changes."""
         world = self.window.system.world
         return world.author if world is not None else ""
-
-    def _show_undo(self) -> None:
-        if self.view is not None:
-            self.view.show_undo()
 
 
 def read_scene(world: WorldModelAbstractInterface) -> tuple[SceneHierarchy, Vocabulary]:

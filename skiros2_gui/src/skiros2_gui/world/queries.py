@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_gui.app.window import Window
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE
-from skiros2_world_model.core.history_entry import HistoryEntry, changed_lines
-from skiros2_world_model.core.query_table import query_table
+from skiros2_world_model.core.history import HistoryEntry
 from skiros2_world_model.core.report import Report
 
 #: The contexts of a query: all, the scene, the ontologies.
@@ -28,7 +27,7 @@ class _Store(Protocol):
     def save(self, filename: str = "", context: str = SCENE) -> None: ...
     def validate(self, context_id: str = SCENE) -> Report: ...
     def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]: ...
-    def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
+    def query_table(self, query: str, context: str = "") -> tuple[list[str], list[list[Any]]]: ...
 
 
 @dataclass(frozen=True)
@@ -54,20 +53,6 @@ class Answer:
     rows: tuple[tuple[Any, ...], ...] = ()
 
 
-@dataclass(frozen=True)
-class HistoryRow:
-    """A change of an element.
-
-    :param stamp: s since the epoch.
-    :param lines: one line per change.
-    """
-
-    number: int
-    stamp: float
-    author: str
-    lines: tuple[str, ...]
-
-
 @dataclass
 class ElementHistory:
     """The history of an element.
@@ -77,21 +62,15 @@ class ElementHistory:
     """
 
     eid: str = ""
-    entries: tuple[HistoryRow, ...] | None = ()
+    entries: tuple[HistoryEntry, ...] | None = ()
     text: str = ""
 
 
-@dataclass
-class _Hooks:
-    """Callbacks for new results."""
-
-    answer: list[Callable[[], None]] = field(default_factory=list)
-    report: list[Callable[[], None]] = field(default_factory=list)
-    history: list[Callable[[], None]] = field(default_factory=list)
-
-
 class WorldQueries:
-    """Keeps the last result of each kind. Used by the Qt thread only; jobs make the blocking calls."""
+    """Keeps the last result of each kind. Used by the Qt thread only; jobs make the blocking calls.
+
+    The views set `on_answer`, `on_report` and `on_history`, which are called with new results.
+    """
 
     def __init__(self, window: Window) -> None:
         self.window = window
@@ -100,7 +79,9 @@ class WorldQueries:
         self.queries: list[str] = []  #: earlier queries, the newest first
         self.report: Report | None = None
         self.history = ElementHistory()
-        self.hooks = _Hooks()
+        self.on_answer: Callable[[], None] = _nothing
+        self.on_report: Callable[[], None] = _nothing
+        self.on_history: Callable[[], None] = _nothing
 
     # -- queries -----------------------------------------------------------------------------------------------
 
@@ -111,7 +92,7 @@ class WorldQueries:
             return
         self.queries = [query, *(q for q in self.queries if q != query)][:_MAX_QUERIES]
         self.window.jobs.run(
-            lambda: query_table(store, query, context),
+            lambda: store.query_table(query, context),
             self._answered,
             self._not_answered,
             activity="executing the query",
@@ -123,12 +104,12 @@ class WorldQueries:
         if not names and rows:
             names = [f"{i + 1}" for i in range(len(rows[0]))]
         self.answer, self.diagnostic = Answer(tuple(names), tuple(map(tuple, rows))), None
-        _call(self.hooks.answer)
+        self.on_answer()
 
     def _not_answered(self, error: Exception) -> None:
         line, column = error.position if isinstance(error, SkirosError) else (0, 0)
         self.answer, self.diagnostic = None, Diagnostic(str(error), line, column)
-        _call(self.hooks.answer)
+        self.on_answer()
 
     # -- validation --------------------------------------------------------------------------------------------
 
@@ -140,7 +121,7 @@ class WorldQueries:
 
     def _validated(self, report: Report) -> None:
         self.report = report
-        _call(self.hooks.report)
+        self.on_report()
 
     # -- history -----------------------------------------------------------------------------------------------
 
@@ -150,17 +131,17 @@ class WorldQueries:
         store = self._store("") if eid else None
         if store is not None:
             self.window.jobs.run(
-                lambda: [history_row(entry) for entry in reversed(store.history(eid, limit=MAX_ENTRIES))],
-                lambda entries: self._history_fetched(ElementHistory(eid, tuple(entries))),
+                lambda: store.history(eid, limit=MAX_ENTRIES),
+                lambda entries: self._history_fetched(ElementHistory(eid, tuple(reversed(entries)))),
                 lambda error: self._history_fetched(ElementHistory(eid, (), str(error))),
                 queue="history",
             )
-        _call(self.hooks.history)
+        self.on_history()
 
     def _history_fetched(self, past: ElementHistory) -> None:
         if past.eid == self.history.eid:  # otherwise another one was requested since
             self.history = past
-            _call(self.hooks.history)
+            self.on_history()
 
     # -- files -------------------------------------------------------------------------------------------------
 
@@ -188,16 +169,5 @@ class WorldQueries:
         return cast("_Store | None", world)
 
 
-def history_row(entry: HistoryEntry) -> HistoryRow:
-    """Converts a history entry."""
-    lines = changed_lines(entry)
-    if entry.action != "change":
-        lines = [entry.action, *lines]
-    return HistoryRow(entry.number, entry.stamp, entry.author, tuple(lines))
-
-
-
-
-def _call(hooks: list[Callable[[], None]]) -> None:
-    for hook in list(hooks):
-        hook()
+def _nothing() -> None:
+    """The default callback."""

@@ -94,6 +94,20 @@ class Requests:
         changed = {k: p for k, p in moved._props.items() if k not in before or p.values != before[k].values}
         return [Patch(eid, ElementChanges(changed))] if changed else []
 
+    def remove_pose(self, eid: str) -> list[Operation]:
+        """Removes the pose, and the reasoner that maintains it."""
+        properties = self._record(eid).properties
+        keys = pose_keys(properties)
+        reasoners = properties.get(REASONER_PROPERTY)
+        changes = ElementChanges(removed_properties=keys)
+        if reasoners is not None and _SPACE_REASONER in reasoners.values:
+            kept = [name for name in reasoners.values if name != _SPACE_REASONER]
+            if kept:
+                changes.properties[REASONER_PROPERTY] = Property(REASONER_PROPERTY, kept)
+            else:
+                keys.append(REASONER_PROPERTY)
+        return [Patch(eid, changes)] if keys else []
+
     # -- elements ----------------------------------------------------------------------------------------------
 
     def add(

@@ -6,8 +6,9 @@ Read by a worker thread; immutable, so any thread may use it.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.limits import Limits
@@ -18,6 +19,8 @@ from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 
+T = TypeVar("T")
+
 _TEXT_QUERY = """SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isBlank(?s))
     VALUES ?p { rdfs:comment skiros:Unit skiros:LowerBound skiros:UpperBound } }"""
 _META = ("rdf:", "rdfs:", "owl:", "xsd:", "_:")
@@ -25,6 +28,7 @@ _NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
 _WITH_UNIT = re.compile(rf"({_NUMBER.pattern})\s*([^\d\s.,]\S*)")
 _SKILL_RELATION = "skiros:skillProperty"
 _VALUE_RELATION = "skiros:hasValue"
+_DOMAIN, _RANGE = "rdfs:domain", "rdfs:range"
 _COMMENT, _UNIT, _MINIMUM, _MAXIMUM = "rdfs:comment", "skiros:Unit", "skiros:LowerBound", "skiros:UpperBound"
 
 
@@ -50,15 +54,14 @@ class Vocabulary:
     def __init__(self, triples: Iterable[tuple[str, str, str]], texts: Iterable[tuple[str, str, str]]) -> None:
         triples = list(triples)
         self.ontology = Ontology(triples)
-        self._texts = {(subject, predicate): text for subject, predicate, text in texts}
-        self._domains: dict[str, list[str]] = {}
-        self._ranges: dict[str, list[str]] = {}
+        self._texts: dict[str, dict[str, str]] = {}  # by predicate, then by name
+        for subject, predicate, text in texts:
+            self._texts.setdefault(predicate, {})[subject] = text
+        self._ends: dict[str, dict[str, tuple[str, ...]]] = {_DOMAIN: {}, _RANGE: {}}
         for subject, predicate, obj in triples:
-            if not obj.startswith("_:"):
-                if predicate == "rdfs:domain":
-                    self._domains.setdefault(subject, []).append(obj)
-                elif predicate == "rdfs:range":
-                    self._ranges.setdefault(subject, []).append(obj)
+            if predicate in self._ends and not obj.startswith("_:"):
+                ends = self._ends[predicate]
+                ends[subject] = (*ends.get(subject, ()), obj)
         #: The relations from a parent to a child.
         self.spatial = self.ontology.subproperties(SPATIAL)
         #: The relations from a skill to its parts.
@@ -91,7 +94,7 @@ class Vocabulary:
 
     def description(self, name: str) -> str:
         """Returns the comment of a name, or ""."""
-        return self._texts.get((name, _COMMENT), "")
+        return self._texts.get(_COMMENT, {}).get(name, "")
 
     def _superclasses(self, name: str) -> list[str]:
         return [c for c in self.ontology.direct_superclasses(name) if not c.startswith(_META) and c != name]
@@ -106,31 +109,21 @@ class Vocabulary:
 
     def predicate(self, name: str) -> Predicate:
         """Returns a relation; domain and range are inherited from its superproperties."""
-        return Predicate(
-            name, self.description(name), self._inherited(self._domains, name), self._inherited(self._ranges, name)
-        )
+        domain, range_ = (self._inherited(self._ends[end], name) or () for end in (_DOMAIN, _RANGE))
+        return Predicate(name, self.description(name), domain, range_)
 
     def mismatch(self, subject_type: str, predicate: str, object_type: str) -> str:
         """Returns why a relation violates its domain or range; "" if it does not. The world model accepts it."""
-        known = self.predicate(predicate)
-        for role, etype, classes in (
-            ("a subject", subject_type, known.domain),
-            ("an object", object_type, known.range),
-        ):
-            if classes and etype and not any(self.ontology.is_subclass(etype, c) for c in classes):
-                expected = " or ".join(map(local_name, classes))
-                return f"{local_name(predicate)} is meant for {role} of class {expected}, not {local_name(etype)}"
-        return ""
+        return "; ".join(self.ontology.misfits(subject_type, predicate, object_type))
 
-    def _inherited(self, known: dict[str, list[str]], name: str) -> tuple[str, ...]:
-        waiting, seen = [name], {name}
+    def _inherited(self, known: Mapping[str, T], name: str) -> T | None:
+        """Returns the value of a property, or else of the nearest superproperty that has one."""
+        waiting = [name]
         for one in waiting:
-            if known.get(one):
-                return tuple(known[one])
-            above = [p for p in self.ontology.superproperties(one) if p not in seen]
-            seen.update(above)
-            waiting += sorted(above)
-        return ()
+            if one in known:
+                return known[one]
+            waiting += [above for above in sorted(self.ontology.superproperties(one)) if above not in waiting]
+        return None
 
     # -- properties --------------------------------------------------------------------------------------------
 
@@ -148,12 +141,7 @@ class Vocabulary:
         return Limits(self.unit(key), float(minimum) if minimum else None, float(maximum) if maximum else None)
 
     def _inherited_text(self, key: str, predicate: str) -> str:
-        waiting = [key]
-        for name in waiting:
-            if text := self._texts.get((name, predicate)):
-                return text
-            waiting += [p for p in sorted(self.ontology.superproperties(name)) if p not in waiting]
-        return ""
+        return self._inherited(self._texts.get(predicate, {}), key) or ""
 
     def value_type(self, etype: str, key: str, current: type | None = None) -> type:
         """Returns the Python type of a property's values.
@@ -210,7 +198,6 @@ def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
 
     :raises WmException: it does not answer.
     """
-    rows = (row.split() for row in world.query_ontology(STRUCTURE_QUERY, True, ONTOLOGY))
-    triples = [(row[0], row[1], row[2]) for row in rows if len(row) == 3]
-    texts = (row.split(" ", 2) for row in world.query_ontology(_TEXT_QUERY, True, ONTOLOGY))
-    return Vocabulary(triples, [(row[0], row[1], row[2].removesuffix(" ")) for row in texts if len(row) == 3])
+    _, triples = world.query_table(STRUCTURE_QUERY, ONTOLOGY)
+    _, texts = world.query_table(_TEXT_QUERY, ONTOLOGY)
+    return Vocabulary([(s, p, o) for s, p, o in triples], [(s, p, str(text)) for s, p, text in texts])

@@ -1,6 +1,6 @@
-"""A skill library for mobile pick-and-place: drive, pick and place, made of motions of base, arm and gripper.
+"""A skill library for mobile manipulation: drive, pick and place.
 
-`transport_skills` holds what the robot can do and how, `motions` the motions it is made of, `timed_motions` stand-ins
-for these that take time and move nothing. A library for a real or simulated robot brings other implementations of the
-motions.
+`transport_skills` has these skills as compounds of motions, `motions` the descriptions of the motions, and
+`timed_motions` placeholder implementations of the motions without a robot. A library for a real or simulated robot
+provides its own implementations of the motions.
 """

@@ -8,10 +8,10 @@ from skiros2_common.core.world_element import Element
 
 
 class MoveBase(SkillDescription):
-    """Drives the robot to a place, and has its pose in the world model follow."""
+    """Drives the robot to a location and updates its pose in the world model."""
 
     def createDescription(self) -> None:
-        self.addParam("TargetLocation", Element("skiros:Location"), ParamTypes.Required, description="Where to")
+        self.addParam("TargetLocation", Element("skiros:Location"), ParamTypes.Required, description="The destination")
 
 
 class MoveArm(SkillDescription):
@@ -19,11 +19,11 @@ class MoveArm(SkillDescription):
 
     def createDescription(self) -> None:
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
-        self.addParam("Target", Element("sumo:Object"), ParamTypes.Required, description="What to reach for")
+        self.addParam("Target", Element("sumo:Object"), ParamTypes.Required, description="The element to reach")
 
 
 class TuckArm(SkillDescription):
-    """Moves an arm to where it is out of the way while the robot drives."""
+    """Moves an arm to a posture in which the robot can drive safely."""
 
     def createDescription(self) -> None:
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
@@ -41,4 +41,4 @@ class CloseGripper(SkillDescription):
 
     def createDescription(self) -> None:
         self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Required, description="The gripper")
-        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What to grasp")
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="The object to grasp")

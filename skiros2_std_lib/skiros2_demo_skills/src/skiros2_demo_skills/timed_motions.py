@@ -9,7 +9,8 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import CloseGripper, MoveArm, MoveBase, OpenGripper, TuckArm
-from skiros2_demo_skills.poses import composed, get_pose, set_pose
+from skiros2_std_reasoners.core.geometry import composed
+from skiros2_std_reasoners.core.spatial_data import pose_of, set_pose
 from skiros2_std_skills.clock import Stopwatch
 
 
@@ -18,13 +19,13 @@ class TimedMotion(PrimitiveBase, ABC):
 
     @abstractmethod
     def createDescription(self) -> None:
-        """To override: calls `describe`."""
+        """To override: call `describe`."""
 
     def describe(self, description: SkillDescription, duration: float) -> None:
         """Sets the description, and adds the duration of the motion (s)."""
         self.setDescription(description, self.__class__.__name__)
         self.addParam(
-            "Duration", duration, ParamTypes.Optional, description="How long the motion takes", unit="s", minimum=0
+            "Duration", duration, ParamTypes.Optional, description="Duration of the motion", unit="s", minimum=0
         )
 
     def doing(self) -> str:
@@ -39,7 +40,7 @@ class TimedMotion(PrimitiveBase, ABC):
         return True
 
     def onPreempt(self) -> State:
-        return self.fail(f"{self.doing()}: stopped half-way", -1)
+        return self.fail(f"{self.doing()}: stopped", -1)
 
     def execute(self) -> State:
         passed, duration = self._stopwatch.passed(), self.params["Duration"].value
@@ -60,11 +61,11 @@ class move_base_timed(TimedMotion):
 
     def arrive(self) -> None:
         robot, place = self.params["Robot"].value, self.params["TargetLocation"].value
-        pose = get_pose(place)
+        pose = pose_of(place)
         if pose is None:
             return
         approach = self._approach_pose(place)
-        relative = get_pose(approach) if approach is not None else None
+        relative = pose_of(approach) if approach is not None else None
         set_pose(robot, composed(pose, relative) if relative is not None else pose)
         self.wmi.update_element_properties(robot)
 

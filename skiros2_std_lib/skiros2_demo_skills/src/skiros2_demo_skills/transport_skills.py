@@ -14,16 +14,16 @@ from skiros2_skill.core.processors import Sequential
 from skiros2_skill.core.skill import SkillBase
 
 CONTAINER_STATE = "skiros:ContainerState"
-#: Remapping for WmMoveObject, which infers the start of a moved object; Drive's StartLocation must not be used.
+#: Remap for WmMoveObject, which infers the start location of the object; it must not use Drive's StartLocation.
 FROM = {"StartLocation": "PlaceOfObject"}
 
 
 class Drive(SkillDescription):
-    """Drives the robot from one place to another."""
+    """Drives the robot from one location to another."""
 
     def createDescription(self) -> None:
-        self.addParam("StartLocation", Element("skiros:Location"), ParamTypes.Inferred, description="Where it is")
-        self.addParam("TargetLocation", Element("skiros:Location"), ParamTypes.Required, description="Where to")
+        self.addParam("StartLocation", Element("skiros:Location"), ParamTypes.Inferred, description="The present place")
+        self.addParam("TargetLocation", Element("skiros:Location"), ParamTypes.Required, description="The destination")
         self.addPreCondition(self.getRelationCond("RobotAtStart", "skiros:at", "Robot", "StartLocation", True))
         self.addPreCondition(self.getRelationCond("RobotElsewhere", "skiros:at", "Robot", "TargetLocation", False))
         self.addPostCondition(self.getRelationCond("RobotAtTarget", "skiros:at", "Robot", "TargetLocation", True))
@@ -35,9 +35,9 @@ class Manipulation(SkillDescription):
 
     def add_common(self) -> None:
         """Declares workstation, arm and gripper, and their relations to the robot and the container."""
-        self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Inferred, description="Where it is")
+        self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Inferred, description="The workstation")
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Inferred, description="The robot's arm")
-        self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="Its gripper")
+        self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="The gripper")
         at_workstation = self.getRelationCond("RobotAtWorkstation", "skiros:at", "Robot", "Workstation", True)
         self.addPreCondition(self.getRelationCond("RobotHasArm", "skiros:hasA", "Robot", "Arm", True))
         self.addPreCondition(self.getRelationCond("ArmHasGripper", "skiros:hasA", "Arm", "Gripper", True))
@@ -49,11 +49,11 @@ class Manipulation(SkillDescription):
 
 
 class Pick(Manipulation):
-    """Takes an object out of a container on a workstation."""
+    """Picks an object from a container at a workstation."""
 
     def createDescription(self) -> None:
-        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What to take")
-        self.addParam("Container", Element("skiros:Container"), ParamTypes.Inferred, description="What it lies in")
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="The object to pick")
+        self.addParam("Container", Element("skiros:Container"), ParamTypes.Inferred, description="Its container")
         self.add_common()
         self.addPreCondition(self.getRelationCond("ObjectInContainer", "skiros:contain", "Container", "Object", True))
         self.addPreCondition(self.getPropCond("GripperEmpty", CONTAINER_STATE, "Gripper", "=", "Empty", True))
@@ -66,11 +66,11 @@ class Pick(Manipulation):
 
 
 class Place(Manipulation):
-    """Puts the object in the gripper into a container on a workstation."""
+    """Places the object in the gripper into a container at a workstation."""
 
     def createDescription(self) -> None:
-        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What to put down")
-        self.addParam("Container", Element("skiros:Container"), ParamTypes.Required, description="Where to put it")
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="The object to place")
+        self.addParam("Container", Element("skiros:Container"), ParamTypes.Required, description="The destination")
         self.add_common()
         self.addPreCondition(self.getRelationCond("ObjectInGripper", "skiros:contain", "Gripper", "Object", True))
         self.addPostCondition(self.getRelationCond("ObjectInContainer", "skiros:contain", "Container", "Object", True))
@@ -99,7 +99,7 @@ class drive(SkillBase):
 
 
 class pick(SkillBase):
-    """Reaches for the object, grasps it, and tucks the arm. The object is then in the middle of the gripper."""
+    """Reaches for the object, grasps it, and tucks the arm. The object is then at the origin of the gripper."""
 
     def createDescription(self) -> None:
         self.setDescription(Pick(), self.__class__.__name__)
@@ -133,5 +133,5 @@ class place(SkillBase):
 
 
 def at_height(height: float) -> dict[str, float]:
-    """Returns the properties of a position `height` metres above the middle of the parent."""
+    """Returns the properties of a position `height` metres above the origin of the parent."""
     return {"skiros:PositionX": 0.0, "skiros:PositionY": 0.0, "skiros:PositionZ": height}

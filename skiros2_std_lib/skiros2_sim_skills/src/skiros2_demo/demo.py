@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import queue
 import sys
 import time
 from pathlib import Path
@@ -12,27 +13,96 @@ from typing import Any, TextIO
 import actionlib
 import rospy
 
-from skiros2_bags.core.checking import Finding
+from skiros2_bags.core.run import Finding
 from skiros2_common.core.errors import Refused, SkirosError
-from skiros2_common.core.termination import exit_status
+from skiros2_common.core.processes import exit_status
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.private_system import SystemDown
-from skiros2_demo import run_check
-from skiros2_demo.changes import changes
-from skiros2_demo.disturbances import Disturbance, Moved, Slip
-from skiros2_demo.pictures import Pictures
-from skiros2_demo.plan_text import name_of
+from skiros2_common.ros.private_system import PrivateSystem, SystemDown
 from skiros2_demo.progress_report import ProgressReport
-from skiros2_demo.run_events import RunEvents
-from skiros2_demo.simulation import Simulation
-from skiros2_demo.system import System
-from skiros2_demo.world_state import Thing, WorldState
-from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult
+from skiros2_demo.run_check import Thing, WorldState, changes, check, name_of, read_run
+from skiros2_demo.simulation import Disturbance, Moved, Pictures, Simulation, Slip
+from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult, TreeProgress
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_sim.core.names import COLOUR, part_name
 from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+
+#: Maximum delay of the recorder (s).
+RECORDER_LAG = 1.0
+
+
+class System(PrivateSystem):
+    """A running system; a context manager.
+
+    :param folder: for the bag and the logs.
+    :param port: of the master; 0 for a free one.
+    """
+
+    def __init__(self, folder: Path, port: int = 0) -> None:
+        super().__init__("demo", folder, port)
+        self.bag = folder / "run.bag"
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in (self.bag, self.bag.with_suffix(".bag.active")):
+            old.unlink(missing_ok=True)
+
+    def start_recording(self, robot: str) -> None:
+        """Starts a recorder, and waits until it has subscribed.
+
+        :param robot: the skill manager to expect.
+        :raises SystemDown: the recorder exits.
+        :raises TimedOut: the recorder is not ready in time.
+        """
+        command = ["rosrun", "skiros2_bags", "record", "--force", "--no-check", "-o", str(self.bag), "--robots", robot]
+        self.start("recorder", command)
+        self.wait_for(lambda: "recording to" in self.log("recorder").read_text(errors="replace"), "the recorder")
+
+    def stop_recording(self) -> None:
+        """Stops the recorder, which completes the bag."""
+        # There is no acknowledgement: wait for the last messages. The nodes must not exit first: they remove their
+        # skills from the scene, which is not part of the run.
+        time.sleep(RECORDER_LAG)
+        self.end("recorder")
+
+
+#: A list of `SkillProgress` (a tree), an `AchieveFeedback`, or an `AchieveResult`.
+Event = Any
+
+
+class RunEvents:
+    """Subscribes on creation, until `close`. Needs an initialised node.
+
+    :param robot: name of the skill manager, with its leading slash.
+    """
+
+    def __init__(self, robot: str) -> None:
+        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        self._subscriber = rospy.Subscriber(f"{robot}/monitor", TreeProgress, self._on_progress)
+
+    def close(self) -> None:
+        """Unsubscribes."""
+        self._subscriber.unregister()
+
+    def on_feedback(self, handle: Any, feedback: Any) -> None:
+        """Adds feedback of a goal. Thread-safe."""
+        self._events.put(feedback)
+
+    def on_transition(self, handle: Any) -> None:
+        """Adds the result of a goal, once there is one. Thread-safe."""
+        if handle.get_comm_state() == actionlib.CommState.DONE:
+            self._events.put(handle.get_result())
+
+    def next_event(self, timeout: float) -> Event | None:
+        """Returns the next event; None after the timeout (s)."""
+        try:
+            return self._events.get(timeout=timeout)
+        except queue.Empty:
+            return None
+
+    def _on_progress(self, message: Any) -> None:
+        if message.progress:
+            self._events.put(message.progress)
+
 
 ROBOT = "/mobile_manipulator"
 #: Standard deviation of the depth of the robot's camera (m).
@@ -75,11 +145,11 @@ class Demo:
                 f"Starting a system of its own: master on port {system.port}, logs in {self._options.folder}"
             )
             truth = self._run(system)
-        goal_run = run_check.read_run(system.bag)
+        goal_run = read_run(system.bag)
         self._report.title("What changed in the world")
         for line in changes(goal_run.before, goal_run.after) or ["nothing"]:
             self._report.say(f"  {line}")
-        held = self._show(f"Proof from the bag alone ({system.bag})", run_check.check(goal_run))
+        held = self._show(f"Proof from the bag alone ({system.bag})", check(goal_run))
         if truth:
             held &= self._show("Proof from the simulated world", truth)
         if self._options.disturb:
@@ -122,7 +192,8 @@ class Demo:
         if "moved" in self._options.disturb:
             self._disturbances.append(Moved(simulation, self._world, product.id, tray.id, random))
         if "slip" in self._options.disturb:
-            self._disturbances.append(Slip(simulation, self._world.only("rparts:GripperEffector")))
+            grippers = (thing for thing in self._world.things.values() if thing.type == "rparts:GripperEffector")
+            self._disturbances.append(Slip(simulation, next(grippers)))
         if self._options.pictures:
             shown = [t for t in self._world.things.values() if all(t.size) or t.type == "cora:Robot"]
             places = [simulation.pose_of(thing.id).position for thing in shown]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TextIO
 
 from skiros2_common.command_line.layout import Screen
-from skiros2_demo.plan_text import Step, name_of, plan_lines, steps_of
+from skiros2_demo.run_check import Step, name_of, plan_lines, steps_of
 from skiros2_runs.core.progress import NodeMessage, has_ended
 from skiros2_skill.command_line.watch import LineView, LiveView, View
 
@@ -30,7 +30,7 @@ class ProgressReport:
         self._name = name
         self._started = time.monotonic()
         live = out.isatty()
-        self._view: View = LiveView(out, lambda skill_type, label: ()) if live else LineView(out, Screen())
+        self._view: View = LiveView(out) if live else LineView(out, Screen())
         self._tasks: set[int] = set()  # running
         self._waiting: list[str] = []
         self._known = 0  # highest reported step number

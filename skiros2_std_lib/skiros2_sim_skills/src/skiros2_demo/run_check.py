@@ -5,21 +5,130 @@ Needs no ROS.
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from skiros2_bags.core.action_call import Goal
-from skiros2_bags.core.checking import Finding
-from skiros2_bags.core.checking import check as check_bag
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.run import Run
-from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.names import full_name
-from skiros2_demo.plan_text import Step, name_of, steps_of
-from skiros2_demo.world_state import WorldState
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.run import Finding, Run
+from skiros2_bags.core.run import check as check_bag
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.names import full_name, local_name
+from skiros2_common.core.world_element import Element
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_task.core import goal_text
+from skiros2_world_model.core.history import changed_lines, difference
+
+#: Subject, predicate, object.
+Triple = tuple[str, str, str]
+
+SELF = "-1"
+
+
+@dataclass
+class Thing:
+    """An element without its relations."""
+
+    id: str
+    type: str
+    label: str
+    properties: dict[str, list[Any]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The label without prefix, or the id."""
+        return local_name(self.label) or self.id
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Edge lengths of its box (m); 0 without a size."""
+        x, y, z = (float(next(iter(self.properties.get(f"skiros:Size{axis}", [])), 0.0)) for axis in "XYZ")
+        return x, y, z
+
+
+@dataclass
+class WorldState:
+    """Things and their relations."""
+
+    things: dict[str, Thing] = field(default_factory=dict)
+    relations: set[Triple] = field(default_factory=set)
+    elements: list[Element] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, elements: Iterable[Element]) -> WorldState:
+        """Creates the state from elements."""
+        state = cls(elements=list(elements))
+        for element in state.elements:
+            properties = {p.key: list(p.values) for p in element.properties}
+            state.things[element.id] = Thing(element.id, element.type, element.label, properties)
+            for relation in element.getRelations():
+                subject, other = (element.id if end == SELF else end for end in (relation["src"], relation["dst"]))
+                state.relations.add((subject, relation["type"], other))
+        return state
+
+    def name(self, thing_id: str) -> str:
+        """Returns the name of a thing: its label without prefix, or its id."""
+        thing = self.things.get(thing_id)
+        return thing.name if thing is not None else thing_id
+
+    def holders(self, thing_id: str, predicate: str) -> list[str]:
+        """Returns the subjects of a relation to a thing."""
+        return sorted(s for s, p, o in self.relations if p == predicate and o == thing_id)
+
+    def labelled(self, label: str) -> Thing:
+        """Returns the thing with a label.
+
+        :raises UnknownName: there is not exactly one.
+        """
+        found = [thing for thing in self.things.values() if thing.label == label]
+        if len(found) != 1:
+            labels = ", ".join(sorted({t.label for t in self.things.values() if t.label})) or "none"
+            problem = "several elements are" if found else "no element is"
+            raise UnknownName(f"{problem} labelled {label!r} in the scene; labels there: {labels}")
+        return found[0]
+
+
+#: A step of a plan, as in the feedback of `~achieve`.
+Step = dict[str, Any]
+
+
+def steps_of(text: str) -> list[Step]:
+    """Parses the steps of a plan.
+
+    :param text: JSON of the task manager; "" for no steps.
+    :raises WrongValue: it is not a plan.
+    """
+    try:
+        steps = json.loads(text or "[]")
+        if all(isinstance(step["number"], int) for step in steps):
+            return list(steps)
+    except (ValueError, KeyError, TypeError) as error:
+        raise WrongValue(f"the plan cannot be read: {error!r} in {text!r}") from error
+    raise WrongValue(f"the plan cannot be read: a step has no number in {text!r}")
+
+
+def plan_lines(steps: list[Step], name: Callable[[str], str]) -> list[str]:
+    """Formats a plan, one line per step.
+
+    :param name: returns the name of an element.
+    """
+    return [f"{number}. {_step(step, name)}".rstrip() for number, step in enumerate(steps, 1)]
+
+
+def _step(step: Step, name: Callable[[str], str]) -> str:
+    facts = [f"{key}: {name(value)}" for key, value in step.get("arguments", {}).items() if key != "Robot"]
+    return f"{name_of(step):<8} {'; '.join(facts)}"
+
+
+def name_of(step: Step) -> str:
+    """Returns the name of a step's skill."""
+    return str(step.get("label") or step.get("skill", ""))
+
 
 ACHIEVE = "skiros2_msgs/Achieve"
 PROGRESS = "skiros2_msgs/TreeProgress"
@@ -171,3 +280,15 @@ def _goal_text(goal: goal_text.ParsedGoal, world: WorldState) -> str:
     subject, target = (world.name(term.text) for term in goal.terms)
     relation = full_name(goal.predicate.text)
     return f"{target} is in {subject}" if relation == "skiros:contain" else f"{subject} {relation} {target}"
+
+
+#: Properties that change with every observation.
+_POSES = re.compile(r"skiros:((Position|Orientation)[XYZW]|BaseFrameId|TfTimeStamp):")
+_ID = re.compile(r"\b\w+:\w+-\d+\b")
+
+
+def changes(before: WorldState, after: WorldState) -> list[str]:
+    """Returns one line per difference, except poses: `+` added, `-` removed, `~` changed."""
+    lines = changed_lines(difference(before.elements, after.elements))
+    names = after if len(after.things) >= len(before.things) else before
+    return [_ID.sub(lambda found: names.name(found[0]), line) for line in lines if not _POSES.search(line)]

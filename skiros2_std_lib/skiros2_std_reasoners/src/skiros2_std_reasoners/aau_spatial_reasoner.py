@@ -13,7 +13,7 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
-from skiros2_std_reasoners.core.pose_keeper import PoseKeeper
+from skiros2_std_reasoners.core.pose_keeper import PoseKeeper, ReasonerModel
 from skiros2_std_reasoners.core.relations import ALL, relations_between
 from skiros2_std_reasoners.ros.codes import CODES, Code
 from skiros2_std_reasoners.ros.frame_publisher import FramePublisher
@@ -41,7 +41,7 @@ class AauSpatialReasoner(DiscreteReasoner):
         self._keeper = PoseKeeper(self.__class__.__name__, self._transforms, _now)
         self._publisher: FramePublisher | None = None
 
-    def init(self, wmi: Any) -> None:
+    def init(self, wmi: ReasonerModel) -> None:
         super().init(wmi)
         self._keeper.wmi = wmi
 

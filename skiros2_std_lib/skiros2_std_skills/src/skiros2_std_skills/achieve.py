@@ -19,10 +19,10 @@ class Achieve(SkillDescription):
     """Achieves a goal: plans for it, executes the plan on the robots, and replans after a failure."""
 
     def createDescription(self) -> None:
-        self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, parted by commas")
-        self.addParam("Priority", 0, ParamTypes.Optional, description="Goals with a higher one get the robots first")
+        self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, separated by commas")
+        self.addParam("Priority", 0, ParamTypes.Optional, description="Goals of high priority get robots first")
         self.addParam(
-            "MaxReplans", -1, ParamTypes.Optional, description="Of the plan; negative: as usual"
+            "MaxReplans", -1, ParamTypes.Optional, description="Maximum number of new plans; negative: the default"
         )
 
 

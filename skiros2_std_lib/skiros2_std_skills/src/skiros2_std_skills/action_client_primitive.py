@@ -9,7 +9,7 @@ from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.connections import ServerWatch
 from skiros2_std_skills.client_primitive import LOST, NO_ANSWER, NO_SERVER, ClientPrimitive
 
 __all__ = ["PrimitiveActionClient"]
@@ -19,6 +19,10 @@ SERVER_TIMEOUT = 5.0
 
 #: Timeout of the connections to a known server (s of wall time).
 _CONNECTION_TIMEOUT = 10.0
+
+#: Progress messages of the tick in which a goal is sent, and of the ticks before. Re-runs of bags find the tick of a
+#: goal by them, since nothing else in a recording shows it exactly.
+GOAL_SENT, WAITING = "Goal sent", "Waiting for the action server"
 
 
 class PrimitiveActionClient(ClientPrimitive):
@@ -119,7 +123,9 @@ class PrimitiveActionClient(ClientPrimitive):
 
     def restart(self, goal: Any, text: str = "Restarting action.") -> State:
         """For `execute`, `onFeedback` and `onDone`: abandons the current goal and sends another. Returns Running."""
-        self._abandon()
+        if self._goal is None:
+            self.client.cancel_goal()
+            self.client.stop_tracking_goal()
         self._clear_answers()
         self._goal = goal
         self._watch = ServerWatch(self.client)
@@ -146,11 +152,6 @@ class PrimitiveActionClient(ClientPrimitive):
 
     # -- internal ----------------------------------------------------------------------------------------------
 
-    def _abandon(self) -> None:
-        if self._goal is None:
-            self.client.cancel_goal()
-            self.client.stop_tracking_goal()
-
     def _close_client(self) -> None:
         if self.client is not None:
             self.client.action_client.stop()
@@ -165,10 +166,10 @@ class PrimitiveActionClient(ClientPrimitive):
         if watch.is_connected():
             goal, self._goal = self._goal, None
             self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
-            return self.step("Goal sent")
+            return self.step(GOAL_SENT)
         if watch.time_since_status() > SERVER_TIMEOUT or watch.age() > _CONNECTION_TIMEOUT:
             return self.fail(f"Action server {watch.name} is not available.", NO_SERVER)
-        return self.step(f"Waiting for the action server {watch.name}")
+        return self.step(f"{WAITING} {watch.name}")
 
     def _result_missed(self) -> bool:
         # Answers that arrive before `send_goal` returns do not reach the callbacks.

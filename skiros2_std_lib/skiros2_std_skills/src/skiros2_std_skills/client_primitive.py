@@ -49,10 +49,5 @@ class ClientPrimitive(PrimitiveBase, ABC):
             return False
         return True
 
-    # -- for the two kinds of clients --------------------------------------------------------------------------
-
-    def _abandon(self) -> None:
-        """To override: abandons the current goal or call."""
-
     def _close_client(self) -> None:
         """To override: closes the client of an earlier start, if there is one."""

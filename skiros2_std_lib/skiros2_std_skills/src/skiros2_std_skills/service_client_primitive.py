@@ -42,7 +42,7 @@ class PrimitiveServiceClient(ClientPrimitive):
     - `client`: the `rospy.ServiceProxy`;
     - `build_client_onstart`: True makes a proxy at each start, so that it may depend on the parameters; False makes one
       when the skill is loaded;
-    - `call_timeout_sec`: how long the call may take before the skill fails (s of wall time); None: for ever.
+    - `call_timeout_sec`: how long the call may take before the skill fails (s of wall time); None: unlimited.
 
     A call abandoned by preemption or timeout is not cancelled: its answer is discarded.
     """
@@ -73,8 +73,8 @@ class PrimitiveServiceClient(ClientPrimitive):
         return True
 
     def onPreempt(self) -> State:
-        self._abandon()
-        return self.fail("Stopped, what the server answers is dropped", STOPPED)
+        self._call = None
+        return self.fail("Stopped; the answer will be discarded", STOPPED)
 
     def execute(self) -> State:
         call = self._call
@@ -86,6 +86,3 @@ class PrimitiveServiceClient(ClientPrimitive):
             self._call = None
             return self.fail(f"No answer from {self.client.resolved_name} within {self.call_timeout_sec} s", NO_ANSWER)
         return self.step(f"Waiting for {self.client.resolved_name}")
-
-    def _abandon(self) -> None:
-        self._call = None

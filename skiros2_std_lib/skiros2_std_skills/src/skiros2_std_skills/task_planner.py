@@ -10,7 +10,7 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.manager_names import manager_of, same_node
 from skiros2_common.core.params import ParamTypes
-from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.connections import ServerWatch
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.core.processors import SerialStar
 from skiros2_skill.core.skill import SkillBase
@@ -22,10 +22,10 @@ SERVER_TIMEOUT = 5.0
 
 
 class TaskPlan(SkillDescription):
-    """Reaches a goal by the skills of a plan for it."""
+    """Plans for a goal and runs the skills of the plan."""
 
     def createDescription(self) -> None:
-        self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, parted by commas")
+        self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, separated by commas")
 
 
 class task_plan(SkillBase):
@@ -65,7 +65,7 @@ class task_plan(SkillBase):
         if self._sent and self._client.gh.get_comm_state() == actionlib.CommState.DONE:
             return self._take(self._client.get_result())
         if self._sent and self._watch.time_without_result(self._client.gh) > SERVER_TIMEOUT:
-            return self.fail(f"The plan of {self._watch.name} was made, but did not arrive", -103)
+            return self.fail(f"The plan of {self._watch.name} was lost", -103)
         if self._watch.time_since_status() > SERVER_TIMEOUT:
             return self.fail(f"No task manager answers on {self._watch.name}", -101)
         if not self._sent and self._watch.is_connected():

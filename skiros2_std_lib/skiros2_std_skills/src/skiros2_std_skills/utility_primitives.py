@@ -19,10 +19,10 @@ SPATIAL_REASONER = "AauSpatialReasoner"
 
 
 class Wait(SkillDescription):
-    """Lets time pass."""
+    """Waits for a time."""
 
     def createDescription(self) -> None:
-        self.addParam("Duration", 0.0, ParamTypes.Required, description="How long to wait", unit="s", minimum=0)
+        self.addParam("Duration", 0.0, ParamTypes.Required, description="Time to wait", unit="s", minimum=0)
 
 
 class wait(PrimitiveBase):
@@ -57,13 +57,13 @@ class WmSetRelation(SkillDescription):
             "OldDstToRemove",
             Element("sumo:Object"),
             ParamTypes.Optional,
-            description="Removes the relation from Src to this one, too",
+            description="Also removes the relation from Src to this element",
         )
         self.addParam(
             "OldSrcToRemove",
             Element("sumo:Object"),
             ParamTypes.Optional,
-            description="Removes the relation from this one to Dst, too",
+            description="Also removes the relation from this element to Dst",
         )
 
 
@@ -128,15 +128,15 @@ class WmMoveObject(SkillDescription):
     """Moves an object in the world model from one place to another."""
 
     def createDescription(self) -> None:
-        self.addParam("StartLocation", Element("sumo:Object"), ParamTypes.Inferred, description="Where it was")
+        self.addParam("StartLocation", Element("sumo:Object"), ParamTypes.Inferred, description="The present place")
         self.addParam(
             "TargetLocation",
             Element("sumo:Object"),
             ParamTypes.Optional,
-            description="Where it is now; unset: at the start again",
+            description="The new place; unset: the start location",
         )
-        self.addParam("Object", Element("sumo:Object"), ParamTypes.Required, description="What has moved")
-        self.addParam("Relation", "skiros:contain", ParamTypes.Required, description="How the target holds it")
+        self.addParam("Object", Element("sumo:Object"), ParamTypes.Required, description="The moved object")
+        self.addParam("Relation", "skiros:contain", ParamTypes.Required, description="From the new place to the object")
         self.addPreCondition(self.getRelationCond("ObjectAtStart", SPATIAL_RELATION, "StartLocation", "Object", True))
 
 
@@ -191,7 +191,7 @@ class Forget(SkillDescription):
 
     def createDescription(self) -> None:
         self.addParam(
-            "Value", Element("sumo:Object"), ParamTypes.Optional, description="To be remapped to the key to forget"
+            "Value", Element("sumo:Object"), ParamTypes.Optional, description="To be remapped to the key to clear"
         )
         self.setAvailableForPlanning(False)
 
@@ -211,7 +211,7 @@ class Counter(SkillDescription):
     """Counts ticks."""
 
     def createDescription(self) -> None:
-        self.addParam("CountTarget", int, ParamTypes.Required, description="How many ticks to run", minimum=0)
+        self.addParam("CountTarget", int, ParamTypes.Required, description="Number of ticks", minimum=0)
 
 
 class counter(PrimitiveBase):

@@ -23,11 +23,15 @@ INTERRUPTED = 130
 
 
 class UsageError(SkirosError):
-    """The arguments are wrong in every state of the system; ends with `USAGE`."""
+    """The arguments are wrong in every state of the system."""
+
+    status = USAGE
 
 
 class Unavailable(SkirosError):
-    """The master or the requested node is not running; ends with `UNAVAILABLE`."""
+    """The master or the requested node is not running."""
+
+    status = UNAVAILABLE
 
 
 @dataclass
@@ -84,12 +88,9 @@ def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, 
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
     try:
         result = work()
-    except Unavailable as error:
-        return _fail(program, error, UNAVAILABLE)
-    except UsageError as error:
-        return _fail(program, error, USAGE)
     except SkirosError as error:
-        return _fail(program, error, refused)
+        sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
+        return getattr(error, "status", refused)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:  # a command that prints itself; the reader has closed the pipe
@@ -112,12 +113,6 @@ def end(status: int) -> NoReturn:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status)
-
-
-def _fail(program: str, error: Exception, status: int) -> int:
-    """Reports an error in one line."""
-    sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
-    return status
 
 
 def screen() -> Screen:

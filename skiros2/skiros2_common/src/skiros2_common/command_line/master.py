@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import http.client
 import socket
 import xmlrpc.client
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 import rosgraph
 
 from skiros2_common.command_line.command import Unavailable
-from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
+
+#: The exceptions of a failed XML-RPC call: no server answers, or another kind of server does.
+XMLRPC_ERRORS = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error, ExpatError)
 
 #: The timeout for a response of a master or node (s).
 TIMEOUT = 2.0

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 #: The methods that state how a condition is evaluated, and those that say the same in a faster way.
 _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_inference")
-_SHORTCUTS = ("element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record")
+_SHORTCUTS = (
+    "element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields", "planned_as"
+)
 
 
 class Cost(IntEnum):
@@ -64,7 +66,7 @@ class _OfParameters:
         self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
 
     def _remember(self, key: str, ph: ParamHandler) -> None:
-        param = ph._params.get(key)
+        param = ph.getParamMap().get(key)
         self._checked[key] = param.value if param is not None else None
 
     def _name(self, key: str) -> str:
@@ -78,7 +80,7 @@ class _OfParameters:
 
         :raises UnknownName: the skill has no such parameter.
         """
-        param = ph._params.get(key)
+        param = ph.getParamMap().get(key)
         if param is None:
             raise UnknownName(f"condition {self._label!r} uses {key!r}; the skill has: {', '.join(ph.keys())}")
         return param.value
@@ -127,7 +129,7 @@ class _OfParameters:
         :param having: a property and a value that the elements must have.
         :param ids: the ids to select from; None: all.
         """
-        param = ph._params.get(key)
+        param = ph.getParamMap().get(key)
         if param is None or not param.is_element:
             return
         wanted = Element(param.element_type)
@@ -178,6 +180,12 @@ class ConditionBase(_OfParameters):
 
     #: Whether it can hold for elements only.
     wants_elements: bool = False
+
+    #: The fields of a `ConditionRecord` that the constructor takes; None: `from_record` creates none.
+    record_fields: ClassVar[tuple[str, ...] | None] = None
+
+    #: Its planning predicate: a `Kind` of `skiros2_task.core.formula`, `specified`, `any` (of its parts), or "" (none).
+    planned_as: str = ""
 
     #: The loaded classes by name.
     classes: ClassVar[dict[str, type[ConditionBase]]] = {}
@@ -264,6 +272,10 @@ class ConditionBase(_OfParameters):
     @classmethod
     def from_record(cls, record: ConditionRecord) -> Self | None:
         """Creates the condition from its record; None if that is impossible."""
+        return cls(*(getattr(record, name) for name in cls.record_fields)) if cls.record_fields is not None else None
+
+    def example_value(self, wmi: WorldModelPort) -> str | bool | float | None:
+        """A property value that satisfies it, if it leaves the value open; for previews of plans."""
         return None
 
     def _signature(self) -> tuple[Any, ...]:
@@ -301,11 +313,11 @@ class ConditionBase(_OfParameters):
         ids = self.element_ids(ph)
         return ids is None or not changed or not ids.isdisjoint(changed)
 
-    def _ids_in_parameters(self, ph: ParamHandler) -> set[str] | None:
+    def ids_in_parameters(self, ph: ParamHandler) -> set[str] | None:
         """`element_ids` of a condition that reads only the elements in its parameters."""
         ids: set[str] = set()
         for key in self.getKeys():
-            param = ph._params.get(key)
+            param = ph.getParamMap().get(key)
             if param is None or (param.is_element and not param.is_bound()):
                 return None  # an unset parameter may stand for any element of a class
             if param.is_element:
@@ -388,7 +400,11 @@ class ConditionBase(_OfParameters):
 
     def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         """Applies the effect to the world model, for simulation. Returns False if that is impossible."""
-        return self.evaluate(ph, wmi)
+        return self.evaluate(ph, wmi) or (self._make_true(ph, wmi) and self.evaluate(ph, wmi))
+
+    def _make_true(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        """To override: applies the effect and adds its inverse to `_undo`. Returns False if that is impossible."""
+        return False
 
     def revert(self, ph: ParamHandler | None = None, wmi: WorldModelPort | None = None) -> None:
         """Undoes `setTrue`."""
@@ -431,10 +447,3 @@ def _has_changes(element: Element) -> bool:
 def near_matches(elements: Iterable[Element], why: str = "") -> list[NearMatch]:
     """The first `MAX_EXAMPLES` elements as near matches."""
     return [NearMatch(repr(element), why) for element in islice(elements, MAX_EXAMPLES)]
-
-
-def condition_from(record: ConditionRecord) -> ConditionBase | None:
-    """Creates the condition of a record; None if its class is not loaded, or has no `from_record`."""
-    cls = ConditionBase.classes.get(record.kind)
-    return cls.from_record(record) if cls is not None else None
-

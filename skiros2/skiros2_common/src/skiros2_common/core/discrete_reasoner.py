@@ -6,10 +6,13 @@ import importlib
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName
 from skiros2_common.core.names import full_name, spellings
+
+if TYPE_CHECKING:
+    from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +51,7 @@ class DiscreteReasoner:
         """
         self._wmi = wmi
 
-    def parse(self, element: Any, action: str) -> bool | None:
+    def parse(self, element: Element, action: str) -> bool | None:
         """To override: called for each changed element. `action` is `add`, `update` or `remove`. Return False to reject
         the change."""
         raise self._missing("parse")
@@ -100,18 +103,18 @@ class DiscreteReasoner:
         """To override: the reasoner's loop, which ends on `stopRequested`."""
         raise self._missing("run")
 
-    def addProperties(self, element: Any) -> None:
+    def addProperties(self, element: Element) -> None:
         """Adds the reasoner and its properties to the element."""
         name = self.__class__.__name__
         if not element.hasProperty(REASONER_PROPERTY, name):
             element.appendProperty(REASONER_PROPERTY, name)
         self.onAddProperties(element)
 
-    def onAddProperties(self, element: Any) -> None:
+    def onAddProperties(self, element: Element) -> None:
         """To override: adds the reasoner's missing properties."""
         raise self._missing("onAddProperties")
 
-    def removeProperties(self, element: Any) -> None:
+    def removeProperties(self, element: Element) -> None:
         """Removes the reasoner and its properties from the element."""
         name = self.__class__.__name__
         if element.hasProperty(REASONER_PROPERTY, name):
@@ -121,19 +124,19 @@ class DiscreteReasoner:
                 element.removeProperty(REASONER_PROPERTY)
         self.onRemoveProperties(element)
 
-    def onRemoveProperties(self, element: Any) -> None:
+    def onRemoveProperties(self, element: Element) -> None:
         """To override: removes the reasoner's properties."""
         raise self._missing("onRemoveProperties")
 
-    def hasData(self, element: Any, get_code: str) -> bool:
+    def hasData(self, element: Element, get_code: str) -> bool:
         """To override: whether the element has all data of the code."""
         raise self._missing("hasData")
 
-    def getData(self, element: Any, get_code: str) -> Any:
+    def getData(self, element: Element, get_code: str) -> Any:
         """To override: the data of the code, read from the element's properties."""
         raise self._missing("getData")
 
-    def setData(self, element: Any, data: Any, set_code: str) -> Any:
+    def setData(self, element: Element, data: Any, set_code: str) -> Any:
         """To override: writes the data of the code to the element's properties."""
         raise self._missing("setData")
 
@@ -149,7 +152,7 @@ class DiscreteReasoner:
         """To override: the properties that the reasoner owns, such as `skiros:PositionX`."""
         raise self._missing("getAssociatedData")
 
-    def computeRelations(self, sub: Any, obj: Any, with_metrics: bool = False) -> list[Any]:
+    def computeRelations(self, sub: Element, obj: Element, with_metrics: bool = False) -> list[Any]:
         """To override: the relations from `sub` to `obj`; with `with_metrics`, pairs of relation and distance(s)."""
         raise self._missing("computeRelations")
 
@@ -176,7 +179,7 @@ class ReasonerRegistry:
         self._by_name[reasoner.__class__.__name__] = reasoner
         owners: dict[str, DiscreteReasoner] = {}
         for known in self._by_name.values():
-            for name in (*codes_of(known), *data_of(known), *relations_of(known)):
+            for name in (*_names_of(known.getAssociatedProperties), *data_of(known), *relations_of(known)):
                 owners.setdefault(name, known)
         self._owners = owners
         self._cache = {}  # a new dict: a concurrent lookup writes its old result to the old one
@@ -187,36 +190,23 @@ class ReasonerRegistry:
     def all(self) -> list[DiscreteReasoner]:
         return list(self._by_name.values())
 
-    def find(self, name: str) -> DiscreteReasoner | None:
-        """The loaded reasoner that has this class name or owns this code, property or relation."""
-        for spelling in (name, *spellings(name)):
-            found = self._by_name.get(spelling) or self._owners.get(spelling)
-            if found is not None:
-                return found
-        return None
-
     def find_or_load(self, name: str) -> DiscreteReasoner | None:
-        """Same as `find`, but loads reasoners if needed and caches the result. Thread-safe."""
+        """The reasoner that has this class name or owns this code, property or relation. Cached, thread-safe."""
         cache = self._cache
         try:
             return cache[name]
         except KeyError:
             if len(cache) >= _MAX_CACHED:
                 cache.clear()
-        found = self.find(name)
-        if found is None and self._load():
-            return self.find_or_load(name)
-        cache[name] = found
+        cache[name] = found = self._search(name)
         return found
 
     def get(self, name: str) -> DiscreteReasoner:
-        """Same as `find`, but loads reasoners if needed.
+        """Same as `find_or_load`, without the cache.
 
         :raises UnknownName: no reasoner has this name.
         """
-        found = self.find(name)
-        if found is None and self._load():
-            found = self.find(name)
+        found = self._search(name)
         if found is None:
             loaded = ", ".join(self._by_name) or "none"
             raise UnknownName(f"no reasoner has the name or owns {name!r}; loaded: {loaded}")
@@ -224,13 +214,19 @@ class ReasonerRegistry:
 
     def owner_of_data(self, name: str) -> str:
         """The class name of the reasoner that owns a property (not a code or relation); "" if none does."""
-        full = full_name(name)
-        for known in (self.find(name), *self.all()):
-            if known is not None and full in map(full_name, data_of(known)):
-                return repr(known)
-        if self.find(name) is None and self._load():
-            return self.owner_of_data(name)
-        return ""
+        self._search(name)  # loads the reasoners, if none is known
+        return next((repr(known) for known in self.all() if full_name(name) in map(full_name, data_of(known))), "")
+
+    def _search(self, name: str) -> DiscreteReasoner | None:
+        found = self._find(name)
+        return self._find(name) if found is None and self._load() else found
+
+    def _find(self, name: str) -> DiscreteReasoner | None:
+        for spelling in (name, *spellings(name)):
+            found = self._by_name.get(spelling) or self._owners.get(spelling)
+            if found is not None:
+                return found
+        return None
 
     def _load(self) -> bool:
         """Loads the reasoners of the ROS parameter. Returns whether this call loaded them."""
@@ -243,11 +239,6 @@ class ReasonerRegistry:
             except ImportError as error:
                 log.debug("no reasoners are loaded, because ROS is not installed: %s", error)
             return self._is_loaded
-
-
-def codes_of(reasoner: DiscreteReasoner) -> Sequence[str]:
-    """The codes of a reasoner's data; () if it does not define them."""
-    return _names_of(reasoner.getAssociatedProperties)
 
 
 def data_of(reasoner: DiscreteReasoner) -> Sequence[str]:
@@ -267,7 +258,7 @@ def _names_of(method: Callable[[], Sequence[str] | None]) -> Sequence[str]:
         return ()
 
 
-def set_reasoners(element: Any, names: Sequence[str]) -> None:
+def set_reasoners(element: Element, names: Sequence[str]) -> None:
     """Sets the reasoners of an element: added ones add their properties, removed ones remove theirs."""
     before = list(element.getProperty(REASONER_PROPERTY).values) if element.hasProperty(REASONER_PROPERTY) else []
     for name in dict.fromkeys([*before, *names]):

@@ -1,15 +1,48 @@
-"""The content of an element: shared with the world model, copied on write."""
+"""The content of an element: shared with the world model, copied on write.
+
+Names of relations are kept as written and compared by their full form.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
-from skiros2_common.core.element_relations import RelationDict, relation_key
-from skiros2_common.core.names import spellings
+from skiros2_common.core.names import full_name, spellings
 from skiros2_common.core.property import Property
 from skiros2_common.core.revision import local_revision
+
+#: A relation in the contract's form: src, type, dst (str; "-1" is the element itself), state, abstract (bool).
+RelationDict = dict[str, Any]
+
+
+def relation_key(relation: RelationDict) -> tuple[Any, ...]:
+    """A key that is equal for equal relations, in any spelling and with or without the optional parts."""
+    return (
+        relation["src"],
+        full_name(relation["type"]),
+        relation["dst"],
+        bool(relation.get("state", True)),
+        bool(relation.get("abstract", False)),
+    )
+
+
+def is_fact(relation: RelationDict) -> bool:
+    """Whether the relation holds in a scene: its state is True and it is not abstract."""
+    return bool(relation.get("state", True)) and not relation.get("abstract", False)
+
+
+def selected(relations: Iterable[RelationDict], subj: str, pred: str | Sequence[str], obj: str) -> list[RelationDict]:
+    """The relations with that subject, predicate (one or several) and object; an empty one matches any."""
+    names = {full_name(p) for p in ([pred] if isinstance(pred, str) else pred) if p}
+    return [
+        r
+        for r in relations
+        if (not subj or r["src"] == subj)
+        and (not obj or r["dst"] == obj)
+        and (not names or full_name(r["type"]) in names)
+    ]
 
 
 @dataclass
@@ -24,14 +57,7 @@ class ElementChanges:
     type: str | None = None
 
     def __bool__(self) -> bool:
-        return bool(
-            self.properties
-            or self.removed_properties
-            or self.added_relations
-            or self.removed_relations
-            or self.label is not None
-            or self.type is not None
-        )
+        return self != ElementChanges()
 
 
 class _Original(NamedTuple):
@@ -50,7 +76,7 @@ class ElementContent:
     `_props` and `_rels` are the read-only forms, which copy nothing.
     """
 
-    def __init__(self, etype: str, elabel: str, eid: str) -> None:
+    def __init__(self, etype: str = "Unknown", elabel: str = "", eid: str = "") -> None:
         self._type = etype
         self._label = elabel
         self._id = eid

@@ -167,13 +167,13 @@ class Provenance:
     def source_text(self) -> str:
         """The source for people."""
         by = ", ".join(self.by)
-        if self.source == SPECIFIED:
-            return "specified"
-        if self.source == PULLED:
-            return f"from {by}"
-        if self.source == INFERRED:
-            return f"inferred by {by}" if by else "inferred"
-        return f"changed by {by or 'the skill'}" if self.source == CHANGED else self.source
+        texts = {
+            SPECIFIED: "specified",
+            PULLED: f"from {by}",
+            INFERRED: f"inferred by {by}" if by else "inferred",
+            CHANGED: f"changed by {by or 'the skill'}",
+        }
+        return texts.get(self.source, self.source)
 
 
 @dataclass

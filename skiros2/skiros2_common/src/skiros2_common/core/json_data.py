@@ -1,15 +1,39 @@
-"""JSON form of dataclasses whose fields are strings, numbers, booleans, lists, dicts and such dataclasses."""
+"""JSON: parsing of untrusted texts, and the JSON form of dataclasses.
+
+The fields of these dataclasses are strings, numbers, booleans, lists, dicts and such dataclasses.
+"""
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
 from dataclasses import asdict, fields
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Self, get_args, get_origin, get_type_hints
 
 from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_common.core.json_text import read_json
 
-Self = TypeVar("Self", bound="JsonData")
+#: The maximum nesting depth of lists and dicts.
+_MAX_DEPTH = 500
+#: Strings (whose brackets do not count) and brackets.
+_TOKENS = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{\]}]', re.DOTALL)
+
+
+def read_json(text: str) -> Any:
+    """Parses a JSON text.
+
+    :raises ValueError: the text is not JSON, or is nested too deeply.
+    """
+    # Python's parser recurses on the C stack: with a raised recursion limit (deep skill trees need one), deep nesting
+    # would crash the process.
+    if text.count("[") + text.count("{") > _MAX_DEPTH and _depth(text) > _MAX_DEPTH:
+        raise ValueError("nested too deeply")
+    return json.loads(text)
+
+
+def _depth(text: str) -> int:
+    brackets = (token for token in _TOKENS.findall(text) if len(token) == 1)
+    return max(itertools.accumulate(1 if bracket in "[{" else -1 for bracket in brackets), default=0)
 
 
 class JsonData:
@@ -26,7 +50,7 @@ class JsonData:
         return json.dumps(self.to_dict())
 
     @classmethod
-    def from_dict(cls: type[Self], data: Any) -> Self:
+    def from_dict(cls, data: Any) -> Self:
         """
         :raises WrongType: a value has another type than declared.
         :raises WrongValue: a field is missing or not declared.
@@ -35,7 +59,7 @@ class JsonData:
         return read
 
     @classmethod
-    def from_json(cls: type[Self], text: str) -> Self:
+    def from_json(cls, text: str) -> Self:
         """
         :raises WrongValue: the text is not JSON, or a field is missing or not declared.
         :raises WrongType: a value has another type than declared.

@@ -67,7 +67,7 @@ class Limits:
         if self.choices and value not in self.choices:
             return False
         if isinstance(value, NUMBER_TYPES):
-            return not (self.minimum is not None or self.maximum is not None) or self.lowest <= value <= self.highest
+            return (self.minimum, self.maximum) == (None, None) or self.lowest <= value <= self.highest
         return True
 
     def choices_of(self, datatype: type) -> list[Any]:

@@ -8,7 +8,10 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from skiros2_common.core.world_model_port import OntologyPort
 
 DEFAULT_PREFIX = "skiros"
 
@@ -51,7 +54,7 @@ def local_name(name: str) -> str:
     return name.rpartition(":")[2]
 
 
-def is_of_class(name: str, wanted: str, wmi: Any) -> bool:
+def is_of_class(name: str, wanted: str, wmi: OntologyPort | None) -> bool:
     """Whether a class is the wanted one (see `ANY_TYPE`) or a subclass of it.
 
     :param wmi: the world model, queried if the names differ; None: different names are different classes.
@@ -62,7 +65,7 @@ def is_of_class(name: str, wanted: str, wmi: Any) -> bool:
     if wmi is None:
         return False
     if hasattr(type(wmi), "is_subclass"):  # faster, but a library's own world model may lack it
-        return bool(wmi.is_subclass(name, wanted))
+        return wmi.is_subclass(name, wanted)
     return name in map(full_name, wmi.get_sub_classes(wanted, True))
 
 

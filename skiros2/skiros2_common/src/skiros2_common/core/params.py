@@ -92,27 +92,15 @@ class Param(Property):
         return self._last_update - since > tolerance * 1e-6
 
     def _record_set(self) -> None:
+        super()._record_set()
         self.assigned = True
         self._last_update = time_module.time()
-
-    def _set(self, values: list[Any]) -> None:
-        self.current = values
-        self._record_set()
-        local_revision.advance()
-
-    def setValue(self, value: Any, index: int = 0) -> None:
-        super().setValue(value, index)
-        self._record_set()
 
     def setValues(self, value: Any) -> None:
         super().setValues(value)
         self._record_set()
         if self.current is value:
             self.shared_snapshot = list(value)  # the caller holds the list
-
-    def removeValue(self, value: Any) -> None:
-        super().removeValue(value)
-        self._record_set()
 
     def is_bound(self) -> bool:
         """Whether it has a value that is not an abstract element."""
@@ -142,7 +130,8 @@ class Param(Property):
         default = self.defaults
         if not default or _is_abstract(default[0]):
             return False
-        return not (isinstance(default[0], Element) and [e.id for e in default] == [_id_of(v) for v in values])
+        ids = [getattr(value, "id", None) for value in values]
+        return not (isinstance(default[0], Element) and [e.id for e in default] == ids)
 
     def hasDefaultValues(self) -> bool:
         """Whether the values equal the defaults; elements are compared by id, class and label."""
@@ -428,10 +417,6 @@ class ParamHandler:
 
 def _is_abstract(value: Any) -> bool:
     return isinstance(value, Element) and value.isAbstract()
-
-
-def _id_of(value: Any) -> str | None:
-    return value.id if isinstance(value, Element) else None
 
 
 def _is_same(value: Any, default: Any) -> bool:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 
 __all__ = ["Element", "ParamOptions", "ParamTypes", "PrimitiveBase", "SkillCore", "SkillDescription", "State"]
 
@@ -18,7 +17,7 @@ class PrimitiveBase(SkillCore):
     `onInit`, `onStart`, `onPreempt` and `onEnd`.
     """
 
-    def init(self, wmi: Any, _: Any = None) -> bool:
+    def init(self, wmi: WorldModelPort, _: object = None) -> bool:
         """Loads the primitive: declares its description and calls `onInit`. Returns False if it cannot be used."""
         self._wmi = wmi
         self.declare()

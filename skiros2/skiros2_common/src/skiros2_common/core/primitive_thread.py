@@ -21,7 +21,7 @@ class PrimitiveThreadBase(PrimitiveBase):
         self.status = ""
         self._thread: threading.Thread | None = None
         self._outcome: tuple[State, str, int] | None = None
-        self._local = threading.local()
+        self._report = ("", 0)
 
     @property
     def works_in_background(self) -> bool:
@@ -40,7 +40,7 @@ class PrimitiveThreadBase(PrimitiveBase):
             return self.startError("the thread of an earlier start is still running", -1)
         if self.preStart() is False:
             return False
-        self._outcome = None
+        self._outcome, self._report = None, ("", 0)
         self._thread = threading.Thread(target=self._work, name=f"{self._label}.run", daemon=True)
         self._thread.start()
         return True
@@ -58,13 +58,13 @@ class PrimitiveThreadBase(PrimitiveBase):
 
     def success(self, msg: str = "") -> State:
         if threading.current_thread() is self._thread:
-            self._local.report = (msg, self._progress_code + 1)
+            self._report = (msg, self._progress_code + 1)
             return State.Success
         return super().success(msg)
 
     def fail(self, msg: str, code: int) -> State:
         if threading.current_thread() is self._thread:
-            self._local.report = (msg, -abs(code))
+            self._report = (msg, -abs(code))
             return State.Failure
         return super().fail(msg, code)
 
@@ -74,8 +74,7 @@ class PrimitiveThreadBase(PrimitiveBase):
             state = self.run()
             if state not in (State.Success, State.Failure):
                 raise TypeError(f"{self._label}.run returned {state!r}, expected success(...) or fail(...)")
-            message, code = getattr(self._local, "report", ("", 0))
-            outcome = (state, message, code)
+            outcome = (state, *self._report)
         except FOREIGN_ERRORS as error:
             outcome = (State.Failure, format_error(error, type(self).__module__), -405)
         finally:

@@ -205,7 +205,7 @@ class Property:
                 values[index] = checked[0]
             elif checked:
                 values.append(checked[0])
-        local_revision.advance()
+        self._record_set()
 
     def setValueFromStr(self, value: str, index: int = 0) -> None:
         """Sets the value at `index` from its text; a dict from a Python literal.
@@ -242,7 +242,7 @@ class Property:
         index = self.find(value)
         if index >= 0:
             del self.current[index]
-        local_revision.advance()
+        self._record_set()
 
     def find(self, value: Any) -> int:
         """The index of the first equal value, or -1."""
@@ -283,6 +283,10 @@ class Property:
     def _set(self, values: list[Any]) -> None:
         """Replaces the value list."""
         self.current = values
+        self._record_set()
+
+    def _record_set(self) -> None:
+        """Records the call of a setter, also of one that changed nothing."""
         local_revision.advance()
 
     def _as_list(self, value: Any) -> list[Any]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from skiros2_common.core.condition import ConditionBase, ConditionRecord
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name
@@ -43,6 +43,10 @@ class _OfProperty(ConditionBase):
     def ontology_names(self) -> list[tuple[str, str]]:
         return [("property", self.property)]
 
+    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        element = self._element(self._subject_key, ph, wmi)
+        return element is not None and self.holds_for(element)
+
     def holds_for(self, element: Element) -> bool:
         """Whether the fact holds for an element, as passed."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define holds_for")
@@ -72,9 +76,7 @@ class _OfProperty(ConditionBase):
     def _changes(self, ph: ParamHandler, wmi: WorldModelPort) -> list[Change]:
         return self._last_change(self._subject_key, self.property, ph, wmi)
 
-    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        if self.evaluate(ph, wmi):
-            return True
+    def _make_true(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         element = self._element(self._subject_key, ph, wmi)
         if element is None or element.isAbstract():
             return False
@@ -83,7 +85,7 @@ class _OfProperty(ConditionBase):
             return False
         wmi.update_element_properties(element)
         self._undo.append(lambda: _restore_property(before, self.property, wmi))
-        return self.evaluate(ph, wmi)
+        return True
 
     def setDesiredState(self, ph: ParamHandler) -> bool:
         element = self._param_value(self._subject_key, ph)
@@ -120,12 +122,9 @@ class ConditionProperty(_OfProperty):
         self._operator = operator
         self._value = value
 
-    @classmethod
-    def from_record(cls, record: ConditionRecord) -> Self:
-        return cls(record.label, record.name, record.subject, record.operator, record.value, record.state)
-
-    def element_ids(self, ph: ParamHandler) -> set[str] | None:
-        return self._ids_in_parameters(ph)
+    record_fields = ("label", "name", "subject", "operator", "value", "state")
+    planned_as = "value"
+    element_ids = ConditionBase.ids_in_parameters
 
     @property
     def value(self) -> Any:
@@ -157,10 +156,6 @@ class ConditionProperty(_OfProperty):
             return False
         return self.holds_for(element) == self._desired_state
 
-    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        element = self._element(self._subject_key, ph, wmi)
-        return element is not None and self.holds_for(element)
-
     def holds_for(self, element: Element) -> bool:
         if self._operator == "=":
             return element.hasProperty(self.property, self._value)
@@ -190,6 +185,11 @@ class ConditionProperty(_OfProperty):
             element.removeProperty(self.property)
         return True
 
+    def example_value(self, wmi: WorldModelPort) -> str | bool | float | None:
+        if isinstance(self._value, bool) or not isinstance(self._value, int | float):
+            return None
+        return self._value + (1.0 if (self._operator in (">", ">=")) == self._desired_state else -1.0)
+
     def _describe(self, element: Element) -> bool:
         value = self._value
         if not self._desired_state:
@@ -210,12 +210,9 @@ class ConditionProperty(_OfProperty):
 class ConditionHasProperty(_OfProperty):
     """True if a property has a value; for a parameter without an element, True if it is optional."""
 
-    @classmethod
-    def from_record(cls, record: ConditionRecord) -> Self:
-        return cls(record.label, record.name, record.subject, record.state)
-
-    def element_ids(self, ph: ParamHandler) -> set[str] | None:
-        return self._ids_in_parameters(ph)
+    record_fields = ("label", "name", "subject", "state")
+    planned_as = "has"
+    element_ids = ConditionBase.ids_in_parameters
 
     def satisfied_by(self, element: Element) -> bool:
         return self.holds_for(element) == self._desired_state
@@ -230,10 +227,6 @@ class ConditionHasProperty(_OfProperty):
             param = ph.getParam(self._subject_key)
             return param is not None and param.paramTypeIs(ParamTypes.Optional)
         return self.holds(ph, wmi) == self._desired_state
-
-    def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        element = self._element(self._subject_key, ph, wmi)
-        return element is not None and self.holds_for(element)
 
     def holds_for(self, element: Element) -> bool:
         return element.hasProperty(self.property, not_none=True)
@@ -252,6 +245,10 @@ class ConditionHasProperty(_OfProperty):
             element.removeProperty(self.property)
             return True
         return element.hasProperty(self.property, not_none=True)  # determines no value
+
+    def example_value(self, wmi: WorldModelPort) -> str | bool | float | None:
+        examples: dict[str | None, str | bool] = {"xsd:boolean": True, "xsd:string": "some", None: "some"}
+        return examples.get(wmi.get_datatype(self.property), 1.0) if self._desired_state else None
 
     def _describe(self, element: Element) -> bool:
         if self._desired_state and not element.hasProperty(self.property):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.core.condition import (
     ConditionBase,
-    ConditionRecord,
     Cost,
     can_find_elements,
     is_in_scene,
@@ -40,22 +39,12 @@ class ConditionRelation(ConditionBase):
         self._owl_label = olabel
         self._object_key = obj
 
-    @classmethod
-    def from_record(cls, record: ConditionRecord) -> Self:
-        return cls(record.label, record.name, record.subject, record.object, record.state)
-
+    record_fields = ("label", "name", "subject", "object", "state")
+    planned_as = "relation"
     @property
     def relation(self) -> str:
         """The full name of the relation."""
         return full_name(self._owl_label)
-
-    @property
-    def subject_key(self) -> str:
-        return self._subject_key
-
-    @property
-    def object_key(self) -> str:
-        return self._object_key
 
     @property
     def volatile(self) -> bool:  # type: ignore[override]
@@ -70,9 +59,7 @@ class ConditionRelation(ConditionBase):
     def ontology_names(self) -> list[tuple[str, str]]:
         return [("relation", self.relation)]
 
-    def element_ids(self, ph: ParamHandler) -> set[str] | None:
-        return self._ids_in_parameters(ph)
-
+    element_ids = ConditionBase.ids_in_parameters
     def candidate_ids(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> set[str] | None:
         is_subject = key == self._subject_key
         other = self._object_key if is_subject else self._subject_key
@@ -184,9 +171,7 @@ class ConditionRelation(ConditionBase):
             return []
         return [change for key in self.getKeys() for change in self._last_change(key, self.relation, ph, wmi)]
 
-    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        if self.evaluate(ph, wmi):
-            return True
+    def _make_true(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         subj = self._element(self._subject_key, ph, wmi)
         obj = self._element(self._object_key, ph, wmi)
         if subj is None or obj is None or subj.isAbstract() or obj.isAbstract():
@@ -197,7 +182,7 @@ class ConditionRelation(ConditionBase):
             changed = [{**r, "src": subj.id} for r in wmi.get_relations(subj.id, self.relation, obj.id)]
         _set_relations(changed, self._desired_state, wmi)
         self._undo.append(lambda: _set_relations(changed, not self._desired_state, wmi))
-        return self.evaluate(ph, wmi)
+        return True
 
     def setDesiredState(self, ph: ParamHandler) -> bool:
         subj = self._param_value(self._subject_key, ph)
@@ -233,12 +218,9 @@ class AbstractConditionRelation(ConditionRelation):
 
     abstract = True
 
-    @classmethod
-    def from_record(cls, record: ConditionRecord) -> Self:
-        return cls(record.label, record.name, record.subject, record.object, record.state)
-
-    def element_ids(self, ph: ParamHandler) -> set[str] | None:
-        return self._ids_in_parameters(ph)
+    record_fields = ("label", "name", "subject", "object", "state")
+    planned_as = "allowed"
+    element_ids = ConditionBase.ids_in_parameters
 
     def satisfied_for_inference(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         for key in self.getKeys():
@@ -256,8 +238,8 @@ class AbstractConditionRelation(ConditionRelation):
     def _related(self, subj: Element, obj: Element, wmi: WorldModelPort) -> list[str]:
         return [f"the ontology does not allow {subj.type} {self.relation} {obj.type}"]
 
-    def setTrue(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        return self.evaluate(ph, wmi)  # an effect cannot change the ontology
+    def _make_true(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
+        return False  # an effect cannot change the ontology
 
     def _relate(self, subj: Element, obj: Element) -> bool:
         return False

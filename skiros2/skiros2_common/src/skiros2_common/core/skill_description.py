@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from enum import Enum
-from typing import Any
+from typing import Any, cast
 
 from skiros2_common.core import conditions as cond
 from skiros2_common.core.errors import WrongValue
@@ -14,6 +14,7 @@ from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.source_location import SourceLocation, caller_location
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 
 ParamOptions = Enum("ParamOptions", "Consume Output Unspecify Lock RespectType")
 
@@ -39,14 +40,14 @@ class SkillDescription:
         self._label = ""
         self._params = ParamHandler()
         self._options: dict[str, list[Any]] = {}
-        self._pre_conditions: list[Any] = []
-        self._hold_conditions: list[Any] = []
-        self._post_conditions: list[Any] = []
-        self._exported_conditions: list[Any] = []  # post-conditions for planners, never checked
+        self._pre_conditions: list[cond.ConditionBase] = []
+        self._hold_conditions: list[cond.ConditionBase] = []
+        self._post_conditions: list[cond.ConditionBase] = []
+        self._exported_conditions: list[cond.ConditionBase] = []  # post-conditions for planners, never checked
         self._available_for_planning = True
         self._duration: float | None = None
         self._source_locations: dict[str, SourceLocation | None] = {}  # of each parameter's declaration
-        self._wmi: Any = None
+        self._wmi = cast(WorldModelPort, None)  # until the skill is loaded
         if self._declares_itself and type(self) is not SkillDescription:
             self.createDescription()
             self.generateDefParams()
@@ -70,20 +71,20 @@ class SkillDescription:
         return self._type
 
     @property
-    def wmi(self) -> Any:
+    def wmi(self) -> WorldModelPort:
         """The world model as the skill sees it; None before the skill is loaded."""
         return self._wmi
 
     @property
-    def pre_conditions(self) -> list[Any]:
+    def pre_conditions(self) -> list[cond.ConditionBase]:
         return self._pre_conditions
 
     @property
-    def hold_conditions(self) -> list[Any]:
+    def hold_conditions(self) -> list[cond.ConditionBase]:
         return self._hold_conditions
 
     @property
-    def post_conditions(self) -> list[Any]:
+    def post_conditions(self) -> list[cond.ConditionBase]:
         return self._post_conditions
 
     @property
@@ -206,17 +207,17 @@ class SkillDescription:
         """The Optional parameters, by key."""
         return self._params.getParamMapFiltered(ParamTypes.Optional)
 
-    def addPreCondition(self, condition: Any) -> None:
+    def addPreCondition(self, condition: cond.ConditionBase) -> None:
         """Adds a condition that must hold when the skill starts."""
         condition.source_location = caller_location()
         self._pre_conditions.append(condition)
 
-    def addHoldCondition(self, condition: Any) -> None:
+    def addHoldCondition(self, condition: cond.ConditionBase) -> None:
         """Adds a condition that must hold at each tick while the skill runs."""
         condition.source_location = caller_location()
         self._hold_conditions.append(condition)
 
-    def addPostCondition(self, condition: Any) -> None:
+    def addPostCondition(self, condition: cond.ConditionBase) -> None:
         """Adds a condition that must hold after the skill succeeded."""
         condition.source_location = caller_location()
         self._post_conditions.append(condition)
@@ -302,6 +303,6 @@ class SkillDescription:
         return element
 
 
-def _add_new(known: list[Any], condition: Any) -> None:
+def _add_new(known: list[cond.ConditionBase], condition: cond.ConditionBase) -> None:
     if not any(c.isEqual(condition) for c in known):
         known.append(condition)

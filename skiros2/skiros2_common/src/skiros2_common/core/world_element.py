@@ -6,15 +6,23 @@ import builtins
 import logging
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY, DiscreteReasoner, reasoners, set_reasoners
-from skiros2_common.core.element_content import ElementChanges, ElementContent
-from skiros2_common.core.element_relations import RelationDict, holds, relation_key, selected
+from skiros2_common.core.element_content import (
+    ElementChanges,
+    ElementContent,
+    RelationDict,
+    relation_key,
+    selected,
+)
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name, id_number, is_of_class, spellings
 from skiros2_common.core.property import DATATYPES, Property, converted_property, same_value
 from skiros2_common.core.revision import local_revision
+
+if TYPE_CHECKING:
+    from skiros2_common.core.world_model_port import OntologyPort
 
 log = logging.getLogger(__name__)
 
@@ -28,9 +36,6 @@ class Element(ElementContent):
     from a world model shares its content with the world model and copies it on write; `changes()` lists the changes.
     Not thread-safe.
     """
-
-    def __init__(self, etype: str = "Unknown", elabel: str = "", eid: str = "") -> None:
-        super().__init__(etype, elabel, eid)
 
     # -- identity ----------------------------------------------------------------------------------------------
 
@@ -188,10 +193,6 @@ class Element(ElementContent):
         """(subject, relation, object) with elements to be written together with this one; "-1" is this element."""
         return [(r["src"], r["type"], r["dst"]) for r in self._local_relations]
 
-    def clear_local_relations(self) -> None:
-        """Forgets the local relations; called after writing them."""
-        self._local_relations = []
-
     def addRelation(self, subj: str, predicate: str, obj: Any, value: bool = True, abstract: bool = False) -> None:
         """Adds a relation between ids, unless it exists; "-1" is this element.
 
@@ -234,7 +235,13 @@ class Element(ElementContent):
 
     def hasRelation(self, subj: str, predicate: str, obj: str, value: bool = True, abstract: bool = False) -> bool:
         """Whether exactly this relation exists; "-1" or "" as subject, otherwise as object, is this element."""
-        return holds(self._rels, self._id, subj, predicate, obj, value, abstract)
+        subjects, objects, own_ids = {subj}, {obj}, {"-1", self._id or "-1"}
+        if subj in ("-1", ""):
+            subjects |= own_ids
+        elif obj in ("-1", ""):
+            objects |= own_ids
+        wanted = {(s, full_name(predicate), o, bool(value), bool(abstract)) for s in subjects for o in objects}
+        return any(relation_key(r) in wanted for r in self._rels)
 
     def removeRelations(self, relations: Sequence[RelationDict]) -> None:
         """Removes those of the relations that exist."""
@@ -303,7 +310,7 @@ class Element(ElementContent):
 
     # -- comparison --------------------------------------------------------------------------------------------
 
-    def isInstance(self, abstract: Element, wmi: Any) -> bool:
+    def isInstance(self, abstract: Element, wmi: OntologyPort | None) -> bool:
         """Whether this element matches the description `abstract`.
 
         It matches if its class is the same or a subclass, its label is equal (unless `abstract` has none), and it has

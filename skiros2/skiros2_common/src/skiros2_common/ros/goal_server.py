@@ -18,8 +18,8 @@ log = logging.getLogger(__name__)
 #: States of goals that have not ended.
 ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 
-#: The queue size of feedback; that of large trees is large.
-_FEEDBACK_QUEUE_SIZE = 1000
+#: The queue size of results and feedback; actionlib's own 50 are too few if many goals end at once.
+_QUEUE_SIZE = 10_000
 
 #: The timeout for writing the last results to the sockets (s of wall time).
 _FLUSH_TIMEOUT = 0.5
@@ -37,12 +37,10 @@ class GoalServer:
 
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
-    :param result_queue_size: for results; actionlib's own 50 are too few if many goals end at once.
     """
 
-    def __init__(self, name: str, spec: Any, result_queue_size: int = 1000) -> None:
+    def __init__(self, name: str, spec: Any) -> None:
         self._name = name
-        self._result_queue_size = result_queue_size
         self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any] | None] = queue.SimpleQueue()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=name.strip("~/"), daemon=True)
@@ -87,8 +85,8 @@ class GoalServer:
             self._server.status_timer.shutdown()
             threading.Thread(target=self._publish_status, name=f"{self._thread.name} status", daemon=True).start()
         # Before the first connection.
-        self._server.result_pub.impl.set_queue_size(self._result_queue_size)
-        self._server.feedback_pub.impl.set_queue_size(_FEEDBACK_QUEUE_SIZE)
+        self._server.result_pub.impl.set_queue_size(_QUEUE_SIZE)
+        self._server.feedback_pub.impl.set_queue_size(_QUEUE_SIZE)
 
     def close(self, timeout: float = 1.0) -> None:
         """Stops accepting goals, aborts or rejects the remaining ones, and waits until the results are sent.

@@ -10,7 +10,7 @@ import rosgraph
 import rospy
 from rospy.impl.registration import get_registration_listeners, get_service_manager, get_topic_manager
 
-from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
+from skiros2_common.command_line.master import XMLRPC_ERRORS
 
 log = logging.getLogger(__name__)
 

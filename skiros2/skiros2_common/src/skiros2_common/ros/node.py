@@ -1,41 +1,51 @@
-"""Start-up, logging and parameters of nodes."""
+"""Start-up, shutdown, logging and parameters of nodes."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import os
+import signal
+import socket
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from queue import SimpleQueue
 
 import rosgraph
 import rospy
+import rospy.impl.tcpros_base as tcpros
 
 from skiros2_common.command_line.launch_error import repeat_after_roslaunch
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_common.ros.inbound_connections import handshake_in_threads
 from skiros2_common.ros.master_watch import watch_master
-from skiros2_common.ros.shutdown import shutdown_in_thread
+from skiros2_common.tools.logger import rosout_record
+
+log = logging.getLogger(__name__)
 
 #: Exit status of a node with wrong parameters or files, which a restart cannot fix (EX_CONFIG of sysexits.h).
 EXIT_CONFIGURATION = 78
 
-#: The levels of rosout; others are mapped to the next lower one.
-_ROSOUT_LEVELS = (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
+#: The period in which `spin` looks for a shutdown by ROS itself (s).
+_POLL_PERIOD = 0.5
+
+#: The timeout for the header of a new connection (s).
+_HANDSHAKE_TIMEOUT = 10.0
+
+#: The maximum size of a header (bytes). The longest ones of ROS clients contain a message definition.
+_MAX_HEADER_BYTES = 4 * 1024 * 1024
+
+_shutdown_thread: _ShutdownThread | None = None
 
 
 class RosoutHandler(logging.Handler):
     """Forwards the records of Python loggers to rosout, with their source location."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        # ALWAYS is above all levels, but is not an error.
-        number = logging.INFO if record.levelname == "ALWAYS" else record.levelno
-        level = next((known for known in _ROSOUT_LEVELS if number >= known), logging.DEBUG)
-        rosout = logging.getLogger("rosout")
-        if rosout.isEnabledFor(level):
-            overrides = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
-            text = {"msg": self.format(record), "args": (), "exc_info": None, "exc_text": None}
-            rosout.handle(logging.makeLogRecord({**record.__dict__, **overrides, **text}))
+        copy, rosout = rosout_record(record), logging.getLogger("rosout")
+        if rosout.isEnabledFor(copy.levelno):
+            rosout.handle(copy)
 
     def filter(self, record: logging.LogRecord) -> bool:
         # The records of rospy and of `skiros2_common.tools.logger` reach rosout without this handler.
@@ -49,9 +59,7 @@ def bridge_logging(verbose: bool = False) -> None:
     """
     root = logging.getLogger()
     if not any(isinstance(handler, RosoutHandler) for handler in root.handlers):
-        handler = RosoutHandler()
-        handler.setFormatter(logging.Formatter("%(message)s"))
-        root.addHandler(handler)
+        root.addHandler(RosoutHandler())
     root.setLevel(logging.INFO)
     for name in ("skiros2", "skiros2_common", "skiros2_world_model", "skiros2_skill", "skiros2_task", "skiros2_sim"):
         logging.getLogger(name).setLevel(logging.DEBUG if verbose else logging.INFO)
@@ -61,7 +69,7 @@ def run_node(name: str, main: Callable[[], None]) -> None:
     """Runs a node program: registers the node (again after a restart of the master), calls `main`, ends the process.
 
     :param name: the node's default name.
-    :param main: does the node's work and returns at shutdown, which a signal starts in another thread (see `shutdown`).
+    :param main: does the node's work and returns at shutdown, which a signal starts in another thread; see `spin`.
         If it raises `ConfigurationError`, the process ends with one line on stderr and status 78.
     """
     if not rosgraph.is_master_online():
@@ -90,6 +98,97 @@ def _die(line: str, status: int) -> None:
     if status == EXIT_CONFIGURATION:
         repeat_after_roslaunch(line)
     os._exit(status)
+
+
+# -- shutdown ------------------------------------------------------------------------------------------------------
+
+
+class _ShutdownThread(threading.Thread):
+    """Shuts the node down on request.
+
+    rospy runs the shutdown hooks in the signal handler, on top of the main thread's current frame. If that frame holds
+    a lock that a hook needs, for example of logging, the node deadlocks.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(name="shutdown")
+        self._reasons: SimpleQueue[str] = SimpleQueue()
+        self.started = threading.Event()
+
+    def request(self, reason: str) -> None:
+        """Requests the shutdown. Safe in signal handlers: it takes no lock that the interrupted thread may hold."""
+        self._reasons.put(reason)
+
+    def run(self) -> None:
+        reason = self._reasons.get()
+        self.started.set()
+        rospy.signal_shutdown(reason)
+
+
+@contextlib.contextmanager
+def shutdown_in_thread() -> Iterator[None]:
+    """A context manager: SIGINT, SIGTERM and its end shut the node down in a separate thread.
+
+    For the main thread, with `rospy.init_node(..., disable_signals=True)` inside. The main thread continues during the
+    shutdown: it has to check `rospy.is_shutdown` or to call `spin`.
+    """
+    global _shutdown_thread
+    _shutdown_thread = thread = _ShutdownThread()
+    thread.start()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: thread.request(f"signal {number}"))
+    try:
+        yield
+    finally:
+        thread.request("the program has ended")
+        thread.join()
+
+
+def spin() -> None:
+    """Same as `rospy.spin`, for use in `shutdown_in_thread`: returns after all shutdown hooks have run."""
+    assert _shutdown_thread is not None, "spin requires shutdown_in_thread"
+    while not rospy.is_shutdown() and not _shutdown_thread.started.wait(_POLL_PERIOD):
+        pass
+    if _shutdown_thread.started.is_set():
+        _shutdown_thread.join()
+
+
+# -- inbound connections -------------------------------------------------------------------------------------------
+
+
+def handshake_in_threads() -> None:
+    """Moves the handshakes of TCPROS connections to threads. Call it once, after `rospy.init_node`.
+
+    rospy reads the header of a new connection in its single accepting thread, for up to 60 s. A client that sends
+    nothing (a port scanner) or another protocol blocks all topics and services of the node for that time.
+    """
+    tcpros.start_tcpros_server()
+    server = tcpros._tcpros_server.tcp_ros_server
+    handshake = server.inbound_handler
+
+    def check_header(connection: socket.socket, address: tuple[str, int]) -> None:
+        timeout = connection.gettimeout()
+        connection.settimeout(_HANDSHAKE_TIMEOUT)
+        try:
+            size = int.from_bytes(connection.recv(4, socket.MSG_PEEK), "little")
+        except OSError as error:
+            log.debug("connection from %s: no header received: %s", address, error)
+            connection.close()
+            return
+        if size > _MAX_HEADER_BYTES:
+            log.debug("connection from %s: not a TCPROS header", address)
+            connection.close()
+            return
+        connection.settimeout(timeout)
+        handshake(connection, address)
+
+    def start_thread(*connection: object) -> None:
+        threading.Thread(target=check_header, args=connection, name="inbound", daemon=True).start()
+
+    server.inbound_handler = start_thread
+
+
+# -- parameters ----------------------------------------------------------------------------------------------------
 
 
 def list_param(name: str) -> list[str]:

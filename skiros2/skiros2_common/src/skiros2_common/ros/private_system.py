@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
@@ -10,17 +11,14 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 from xmlrpc.client import ServerProxy
 
 import rospy
 
+from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
-from skiros2_common.core.ports import free_port, is_free
-from skiros2_common.core.processes import end_processes
-from skiros2_common.core.termination import TerminationSignals
-from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
+from skiros2_common.core.processes import TerminationSignals, end_processes, free_port, is_free
 
 #: The timeout for a process to end after SIGINT before it is killed (s). roslaunch gives its nodes 15 s.
 STOP_TIMEOUT = 20.0
@@ -55,10 +53,10 @@ class PrivateSystem:
         self._logs = logs
         self._has_own_home = has_own_home
         self._home = ""
-        self._environment: dict[str, str | None] = {}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._is_node = False
         self._signals = TerminationSignals()
+        self._at_exit = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
         """Starts the master and waits for it.
@@ -69,37 +67,25 @@ class PrivateSystem:
         """
         if not is_free(self.port):
             raise Refused(f"port {self.port} is in use; pass a free one, or none")
-        self._signals.__enter__()
-        entered = False
-        try:
-            self._home = tempfile.mkdtemp(prefix=f"skiros2-{self._name}-")
-            self._set_environment()
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self._signals)
+            folder = tempfile.TemporaryDirectory(prefix=f"skiros2-{self._name}-", ignore_cleanup_errors=True)
+            self._home = stack.enter_context(folder)
+            stack.callback(os.environ.update, dict(os.environ))
+            stack.callback(os.environ.clear)
+            os.environ.update(self._environment())
             self.start("master", ["roscore", "-p", str(self.port)])
+            stack.callback(self.end, "master")
+            stack.callback(self._end_node)
+            stack.callback(self._end_others)
+            stack.callback(self._signals.ignore)
             self.wait_for(self._master_answers, "the master")
-            entered = True
-        finally:
-            if not entered:
-                self.__exit__(None, None, None)
+            self._at_exit = stack.pop_all()
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *error: Any) -> None:
         """Ends all processes, and the node of this process and the master last. Ignores signals meanwhile."""
-        self._signals.ignore()
-        master = self._running.pop("master", None)
-        end_processes(list(self._running.values()), STOP_TIMEOUT)
-        self._running.clear()
-        if self._is_node:
-            rospy.signal_shutdown(f"the {self._name} has ended")
-        if master is not None:
-            end_processes([master], STOP_TIMEOUT)
-        if self._home:
-            shutil.rmtree(self._home, ignore_errors=True)
-        for key, value in self._environment.items():
-            if value is None:
-                os.environ.pop(key, None)
-            else:
-                os.environ[key] = value
-        self._signals.__exit__(kind, error, trace)
+        self._at_exit.__exit__(*error)
 
     def init_node(self, name: str) -> None:
         """Makes this process a node until the system ends. rospy allows it once per process."""
@@ -164,16 +150,21 @@ class PrivateSystem:
 
     # -- internals -----------------------------------------------------------------------------------------------------
 
-    def _set_environment(self) -> None:
-        wanted = {
+    def _environment(self) -> dict[str, str]:
+        return {
             "ROS_MASTER_URI": f"http://localhost:{self.port}",
             "ROS_HOME": self._home,
             "ROS_LOG_DIR": f"{self._home}/log",
             "ROS_HOSTNAME": "localhost",
             **({"HOME": self._home} if self._has_own_home else {}),
         }
-        self._environment = {key: os.environ.get(key) for key in wanted}
-        os.environ.update(wanted)
+
+    def _end_others(self) -> None:
+        end_processes([process for name, process in self._running.items() if name != "master"], STOP_TIMEOUT)
+
+    def _end_node(self) -> None:
+        if self._is_node:
+            rospy.signal_shutdown(f"the {self._name} has ended")
 
     def _master_answers(self) -> bool:
         try:

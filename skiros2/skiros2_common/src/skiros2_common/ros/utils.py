@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
-from skiros2_common.core.element_relations import is_fact
+from skiros2_common.core.element_content import is_fact
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.limits import Limits
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
 from skiros2_common.core.property import Property, as_type, format_value
@@ -178,7 +179,7 @@ def encodeElement(encoder: Any, obj: Element) -> dict[str, Any]:
         "type": obj.type,
         "last_update": 0.0,
         "properties": {key: encodeProperty(encoder, prop) for key, prop in obj._props.items()},
-        "relations": [_full_relation(r) for r in obj._rels],
+        "relations": [{**makeRelation("", "", ""), **r} for r in obj._rels],
     }
 
 
@@ -194,7 +195,7 @@ def decodeElement(json_string: Any) -> Element:
     )
     for prop in _field(e, "properties", dict, f"element {element!r}").values():
         decoded = decodeProperty(prop)
-        element._put(decoded.key, decoded)
+        element._properties[decoded.key] = decoded
     for r in _field(e, "relations", list, f"element {element!r}"):
         r = _loaded(r, "relation")
         src, pred, dst = (_field(r, name, str, f"relation of {element!r}") for name in ("src", "type", "dst"))
@@ -236,9 +237,13 @@ def deserializeParamMap(params: Iterable[Any]) -> dict[str, Param]:
 def serializePropertyMap(p_map: Mapping[str, Property]) -> list[Any]:
     """Properties as a list of `Property` messages."""
     return [
-        msgs.Property(prop.key, json.dumps(prop.values, cls=ParamsEncoder), getStrFromType(prop.dataType()))
+        msgs.Property(prop.key, _encode(prop.values), getStrFromType(prop.dataType()))
         for prop in p_map.values()
     ]
+
+
+#: The encoder itself: `json.dumps` with a class makes a new one for each call, which takes three times as long.
+_encode = ParamsEncoder().encode
 
 
 def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
@@ -255,10 +260,8 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
     for message in msg:
         try:
             prop = Property(message.key, type_named(message.dataType))
-            values = json_loads_byteified(message.dataValue)
-            if not isinstance(values, list):
-                raise WrongValue(f"{format_value(message.dataValue)} is no JSON list")
-            prop.assign(_decoded_values(message.dataType, values))
+            given = message.dataType, message.dataValue
+            prop.assign(_plain_values(*given) or _values(*given))
             properties[message.key] = prop
         except SkirosError as error:
             errors.append(type(error)(f"property {message.key!r}: {error}"))
@@ -267,6 +270,20 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
     if errors:
         raise WrongValue("; ".join(map(str, errors)))
     return properties
+
+
+def _values(data_type: str, text: str) -> list[Any]:
+    values = json_loads_byteified(text)
+    if not isinstance(values, list):
+        raise WrongValue(f"{format_value(text)} is no JSON list")
+    return list(_decoded_values(data_type, values))
+
+
+@lru_cache(10_000)
+def _plain_values(data_type: str, text: str) -> tuple[Any, ...]:
+    """The values of a short text, if they are immutable; else (). Most properties of a message are as before."""
+    values = _values(data_type, text) if len(text) < 40 and data_type not in _decoders else []
+    return tuple(values) if all(isinstance(value, (str, float, int)) for value in values) else ()
 
 
 def element2msg(element: Element) -> Any:
@@ -288,16 +305,11 @@ def msg2element(msg: Any) -> Element:
     """
     element = Element(msg.type, msg.label, msg.id)
     try:
-        for key, prop in deserializePropertyMap(msg.properties).items():
-            element._put(key, prop)
+        element._properties = deserializePropertyMap(msg.properties)
     except ValueError as error:
         raise WrongValue(f"element {element!r}: {error}") from None
-    element._rels = [msg2relation(r) for r in msg.relations]
+    element._relations = [msg2relation(r) for r in msg.relations]
     return element
-
-
-def _full_relation(r: RelationDict) -> RelationDict:
-    return {**makeRelation("", "", ""), **r}
 
 
 def relation2msg(r: RelationDict) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
@@ -24,13 +25,12 @@ def prevent(**attributes: Any) -> Callable[[Callable[..., Any]], Callable[..., A
     """Decorator: skips the method and returns None while the object has all these attribute values."""
 
     def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(method)
         def guarded(self: Any, *args: Any, **kwargs: Any) -> Any:
             if all(getattr(self, name, None) == value for name, value in attributes.items()):
                 return None
             return method(self, *args, **kwargs)
 
-        guarded.__name__ = method.__name__
-        guarded.__doc__ = method.__doc__
         return guarded
 
     return decorate

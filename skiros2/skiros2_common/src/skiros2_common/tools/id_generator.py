@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 
 
@@ -10,18 +11,13 @@ class IdGen:
 
     def __init__(self) -> None:
         self._used: set[int] = set()
-        self._lowest = 0
         self._lock = threading.Lock()
 
     def getId(self, desired: int = -1) -> int:
         """Allocates the desired number (from 0), or the next free one."""
         with self._lock:
-            number = desired if desired >= 0 else self._lowest
-            while number in self._used:
-                number += 1
+            number = next(n for n in itertools.count(max(desired, 0)) if n not in self._used)
             self._used.add(number)
-            if desired < 0:
-                self._lowest = number + 1
             return number
 
     def hasId(self, uid: int) -> bool:
@@ -30,12 +26,8 @@ class IdGen:
 
     def removeId(self, uid: int) -> None:
         """Releases the number."""
-        with self._lock:
-            self._used.discard(uid)
-            self._lowest = min(self._lowest, uid)
+        self._used.discard(uid)
 
     def clear(self) -> None:
         """Releases all numbers."""
-        with self._lock:
-            self._used.clear()
-            self._lowest = 0
+        self._used.clear()

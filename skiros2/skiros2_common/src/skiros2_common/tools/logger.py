@@ -1,14 +1,17 @@
 """The logging functions that skill libraries call, on top of Python's `logging`.
 
 Each takes a short source name and a text, or only a text. Messages go to stdout, coloured by level, and in a ROS node
-also to rosout. `Log` keeps the last messages for `has*`, `count*Msg` and `msg*`.
+also to rosout. `Log` keeps the last messages. Its methods are functions of this module too.
 """
 
 from __future__ import annotations
 
+import functools
 import logging
+import re
 import sys
 from collections import Counter, deque
+from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, TypeVar
@@ -44,22 +47,13 @@ class logColor:
     ENDC = "\033[0m"
 
 
-#: The levels of Python's `logging` for the modes.
-_NUMBERS = {
-    ALWAYS: 60,
-    ERROR: logging.ERROR,
-    WARN: logging.WARNING,
-    OK: 22,
-    INFO: logging.INFO,
-    DEBUG: logging.DEBUG,
-    TRACE: 5,
-}
+#: The level of Python's `logging` and the colour of each mode.
+_NUMBERS = {ALWAYS: 60, ERROR: 40, WARN: 30, OK: 22, INFO: 20, DEBUG: 10, TRACE: 5}
 _COLOURS = {
     _NUMBERS[ALWAYS]: logColor.BOLD,
     _NUMBERS[ERROR]: logColor.RED,
     _NUMBERS[WARN]: logColor.YELLOW,
     _NUMBERS[OK]: logColor.GREEN,
-    _NUMBERS[INFO]: "",
     _NUMBERS[DEBUG]: logColor.BLUE,
     _NUMBERS[TRACE]: logColor.MAGENTA,
 }
@@ -70,17 +64,26 @@ for _mode in (ALWAYS, OK, TRACE):
 _NAME_WIDTH = 20
 #: The number of messages that a `Log` keeps.
 _MAX_MESSAGES = 1000
-#: The levels of rosout.
-_ROSOUT = (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
+#: The levels of rosout; others are mapped to the next lower one.
+_ROSOUT_LEVELS = (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
+#: The methods of `Log` for one level.
+_OF_LEVEL = re.compile(r"(msg|count|has)(Always|Error|Warn|Ok|Info|Debug|Trace)(Msg)?")
+
+
+def rosout_record(record: logging.LogRecord) -> logging.LogRecord:
+    """A copy of a record for the handlers of `rosout`, with one of its levels."""
+    number = logging.INFO if record.levelno == _NUMBERS[ALWAYS] else record.levelno  # ALWAYS is no error
+    level = next((known for known in _ROSOUT_LEVELS if number >= known), logging.DEBUG)
+    changes = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
+    text = {"msg": logging.Formatter().format(record), "args": (), "exc_info": None, "exc_text": None}
+    return logging.makeLogRecord({**record.__dict__, **changes, **text})
 
 
 class _OutputHandler(logging.Handler):
     """Writes records to stdout and, in a ROS node, to the handlers of `rosout` except the screen."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.is_on = True
-        self.has_colours = True
+    is_on = True
+    has_colours = True
 
     def emit(self, record: logging.LogRecord) -> None:
         record.is_shown = True  # so that `RosoutHandler` skips it
@@ -93,27 +96,28 @@ class _OutputHandler(logging.Handler):
             sys.stdout.flush()
         except (OSError, ValueError):
             self.handleError(record)
-        _to_rosout(record)
-
-
-def _to_rosout(record: logging.LogRecord) -> None:
-    rospy = sys.modules.get("rospy")  # without rospy there is no node
-    if rospy is None or not rospy.core.is_initialized():
-        return
-    number = logging.INFO if record.levelno == _NUMBERS[ALWAYS] else record.levelno
-    level = next((known for known in _ROSOUT if number >= known), logging.DEBUG)
-    overrides = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
-    copy = logging.makeLogRecord({**record.__dict__, **overrides})
-    for handler in logging.getLogger("rosout").handlers:
-        if not type(handler).__name__.endswith("StreamHandler"):
-            handler.handle(copy)
+        rospy = sys.modules.get("rospy")  # without rospy there is no node
+        if rospy is not None and rospy.core.is_initialized():
+            for handler in logging.getLogger("rosout").handlers:
+                if not type(handler).__name__.endswith("StreamHandler"):
+                    handler.handle(rosout_record(record))
 
 
 _output = _OutputHandler()
 
 
+def _logging_method(mode: logMode) -> Callable[..., None]:
+    def log(self: Log, msg: Any, desc: Any = None) -> None:
+        self.log(mode, msg, desc)
+
+    return log
+
+
 class Log:
     """Logs messages and keeps the last ones.
+
+    `msgError`, `countErrorMsg` and `hasError` are the errors logged since `clear`, their number and whether there are
+    any; each other level has the same three methods.
 
     :param name: of the Python logger.
     """
@@ -127,6 +131,15 @@ class Log:
         self._counts: Counter[logMode] = Counter()
         self._indent = 0
 
+    def __getattr__(self, name: str) -> Any:
+        found = _OF_LEVEL.fullmatch(name)
+        if found is None or (found[1] == "count") != bool(found[3]):
+            raise AttributeError(name)
+        mode = logMode[found[2].upper()]
+        if found[1] == "msg":
+            return functools.partial(self.messages, mode)
+        return functools.partial(self.count if found[1] == "count" else self._has, mode)
+
     def log(self, mode: int, msg: Any, desc: Any = None) -> None:
         """Logs a message, unless its level is above the set one."""
         mode = logMode(mode)
@@ -137,26 +150,7 @@ class Log:
         self._counts[mode] += 1
         self._logger.log(_NUMBERS[mode], "%s", text, stacklevel=3)
 
-    def always(self, msg: Any, desc: Any = None) -> None:
-        self.log(ALWAYS, msg, desc)
-
-    def error(self, msg: Any, desc: Any = None) -> None:
-        self.log(ERROR, msg, desc)
-
-    def warn(self, msg: Any, desc: Any = None) -> None:
-        self.log(WARN, msg, desc)
-
-    def ok(self, msg: Any, desc: Any = None) -> None:
-        self.log(OK, msg, desc)
-
-    def info(self, msg: Any, desc: Any = None) -> None:
-        self.log(INFO, msg, desc)
-
-    def debug(self, msg: Any, desc: Any = None) -> None:
-        self.log(DEBUG, msg, desc)
-
-    def trace(self, msg: Any, desc: Any = None) -> None:
-        self.log(TRACE, msg, desc)
+    always, error, warn, ok, info, debug, trace = map(_logging_method, logMode)
 
     def assertError(self, cond: _T, msg: Any, desc: Any = None) -> _T:
         """Logs an error if `cond` is false. Returns `cond`."""
@@ -222,6 +216,9 @@ class Log:
         """The number of messages of a level since `clear`."""
         return self._counts[logMode(mode)]
 
+    def _has(self, mode: int) -> bool:
+        return self.count(mode) > 0
+
     def lastError(self) -> str:
         """The last error, or ""."""
         return next(iter(reversed(self.messages(ERROR))), "")
@@ -232,11 +229,11 @@ class Log:
 
     def testError(self) -> bool:
         """Whether an error was logged since `clear`."""
-        return self.count(ERROR) > 0
+        return self._has(ERROR)
 
     def testWarn(self) -> bool:
         """Whether a warning was logged since `clear`."""
-        return self.count(WARN) > 0
+        return self._has(WARN)
 
     def toString(self) -> str:
         """The last messages, a line each."""
@@ -259,84 +256,14 @@ class Log:
         self.useColor()
         self.enableOutput()
 
-    def msgAlways(self) -> list[str]:
-        return self.messages(ALWAYS)
-
-    def msgError(self) -> list[str]:
-        return self.messages(ERROR)
-
-    def msgWarn(self) -> list[str]:
-        return self.messages(WARN)
-
-    def msgOk(self) -> list[str]:
-        return self.messages(OK)
-
-    def msgInfo(self) -> list[str]:
-        return self.messages(INFO)
-
-    def msgDebug(self) -> list[str]:
-        return self.messages(DEBUG)
-
-    def msgTrace(self) -> list[str]:
-        return self.messages(TRACE)
-
-    def countAlwaysMsg(self) -> int:
-        return self.count(ALWAYS)
-
-    def countErrorMsg(self) -> int:
-        return self.count(ERROR)
-
-    def countWarnMsg(self) -> int:
-        return self.count(WARN)
-
-    def countOkMsg(self) -> int:
-        return self.count(OK)
-
-    def countInfoMsg(self) -> int:
-        return self.count(INFO)
-
-    def countDebugMsg(self) -> int:
-        return self.count(DEBUG)
-
-    def countTraceMsg(self) -> int:
-        return self.count(TRACE)
-
-    def hasAlways(self) -> bool:
-        return self.count(ALWAYS) > 0
-
-    def hasError(self) -> bool:
-        return self.count(ERROR) > 0
-
-    def hasWarn(self) -> bool:
-        return self.count(WARN) > 0
-
-    def hasOk(self) -> bool:
-        return self.count(OK) > 0
-
-    def hasInfo(self) -> bool:
-        return self.count(INFO) > 0
-
-    def hasDebug(self) -> bool:
-        return self.count(DEBUG) > 0
-
-    def hasTrace(self) -> bool:
-        return self.count(TRACE) > 0
-
 
 _log = Log()
 
 always, error, warn, ok = _log.always, _log.error, _log.warn, _log.ok
 info, debug, trace = _log.info, _log.debug, _log.trace
 assertError, assertWarn, assertOk, assertInfo = _log.assertError, _log.assertWarn, _log.assertOk, _log.assertInfo
-setLevel, getLevel, useColor = _log.setLevel, _log.getLevel, _log.useColor
-enableOutput, disableOutput, clear, reset = _log.enableOutput, _log.disableOutput, _log.clear, _log.reset
-indent, unindent = _log.indent, _log.unindent
-lastError, lastWarn, testError, testWarn = _log.lastError, _log.lastWarn, _log.testError, _log.testWarn
-toString, dump = _log.toString, _log.dump
-msgAlways, msgError, msgWarn, msgOk = _log.msgAlways, _log.msgError, _log.msgWarn, _log.msgOk
-msgInfo, msgDebug, msgTrace = _log.msgInfo, _log.msgDebug, _log.msgTrace
-countAlwaysMsg, countErrorMsg, countWarnMsg = _log.countAlwaysMsg, _log.countErrorMsg, _log.countWarnMsg
-countOkMsg, countInfoMsg = _log.countOkMsg, _log.countInfoMsg
-countDebugMsg, countTraceMsg = _log.countDebugMsg, _log.countTraceMsg
-hasAlways, hasError, hasWarn, hasOk = _log.hasAlways, _log.hasError, _log.hasWarn, _log.hasOk
-hasInfo, hasDebug, hasTrace = _log.hasInfo, _log.hasDebug, _log.hasTrace
+setLevel, getLevel = _log.setLevel, _log.getLevel
+
+
+def __getattr__(name: str) -> Any:
+    return getattr(_log, name)

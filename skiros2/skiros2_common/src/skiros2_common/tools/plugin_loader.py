@@ -118,11 +118,10 @@ class PluginLoader:
     def _import_package(self, name: str) -> ModuleType:
         try:
             return importlib.import_module(name)
-        except ModuleNotFoundError as error:
-            if error.name and (name == error.name or name.startswith(error.name + ".")):
-                raise MissingPackage(f"library {name!r}: there is no Python package of that name") from None
-            raise MissingPackage(f"library {name!r} cannot be imported: {_cause(error)}") from error
         except FOREIGN_ERRORS as error:
+            missing = error.name if isinstance(error, ModuleNotFoundError) else None
+            if missing and f"{name}.".startswith(f"{missing}."):
+                raise MissingPackage(f"library {name!r}: there is no Python package of that name") from None
             raise MissingPackage(f"library {name!r} cannot be imported: {_cause(error)}") from error
 
     def _modules(self, package: ModuleType) -> builtins.list[ModuleType]:
@@ -132,14 +131,11 @@ class PluginLoader:
             try:
                 module = importlib.import_module(name)
             except FOREIGN_ERRORS as error:
-                self._report(name, error)
+                self.failures[name] = _cause(error)
+                log.error("module %s cannot be imported and is skipped: %s", name, self.failures[name])
             else:
                 modules += self._modules(module)
         return modules
-
-    def _report(self, name: str, error: Exception | SystemExit) -> None:
-        self.failures[name] = _cause(error)
-        log.error("module %s cannot be imported and is skipped: %s", name, self.failures[name])
 
 
 def _cause(error: Exception | SystemExit) -> ImportFailure:

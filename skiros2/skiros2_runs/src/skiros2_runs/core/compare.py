@@ -6,7 +6,7 @@ that succeeds without its own message; measured numbers in messages, within a to
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from skiros2_runs.core.frame import NodeProgress
@@ -49,7 +49,8 @@ class Divergence:
 
     def __str__(self) -> str:
         lines = [f"first divergence: {self.where}", f"  {self.what}"]
-        lines += _labelled("expected", self.expected) + _labelled("got     ", self.got)
+        for label, text in (("expected: ", self.expected), ("got     : ", self.got)):
+            lines += ["  " + label + text.replace("\n", "\n" + " " * 14)]
         if self.context:
             lines += ["  before that:", *(f"    {line}" for line in self.context)]
         return "\n".join(lines)
@@ -185,20 +186,15 @@ def _sequences(expected: list[_End], got: list[_End]) -> Iterator[tuple[list[_En
     if not parallel:
         yield expected, got
         return
-    paths = sorted({end.node.index_path for end in ends})
-    for path in paths:
-        yield tuple([end for end in side if end.node.index_path == path] for side in (expected, got))  # type: ignore[misc]
-    for branches in {_branches(path, parallel) for path in paths}:
-        yield tuple(  # type: ignore[misc]
-            [end for end in side if _branches(end.node.index_path, parallel) == branches] for side in (expected, got)
-        )
+    parts: list[Callable[[_End], object]] = [
+        lambda end: end.node.index_path,
+        lambda end: _branches(end.node.index_path, parallel),
+    ]
+    for part_of in parts:
+        for part in dict.fromkeys(map(part_of, ends)):
+            yield [end for end in expected if part_of(end) == part], [end for end in got if part_of(end) == part]
 
 
 def _branches(path: tuple[int, ...], parallel: set[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
     """Returns the children of parallel nodes that contain a node."""
     return tuple(path[: depth + 1] for depth in range(len(path)) if path[:depth] in parallel)
-
-
-def _labelled(label: str, text: str) -> list[str]:
-    lines = text.splitlines() or [""]
-    return [f"  {label}: {lines[0]}", *(" " * 14 + line for line in lines[1:])]

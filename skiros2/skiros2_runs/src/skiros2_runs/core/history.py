@@ -23,11 +23,6 @@ class NodeReport:
     code: int
     message: str
 
-    @property
-    def progress(self) -> tuple[int, int, str]:
-        """State, progress code and message."""
-        return self.state, self.code, self.message
-
 
 @dataclass
 class NodeHistory:
@@ -78,7 +73,8 @@ def node_histories(run: TaskRun) -> dict[int, NodeHistory]:
             elif before is not None and frame.report(index) == before.report(index):
                 continue
             reports, report = nodes[shape.id(index)].reports, frame.report(index)
-            if not reports or reports[-1].progress != report:
+            last = reports[-1] if reports else None
+            if last is None or (last.state, last.code, last.message) != report:
                 reports.append(NodeReport(frame.time, *report))
         before = frame
     return nodes

@@ -37,25 +37,22 @@ class LogLine:
 
 
 class MessageLog:
-    """:ivar dropped: the number of discarded lines."""
+    """:ivar lines: oldest first.
+    :ivar dropped: the number of discarded lines.
+    """
 
     def __init__(self) -> None:
-        self._lines: deque[LogLine] = deque(maxlen=MAX_LINES)
+        self.lines: deque[LogLine] = deque(maxlen=MAX_LINES)
         self._last: dict[int, LogLine] = {}
         self.dropped = 0
 
     def __len__(self) -> int:
-        return len(self._lines)
+        return len(self.lines)
 
     @property
     def count(self) -> int:
         """The number of lines ever added."""
-        return self.dropped + len(self._lines)
-
-    @property
-    def lines(self) -> Sequence[LogLine]:
-        """Oldest first."""
-        return self._lines
+        return self.dropped + len(self.lines)
 
     def record(self, frame: Frame, indices: Sequence[int]) -> None:
         """Adds a line for each node with a new state or message.
@@ -85,9 +82,9 @@ class MessageLog:
         self._last[node] = line
         if state == IDLE and not message:
             return
-        if len(self._lines) == MAX_LINES:
+        if len(self.lines) == MAX_LINES:
             self.dropped += 1
-        self._lines.append(line)
+        self.lines.append(line)
 
 
 def _short(message: str) -> str:

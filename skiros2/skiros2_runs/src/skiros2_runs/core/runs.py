@@ -20,7 +20,6 @@ class Runs:
 
     :param most_bytes: the most memory for ticks.
     :param most_tasks: the most ended tasks.
-    :ivar evicted: the number of ended tasks discarded for lack of memory.
     """
 
     def __init__(self, most_bytes: int = MAX_KEPT, most_tasks: int = MAX_TASKS) -> None:
@@ -28,7 +27,6 @@ class Runs:
         self._most_tasks = most_tasks
         self._runs: list[TaskRun] = []
         self._current: dict[tuple[str, int], TaskRun] = {}
-        self.evicted = 0
 
     def __iter__(self) -> Iterator[TaskRun]:
         """In the order of their first message."""
@@ -91,4 +89,3 @@ class Runs:
         self._runs.remove(run)
         if self._current.get((run.robot, run.task_id)) is run:
             del self._current[run.robot, run.task_id]
-        self.evicted += 1

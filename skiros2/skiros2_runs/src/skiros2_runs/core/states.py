@@ -81,7 +81,4 @@ def style_of(state: int | TaskState) -> StateStyle:
 
 def state_name(state: int) -> str:
     """Returns the name of a node's state in data: `success`, `failure`, `running`, `idle` or `unknown`."""
-    return NodeState(state).name.lower() if state in _NODE_STATES else "unknown"
-
-
-_NODE_STATES = frozenset(NodeState)
+    return NodeState(state).name.lower() if state in [*NodeState] else "unknown"

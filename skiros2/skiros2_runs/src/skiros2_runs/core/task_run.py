@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from skiros2_runs.core.frame import ROW, Frame, Rows
+from skiros2_runs.core.frame import ROW, Frame, Rows, Shape, key_of
 from skiros2_runs.core.message_log import MessageLog
 from skiros2_runs.core.progress import NodeMessage, task_state
-from skiros2_runs.core.shape import Shape, key_of
 from skiros2_runs.core.states import IDLE, RUNNING, TaskState
 from skiros2_runs.core.values import NodeStatus
 
@@ -81,6 +80,9 @@ class TaskRun:
     :ivar is_lost: whether its manager has disconnected while it was running.
     :ivar dropped: the number of oldest ticks discarded for lack of memory.
     :ivar size: the approximate memory of the ticks (bytes).
+    :ivar start: the time of its first message (s since the epoch).
+    :ivar times: the times of the stored ticks, oldest first (s since the epoch).
+    :ivar is_complete: whether the first message can be that of the task's first tick.
     """
 
     def __init__(self, robot: str, task_id: int) -> None:
@@ -92,11 +94,11 @@ class TaskRun:
         self.is_lost = False
         self.dropped = 0
         self.size = 0
-        self._start = 0.0
+        self.start = 0.0
+        self.times: list[float] = []
+        self.is_complete = False
         self._ticks: list[_Tick] = []
-        self._times: list[float] = []
         self._since_keyframe = 0
-        self._is_complete = False
         self._latest: Frame | None = None
         self._nodes: Sequence[NodeMessage] = ()
 
@@ -120,21 +122,6 @@ class TaskRun:
         """The state of the task."""
         return TaskState.LOST if self.is_lost and not self.latest.has_ended else self.latest.task_state
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether the first message can be that of the task's first tick."""
-        return self._is_complete
-
-    @property
-    def start(self) -> float:
-        """The time of its first message (s since the epoch)."""
-        return self._start
-
-    @property
-    def times(self) -> Sequence[float]:
-        """The times of the stored ticks, oldest first (s since the epoch)."""
-        return self._times
-
     def record(self, nodes: Sequence[NodeMessage], time: float) -> Recorded:
         """Records a message.
 
@@ -146,24 +133,39 @@ class TaskRun:
         before, last = self._latest, self._nodes
         self._nodes = nodes
         if before is None:
-            self._start = time
-            self._is_complete = all(node.progress_time < _LONGEST_PERIOD for node in nodes)
+            self.start = time
+            self.is_complete = all(node.progress_time < _LONGEST_PERIOD for node in nodes)
         updated = list(range(len(nodes)))
-        if before is not None and len(nodes) == len(last):
+        if len(nodes) == len(last):
             updated = [index for index in updated if nodes[index] is not last[index]]
-            self._record_params(nodes, updated, time)
-            if all(key_of(nodes[index]) == before.shape.keys[index] for index in updated):
-                return Recorded(self, self._record_same_shape(nodes, time, before, updated), False)
+        self._record_params(nodes, updated, time)
+        texts = {index: nodes[index].progress_message for index in updated}
+        if before is None or len(nodes) != len(last) or any(key_of(nodes[i]) != before.shape.keys[i] for i in updated):
+            shape, said = Shape.of(nodes), {}
+            texts = {index: node.progress_message for index, node in enumerate(nodes) if node.progress_message}
+            rows = _carried_over(shape, before)
         else:
-            self._record_params(nodes, updated, time)
-        shape = Shape.of(nodes)
-        rows = _carried_over(shape, before)
-        self._update(rows, nodes, updated, time, before is None)
-        said = {index: node.progress_message for index, node in enumerate(nodes) if node.progress_message}
-        frame = Frame(time, shape, rows, said, self._start, task_state(nodes[0]))
-        self.log.record(frame, updated)
-        self._keep(frame, None, said)
-        return Recorded(self, True, True)
+            shape, rows, said = before.shape, before.rows, before.messages
+            texts = {index: text for index, text in texts.items() if text != said.get(index, "")}
+            rows = rows.copy() if updated else rows
+        if updated:
+            self._update(rows, nodes, updated, time, before is None)
+        if texts:
+            said = {index: text for index, text in {**said, **texts}.items() if text}
+        frame = Frame(time, shape, rows, said, self.start, task_state(nodes[0]))
+        if before is None or shape is not before.shape:
+            self.log.record(frame, updated)
+            self._keep(frame, None, said)
+            return Recorded(self, True, True)
+        among = np.array(updated, "i4")
+        changed = among[_differ(rows[among], before.rows[among])]
+        new_states = changed[rows["state"][changed] != before.rows["state"][changed]]
+        self.log.record(frame, sorted({*new_states.tolist(), *texts}))
+        is_new_tick = bool(len(changed) or texts) or frame.task_state != before.task_state
+        if is_new_tick:
+            self._keep(frame, changed, texts)
+        self._latest = frame  # without a new tick, the last one lasts longer
+        return Recorded(self, is_new_tick, False)
 
     def frame(self, tick: int) -> Frame:
         """Returns the tree at a stored tick; 0 is the oldest.
@@ -195,12 +197,12 @@ class TaskRun:
                 texts = before.messages
                 if tick.messages:
                     texts = {index: text for index, text in {**texts, **tick.messages}.items() if text}
-            before = Frame(tick.time, tick.shape, rows, texts, self._start, tick.task_state)
+            before = Frame(tick.time, tick.shape, rows, texts, self.start, tick.task_state)
             yield before
 
     def tick_at(self, time: float) -> int:
         """Returns the last tick at or before a time; 0 for an earlier time."""
-        return max(0, bisect.bisect_right(self._times, time) - 1)
+        return max(0, bisect.bisect_right(self.times, time) - 1)
 
     def add_values(self, values: NodeStatus) -> bool:
         """Keeps the values of a node. The oldest ones are discarded, and those between two equal ones.
@@ -237,7 +239,7 @@ class TaskRun:
         for number in range(1, len(self._ticks)):
             if self._ticks[number].indices is None:
                 self.size -= sum(tick.size for tick in self._ticks[:number])
-                del self._ticks[:number], self._times[:number]
+                del self._ticks[:number], self.times[:number]
                 self.dropped += number
                 return True
         return False
@@ -250,31 +252,11 @@ class TaskRun:
                 if not known or known[-1][1] != texts:
                     known.append((time, texts))
 
-    def _record_same_shape(self, nodes: Sequence[NodeMessage], time: float, before: Frame, updated: list[int]) -> bool:
-        """Records a message with the nodes of the previous one. Returns whether it is a new tick."""
-        rows, said = before.rows, before.messages
-        texts = {p: nodes[p].progress_message for p in updated if nodes[p].progress_message != said.get(p, "")}
-        if updated:
-            rows = rows.copy()
-            self._update(rows, nodes, updated, time, False)
-        if texts:
-            said = {index: text for index, text in {**said, **texts}.items() if text}
-        frame = Frame(time, before.shape, rows, said, self._start, task_state(nodes[0]))
-        among = np.array(updated, "i4")
-        indices = among[_differ(rows[among], before.rows[among])]
-        others = indices[rows["state"][indices] != before.rows["state"][indices]]
-        self.log.record(frame, sorted({*others.tolist(), *texts}))
-        if not len(indices) and not texts and frame.task_state == before.task_state:
-            self._latest = frame  # the last tick lasts longer
-            return False
-        self._keep(frame, indices, texts)
-        return True
-
     def _update(
         self, rows: Rows, nodes: Sequence[NodeMessage], updated: list[int], time: float, is_first: bool
     ) -> None:
         """Updates the rows of some nodes."""
-        count, now = len(updated), time - self._start
+        count, now = len(updated), time - self.start
         at: Any = updated if count < len(rows) else slice(None)
         state = np.fromiter((nodes[index].state for index in updated), "i2", count)
         run_time = np.fromiter((nodes[index].progress_time for index in updated), "f4", count)
@@ -306,7 +288,7 @@ class TaskRun:
             tick = _Tick(frame.time, frame.shape, indices, frame.rows[indices], texts, frame.task_state)
             self._since_keyframe += 1
         self._ticks.append(tick)
-        self._times.append(frame.time)
+        self.times.append(frame.time)
         self.size += tick.size
 
 

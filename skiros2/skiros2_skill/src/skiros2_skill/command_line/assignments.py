@@ -7,7 +7,7 @@ from typing import Any
 
 from skiros2_common.command_line.command import UsageError
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.property import as_type, from_text
 from skiros2_skill.client.description import NamedSkill, Parameter, Skill, Step, did_you_mean, find_skill
 

@@ -1,18 +1,172 @@
-"""The commands list, describe and why."""
+"""The commands list, describe and why, and the data about skills in the world model."""
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
+
+import rosgraph
 
 from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Screen, table
-from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.names import local_name
-from skiros2_skill.client.description import REQUIRED, Parameter, Skill, find_skill
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
+from skiros2_common.core.manager_names import runs_on
+from skiros2_common.core.names import id_number, local_name
+from skiros2_common.core.world_element import Element
+from skiros2_skill.client.description import REQUIRED, Parameter, Skill, did_you_mean, find_skill
 from skiros2_skill.client.manager import ManagerClient
-from skiros2_skill.command_line.world import CONDITIONS, Registered, World
+from skiros2_world_model.command_line.program import connect
+
+#: The relations from a skill to its conditions, by stage.
+CONDITIONS = {
+    "pre": "skiros:hasPreCondition",
+    "hold": "skiros:hasHoldCondition",
+    "post": "skiros:hasPostCondition",
+}
+_PARTS = "skiros:hasCondition"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A declared condition.
+
+    :param text: for people, with parameter keys.
+    """
+
+    label: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Registered:
+    """The registration of a skill.
+
+    :param purpose: the first paragraph of its description's docstring; may be "".
+    :param module: the Python module that implements it; may be "".
+    :param conditions: by the keys of `CONDITIONS`.
+    :param classes: its superclasses below `skiros:Skill`, and its own class last.
+    """
+
+    purpose: str = ""
+    module: str = ""
+    conditions: dict[str, list[Condition]] = field(default_factory=dict)
+    classes: list[str] = field(default_factory=list)
+
+
+class World:
+    """The world model of a manager; connects on first use.
+
+    :param manager: the manager's node name; the world model is `wm` in its namespace.
+    :param author: named in the log.
+    """
+
+    def __init__(self, manager: str, author: str) -> None:
+        self._name = rosgraph.names.ns_join(rosgraph.names.namespace(manager), "wm")
+        self._manager = manager
+        self._author = author
+        self._wm: Any = None
+
+    @property
+    def _client(self) -> Any:
+        if self._wm is None:
+            self._wm = connect(self._name, self._author)
+        return self._wm
+
+    def find_element(self, declared: Parameter, name: str) -> Any:
+        """Finds an element by id, or by label and the parameter's class. Returns its JSON form.
+
+        :raises UnknownName: there is none.
+        :raises WrongValue: several elements have that label.
+        :raises Unavailable: the world model does not answer.
+        """
+        found = self._client.find_element(name) if name else None
+        matching = [found] if found is not None else self._client.resolve_elements(Element(declared.type, name))
+        if len(matching) == 1 and name:
+            return _reference(matching[0])
+        if matching and name:
+            ids = ", ".join(element.id for element in matching)
+            raise WrongValue(f"{len(matching)} elements are labelled {name!r}, {ids}: give the id")
+        known = self._client.resolve_elements(Element(declared.type))
+        names = [word for element in known for word in (element.label, element.id) if word]
+        raise UnknownName(f"there is no {declared.type} with the id or label {name!r}; {did_you_mean(name, names)}")
+
+    def registered(self, skill_type: str, label: str) -> Registered:
+        """The registration of a skill of the manager.
+
+        :raises UnknownName: the manager has registered no such skill.
+        :raises Unavailable: the world model does not answer.
+        """
+        for eid in self._skill_ids():
+            if eid.rpartition("-")[0] == skill_type:
+                branch = {element.id: element for element in self._client.get_branch(eid, "skiros:skillProperty")}
+                skill = branch[eid]
+                if skill.label == label:
+                    purpose, module = (skill.value_of(key) or "" for key in ("rdfs:comment", "skiros:PythonModule"))
+                    return Registered(purpose, module, _conditions(skill, branch), self._classes(skill_type))
+        raise UnknownName(f"{self._manager} has registered no skill {skill_type}-{label}")
+
+    def _skill_ids(self) -> list[str]:
+        robots = [r for r in self._client.resolve_elements(Element("cora:Robot")) if runs_on(r, self._manager)]
+        relations = (r.getRelations("-1", "skiros:hasSkill") for r in robots)
+        return [relation["dst"] for some in relations for relation in some]
+
+    def _classes(self, skill_type: str) -> list[str]:
+        """The classes between `skiros:Skill` and a type, and the type last."""
+        query = f"SELECT ?c ?p {{ {skill_type} rdfs:subClassOf* ?c . ?c rdfs:subClassOf ?p }}"
+        superclass = dict(row.split() for row in self._client.query_ontology(query, True, "ontology"))
+        chain = [skill_type]
+        while chain[0] in superclass and superclass[chain[0]] not in ("skiros:Skill", *chain):
+            chain.insert(0, superclass[chain[0]])
+        return chain
+
+
+def _conditions(skill: Element, branch: Mapping[str, Element]) -> dict[str, list[Condition]]:
+    return {
+        kind: [Condition(c.label, _text(c, branch)) for c in _targets(skill, relation, branch)]
+        for kind, relation in CONDITIONS.items()
+    }
+
+
+def _targets(element: Element, relation: str, branch: Mapping[str, Element]) -> list[Element]:
+    """The elements that a relation leads to, in the order of creation."""
+    ids = [r["dst"] for r in element.getRelations("-1", relation) if r["dst"] in branch]
+    return [branch[eid] for eid in sorted(ids, key=id_number)]
+
+
+def _text(condition: Element, branch: Mapping[str, Element]) -> str:
+    """The text of a condition, from its element's properties: its class may be defined by a library."""
+    parts = _targets(condition, _PARTS, branch)
+    subject, on, other, operator, value = (
+        condition.value_of(f"skiros:{name}")
+        for name in ("hasSubject", "appliedOnType", "hasObject", "operator", "desiredValue")
+    )
+    kind = local_name(condition.type)
+    if other is not None and "Abstract" in kind:
+        text = f"the ontology allows {subject} {on} {other}"
+    elif parts:
+        text = f"({' or '.join(_text(part, branch) for part in parts)})"
+    elif other is not None:
+        text = f"{subject} {on} {other}"
+    elif operator is not None:
+        text = f"{subject} {on} {operator} {value}"
+    elif kind == "ConditionHasProperty":
+        text = f"{subject} has a value of {on}"
+    elif on is not None or kind == "ConditionOnType":
+        text = f"{subject} is a {on or value}"
+    elif kind in ("ConditionIsSpecified", "ConditionGenerate"):
+        text = f"{subject} is an element of the scene"
+    else:
+        text = f"{kind} of {subject}"
+    return text if condition.value_of("skiros:desiredState") is not False else f"not {text}"
+
+
+def _reference(element: Element) -> dict[str, Any]:
+    """The JSON form of an element in a parameter; the manager reads the rest from the world model."""
+    known = {"id": element.id, "label": element.label, "type": element.type}
+    return {**known, "last_update": 0.0, "properties": {}, "relations": []}
 
 
 def list_skills(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:

@@ -16,12 +16,6 @@ from skiros2_runs.core.task_run import TaskRun
 #: The ANSI colour of each colour role.
 _COLOURS = {"success": "32", "failure": "31", "running": "36", "paused": "33", "idle": "90", "changed": "35"}
 
-#: The colour of a hold-condition.
-_CONDITION = "33"
-
-#: Returns the texts of the hold-conditions of a skill, by type and label.
-HoldConditions = Callable[[str, str], Sequence[str]]
-
 
 @dataclass(frozen=True)
 class Line:
@@ -56,15 +50,12 @@ def summary(frame: Frame, robot: str) -> str:
     return f"task {frame.shape.id(0)} on {robot}: {text}"
 
 
-def picture(
-    screen: Screen, frame: Frame, robot: str, holds: HoldConditions, max_lines: int | None = None
-) -> list[Line]:
+def picture(screen: Screen, frame: Frame, robot: str, max_lines: int | None = None) -> list[Line]:
     """The tree of a task.
 
-    :param holds: shown for running nodes.
     :param max_lines: maximum number of lines; nodes that neither run nor have failed are omitted first.
     """
-    forest = _Forest(screen, frame, holds)
+    forest = _Forest(screen, frame)
     room = forest.size() if max_lines is None else max_lines - 1
     if forest.size() > room:
         forest.fold()
@@ -90,13 +81,13 @@ class _Node(Branch):
 class _Forest:
     """The nodes of a task without its root, as branches."""
 
-    def __init__(self, screen: Screen, frame: Frame, holds: HoldConditions) -> None:
+    def __init__(self, screen: Screen, frame: Frame) -> None:
         self._screen = screen
         self._roots: list[Branch] = []
         known: dict[tuple[int, ...], _Node] = {}
         for path, progress in frame.nodes.items():
             if path:
-                known[path] = node = self._node(progress, holds)
+                known[path] = node = self._node(progress)
                 parent = known.get(path[:-1])
                 (parent.branches if parent is not None else self._roots).append(node)
         self._all = list(known.values())
@@ -116,7 +107,7 @@ class _Forest:
     def rows(self, limit: int) -> list[tuple[str, list[str]]]:
         """The colour and cells of the first rows."""
         branches = itertools.islice(drawn(self._screen, self._roots), limit)
-        return [(getattr(branch, "colour", _CONDITION), [text, *branch.cells[1:]]) for branch, text in branches]
+        return [(getattr(branch, "colour", ""), [text, *branch.cells[1:]]) for branch, text in branches]
 
     def fold(self) -> None:
         """Joins adjacent nodes that neither run nor have failed into one line."""
@@ -137,18 +128,11 @@ class _Forest:
                 folded.append(branch)
         return folded
 
-    def _node(self, node: NodeProgress, holds: HoldConditions) -> _Node:
+    def _node(self, node: NodeProgress) -> _Node:
         style = style_of(node.state)
         timed = "" if node.state == IDLE else f"{node.run_time:.1f} s"
         cells = [_title(self._screen, style, node.name, node.processor), style.word, timed, _message(node)]
-        conditions = holds(node.type, node.label) if node.state == RUNNING else ()
-        return _Node(
-            cells,
-            [Branch([f"holds: {text}"]) for text in conditions],
-            _colour(style),
-            node.state,
-            node.state in (RUNNING, FAILURE),
-        )
+        return _Node(cells, [], _colour(style), node.state, node.state in (RUNNING, FAILURE))
 
 
 def _count(nodes: Sequence[_Node]) -> Branch:

@@ -9,14 +9,13 @@ import sys
 from collections.abc import Sequence
 from typing import Any, Protocol, TextIO
 
-from skiros2_common.command_line.command import OK, REFUSED, CommandResult, Unavailable, json_safe, screen
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult, json_safe, screen
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import UnknownName
 from skiros2_runs.core.progress import NodeMessage, has_ended, task_state
 from skiros2_runs.core.states import SUCCESS, state_name
 from skiros2_skill.client.manager import ManagerClient
-from skiros2_skill.command_line.tree import Changes, HoldConditions, frame_of, picture, summary
-from skiros2_skill.command_line.world import World
+from skiros2_skill.command_line.tree import Changes, frame_of, picture, summary
 
 #: A task: the `SkillProgress` of each node, parents before children.
 Nodes = Sequence[NodeMessage]
@@ -27,16 +26,15 @@ _PERIOD = 0.1
 
 def watch(manager: ManagerClient, arguments: argparse.Namespace, page: Screen) -> CommandResult:
     """Shows tasks: a live tree on a terminal, otherwise one line per change; by default all tasks, until Ctrl-C."""
-    holds = Conditions(World(manager.name, manager.author))
     if arguments.once:
-        return _picture(_tasks(manager, arguments.task), page, holds)
-    from skiros2_skill.command_line.monitor import TaskMonitor, become_node
+        return _picture(_tasks(manager, arguments.task), page)
+    from skiros2_skill.command_line.connection import TaskMonitor, become_node
 
     become_node("skill_watch")
     monitor = TaskMonitor(manager)  # before the query, so that no message is lost
     try:
         first = _tasks(manager, arguments.task)
-        return _show_until_end(monitor, arguments.task, first, _view(manager.name, arguments.json, page, holds))
+        return _show_until_end(monitor, arguments.task, first, _view(manager.name, arguments.json, page))
     finally:
         monitor.close()
 
@@ -51,11 +49,11 @@ def _tasks(manager: ManagerClient, task_id: int | None) -> list[Nodes]:
     return tasks
 
 
-def _picture(tasks: list[Nodes], page: Screen, holds: HoldConditions) -> CommandResult:
+def _picture(tasks: list[Nodes], page: Screen) -> CommandResult:
     coloured = sys.stdout.isatty()
     lines: list[str] = []
     for nodes in tasks:
-        lines += ["", *(line.shown(coloured) for line in picture(page, frame_of(nodes), nodes[0].robot, holds))]
+        lines += ["", *(line.shown(coloured) for line in picture(page, frame_of(nodes), nodes[0].robot))]
     return CommandResult(lines[1:] or ["no task runs"], [task_json(nodes) for nodes in tasks])
 
 
@@ -75,36 +73,12 @@ def _show_until_end(monitor: Any, task_id: int | None, messages: list[Nodes], vi
         return CommandResult()
 
 
-def _view(robot: str, as_json: bool, page: Screen, holds: HoldConditions) -> View:
+def _view(robot: str, as_json: bool, page: Screen) -> View:
     if as_json:
         return JsonView(sys.stdout)
     if sys.stdout.isatty():
-        return LiveView(sys.stdout, holds, idle=f"no task runs on {robot}; Ctrl-C ends")
+        return LiveView(sys.stdout, idle=f"no task runs on {robot}; Ctrl-C ends")
     return LineView(sys.stdout, page)
-
-
-class Conditions:
-    """The texts of the hold-conditions of skills, from the world model; [] when it does not have them."""
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self._known: dict[tuple[str, str], list[str]] = {}
-        self._is_available = True
-
-    def __call__(self, skill_type: str, label: str) -> list[str]:
-        key = (skill_type, label)
-        if key not in self._known:
-            self._known[key] = self._read(*key) if self._is_available and ":" in skill_type else []
-        return self._known[key]
-
-    def _read(self, skill_type: str, label: str) -> list[str]:
-        try:
-            return [c.text for c in self._world.registered(skill_type, label).conditions["hold"]]
-        except Unavailable:
-            self._is_available = False
-            return []
-        except SkirosError:  # the manager does not offer this skill itself
-            return []
 
 
 class View(Protocol):
@@ -160,9 +134,8 @@ class LiveView:
     :param idle: shown while no task runs.
     """
 
-    def __init__(self, out: TextIO, holds: HoldConditions, idle: str = "") -> None:
+    def __init__(self, out: TextIO, idle: str = "") -> None:
         self._out = out
-        self._holds = holds
         self._idle = [idle] if idle else []
         self._tasks: dict[int, Nodes] = {}
         self._drawn: list[str] = []
@@ -186,7 +159,7 @@ class LiveView:
         self._out.flush()
 
     def _picture(self, nodes: Nodes, most: int) -> list[str]:
-        return [line.shown(True) for line in picture(screen(), frame_of(nodes), nodes[0].robot, self._holds, most)]
+        return [line.shown(True) for line in picture(screen(), frame_of(nodes), nodes[0].robot, most)]
 
 
 def task_json(nodes: Nodes) -> dict[str, Any]:

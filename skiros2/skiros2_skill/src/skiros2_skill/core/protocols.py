@@ -37,19 +37,8 @@ class Freshness(Protocol):
         """Whether the world model has changed and the nodes that read it are not marked yet."""
 
     @property
-    def world_version(self) -> int:
-        """The version of the world model when it was last compared."""
-
-    @property
     def local_revision(self) -> int:
         """The revision of the process when it was last compared."""
-
-
-class HookResults(Protocol):
-    """Translates the results of `execute` to states, and records failures."""
-
-    def execute_raised(self, node: SkillWrapper, error: Exception | SystemExit, late: bool = False) -> State: ...
-    def execute_state(self, node: SkillWrapper, answer: object) -> State: ...
 
 
 class Visitor(Protocol):
@@ -61,16 +50,14 @@ class Visitor(Protocol):
     def parameters(self) -> Freshness: ...
     @property
     def guard(self) -> HookGuard: ...
-    @property
-    def hooks(self) -> HookResults: ...
     def execute(self, node: SkillInterface) -> State:
         """Ticks a group."""
 
     def execute_skill(self, node: SkillWrapper) -> State:
         """Ticks a skill."""
 
-    def finish_tick(self, node: SkillWrapper, state: State, version: int) -> State:
-        """Writes back what a tick has changed, and ends the node unless it stays Running."""
+    def finish_execute(self, node: SkillWrapper, answer: object, error: Exception | SystemExit | None = None) -> State:
+        """Handles what the `execute` of a primitive has returned or raised. Returns the state."""
 
     def preempt(self, node: SkillInterface) -> State:
         """Preempts a node, leaves first."""

@@ -19,8 +19,7 @@ from skiros2_skill.core.processors import (
     SerialStar,
 )
 from skiros2_skill.core.tree.compound import SkillBase
-from skiros2_skill.core.tree.groups import Root, Skill
-from skiros2_skill.core.tree.node import SkillInterface
+from skiros2_skill.core.tree.node import Root, Skill, SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 __all__ = [

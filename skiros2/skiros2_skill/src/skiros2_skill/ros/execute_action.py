@@ -13,11 +13,10 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import Param
 from skiros2_common.ros.goal_server import GoalServer
 from skiros2_msgs import msg as msgs
-from skiros2_skill.client.skill_run import QUEUE_SIZE
 from skiros2_skill.core.runtime.history import Record, record_of
+from skiros2_skill.core.runtime.request import TaskRefused, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.core.runtime.task_starter import TaskRefused, TaskStarter
 from skiros2_skill.ros.messages import (
     WIRE_STATES,
     explanations_json,
@@ -51,7 +50,7 @@ class ExecuteAction(GoalServer):
     """
 
     def __init__(self, starter: TaskStarter, scheduler: Scheduler) -> None:
-        super().__init__("~execute", msgs.ExecuteSkillsAction, QUEUE_SIZE)
+        super().__init__("~execute", msgs.ExecuteSkillsAction)
         self._starter = starter
         self._scheduler = scheduler
         self._lock = threading.Lock()  # never held in a call of actionlib

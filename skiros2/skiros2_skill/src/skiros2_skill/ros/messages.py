@@ -1,4 +1,4 @@
-"""Converts between messages and the core: skill requests, states, parameters and explanations."""
+"""The messages of a manager: requests, parameters, explanations and the progress of tasks."""
 
 from __future__ import annotations
 
@@ -7,15 +7,20 @@ import logging
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import rospy
+
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.params import Param
 from skiros2_common.core.property import format_value
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
+from skiros2_runs.core.progress import status_text
+from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.request import JsonValues, SkillRequest
+from skiros2_skill.core.runtime.task import NodeProgress, Task
 
 log = logging.getLogger(__name__)
 
@@ -85,3 +90,67 @@ def param_messages(params: Mapping[str, Param]) -> list[Any]:
 def explanations_json(explanations: Iterable[Explanation]) -> str:
     """Encodes explanations as a JSON list."""
     return json.dumps([explanation.to_dict() for explanation in explanations])
+
+
+#: Reported as a parameter of the root; the others follow from its state and code.
+_REPORTED_STATUS = (TaskState.PAUSED, TaskState.PREEMPTED)
+
+
+class ProgressPublisher:
+    """Publishes progress on `~monitor`; messages are only created for subscribers. One thread at a time per task."""
+
+    def __init__(self) -> None:
+        self._robot = rospy.get_name()
+        self._publisher = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=1000)  # many tasks may end at once
+        #: Whether messages include the parameters.
+        self.with_params = False
+
+    def publish(self, task: Task, needed: bool = False) -> list[Any]:
+        """Publishes the progress of a task.
+
+        :param needed: whether the caller needs the result even without subscribers.
+        :returns: the `SkillProgress` of each node, parents before children; [] when nobody needs it.
+        """
+        has_subscribers = self._publisher.get_num_connections() > 0
+        progress = self.nodes(task) if has_subscribers or needed else []
+        if has_subscribers:
+            self._publisher.publish(msgs.TreeProgress(progress))
+        return progress
+
+    def close(self) -> None:
+        self._publisher.unregister()
+
+    def nodes(self, task: Task) -> list[Any]:
+        """The present `SkillProgress` of each node, parents before children. Any thread."""
+        return progress_messages(task, self._robot, self.with_params)
+
+
+def progress_messages(task: Task, robot: str, with_params: bool = False) -> list[Any]:
+    """Returns the present `SkillProgress` of each node of a task, parents before children. Any thread.
+
+    :param robot: the manager's name.
+    :param with_params: whether they include the parameters of the nodes.
+    """
+    nodes = [_node_message(task.id, robot, node, with_params) for node in task.progress()]
+    if nodes and task.status in _REPORTED_STATUS:
+        nodes[0].params.append(msgs.Param(status_text(task.status)))
+    return nodes
+
+
+def _node_message(task_id: int, robot: str, node: NodeProgress, with_params: bool) -> Any:
+    return msgs.SkillProgress(
+        robot,
+        task_id,
+        node.id,
+        wire_text(node.parent_label),
+        node.parent_id,
+        wire_text(node.type),
+        wire_text(node.label),
+        param_messages(node.params) if with_params else [],
+        node.processor,
+        WIRE_STATES[node.state],
+        wire_code(node.progress_code),
+        node.progress_period,
+        node.progress_time,
+        wire_text(node.progress_message),
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import threading
 from collections.abc import Callable, Sequence
@@ -11,21 +12,22 @@ import rospy
 from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.library.reload import reloading
 from skiros2_skill.core.lint.linter import log_faults
+from skiros2_skill.core.runtime.diagnosis import add_authors, inspect
 from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.request import TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.core.runtime.task_starter import TaskStarter
-from skiros2_skill.ros.diagnosis import Diagnosis
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
-from skiros2_skill.ros.messages import param_messages, skill_request
-from skiros2_skill.ros.progress import ProgressPublisher
+from skiros2_skill.ros.messages import ProgressPublisher, explanations_json, param_messages, skill_request, wire_text
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_world_model.core.last_will import last_will_author
@@ -109,12 +111,16 @@ class SkillManager(DiscoverableNode):
         self._starter = TaskStarter(
             self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot
         )
-        self._diagnosis = Diagnosis(self._history, scheduler, self._starter, self._progress.nodes, self._wmi)
         self._execute = ExecuteAction(self._starter, scheduler)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
             rospy.Service("~reload", srvs.SkillReload, self._on_reload),
+            rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
+            rospy.Service("~why", srvs.SkillWhy, self._on_why),
+            rospy.Service("~inspect", srvs.SkillInspection, self._on_inspect),
+            rospy.Service("~preview", srvs.SkillPreview, self._on_preview),
+            rospy.Service("~breakpoint", srvs.SkillBreakpoint, self._on_breakpoint),
         ]
         self._execute.start()
         self.init_discovery(NAMESPACE, rospy.get_name())
@@ -131,7 +137,6 @@ class SkillManager(DiscoverableNode):
         self.stop_discovery()
         for service in self._services:
             service.shutdown()
-        self._diagnosis.close()
         self._scheduler.stop()
         self._execute.close()
         self._wmi.remove_listener(self._on_world_change)
@@ -239,6 +244,68 @@ class SkillManager(DiscoverableNode):
 
     def _on_debug(self, message: Any) -> None:
         self._progress.with_params = message.data
+
+    # -- diagnosis services ------------------------------------------------------------------------------------
+
+    def _on_tasks(self, request: Any) -> Any:
+        tasks = [task for task in self._running().tasks() if request.task_id in (ALL, task.id)]
+        return srvs.SkillTasksResponse([msgs.TreeProgress(self._progress.nodes(task)) for task in tasks])
+
+    def _on_why(self, request: Any) -> Any:
+        try:
+            record = self._history.get(request.task_id)
+        except UnknownName as error:
+            return srvs.SkillWhyResponse(False, str(error), "[]")
+        add_authors(record.explanations, self._wmi)
+        return srvs.SkillWhyResponse(True, wire_text(str(record)), explanations_json(record.explanations))
+
+    def _on_inspect(self, request: Any) -> Any:
+        try:
+            status = inspect(self._history.task(request.task_id), request.node_id, self._wmi)
+        except UnknownName as error:
+            return srvs.SkillInspectionResponse(False, str(error), "")
+        return srvs.SkillInspectionResponse(True, "", json.dumps(status.to_dict()))
+
+    def _on_preview(self, request: Any) -> Any:
+        try:
+            preview = self._starter.preview([skill_request(skill) for skill in request.skills], request.partial)
+        except SkirosError as error:
+            raise rospy.ServiceException(str(error)) from error
+        if preview.refusal is not None:
+            return srvs.SkillPreviewResponse(False, "", [], json.dumps(preview.refusal.to_dict()))
+        params = {key: Param(key, "", element, ParamTypes.Inferred) for key, element in preview.elements.items()}
+        return srvs.SkillPreviewResponse(True, preview.label, param_messages(params), "")
+
+    def _on_breakpoint(self, request: Any) -> Any:
+        commands: dict[str, Callable[[Any], int]] = {
+            request.ADD: self._add_breakpoint,
+            request.REMOVE: self._remove_breakpoint,
+            request.LIST: lambda _: 0,
+        }
+        try:
+            if request.action not in commands:
+                raise UnknownName(f"unknown action {request.action!r}, expected one of: {', '.join(commands)}")
+            number = commands[request.action](request)
+        except SkirosError as error:
+            log.warning("breakpoint: %s refused: %s", request.action, error)
+            raise rospy.ServiceException(f"{request.action} refused: {error}") from error
+        known = [
+            {"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when}
+            for n, b in self._running().breakpoints.all().items()
+        ]
+        return srvs.SkillBreakpointResponse(True, number, json.dumps(known))
+
+    def _add_breakpoint(self, request: Any) -> int:
+        breakpoint = Breakpoint(request.kind, request.pattern, request.when)
+        number = self._running().breakpoints.add(breakpoint)
+        log.info("breakpoint %s: %s", number, breakpoint)
+        return number
+
+    def _remove_breakpoint(self, request: Any) -> int:
+        numbers = self._running().breakpoints.all() if request.number == ALL else [request.number]
+        for number in numbers:
+            self._running().breakpoints.remove(number)
+        return int(request.number)
 
     # -- progress, in the ticking threads ----------------------------------------------------------------------
 

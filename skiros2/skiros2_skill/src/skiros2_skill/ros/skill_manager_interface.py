@@ -21,6 +21,10 @@ from skiros2_skill.ros.utils import SkillHolder
 
 log = logging.getLogger(__name__)
 
+#: How long a start waits for the connection on which the end of the task is published (s).
+_CONNECT_TIMEOUT = 2.0
+_POLL_PERIOD = 0.005
+
 
 class SkillManagerInterface(ManagerClient):
     """Starts, stops and monitors tasks of a manager. Any thread. Needs a node.
@@ -130,6 +134,8 @@ class SkillManagerInterface(ManagerClient):
         :param execution_id: the task; `NEW` with `start` creates a task that runs the skills in sequence.
         :param skill_list: the skills of a new task.
         """
+        if action in (SkillCommandRequest.START, SkillCommandRequest.TICK_ONCE):
+            self._wait_for_monitor()
         with self._lock:
             self._ended.clear()
         answer: int | None = self.call(lambda skills: self.command(action, execution_id, skills), skill_list or ())
@@ -141,6 +147,12 @@ class SkillManagerInterface(ManagerClient):
                 if answer not in self._ended:
                     self._tasks.setdefault(answer, None)
         return answer
+
+    def _wait_for_monitor(self) -> None:
+        """Waits until the manager's messages arrive: otherwise this client might miss the end of a task."""
+        deadline = time.monotonic() + _CONNECT_TIMEOUT
+        while not self._monitor_sub.get_num_connections() and time.monotonic() < deadline:
+            time.sleep(_POLL_PERIOD)
 
     def tick_once(self, execution_id: int = NEW, skill_list: Sequence[SkillHolder] | None = None) -> int:
         """Ticks a task once and pauses it; with skills, a new task."""

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import read_json
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_common.core.property import format_value
 from skiros2_common.ros import utils

@@ -15,11 +15,10 @@ For tests of skills. With pytest, name the package in the top `conftest.py` to g
 """
 
 from skiros2_skill.testing.bench import SkillBench
-from skiros2_skill.testing.bench_task import BenchTask
+from skiros2_skill.testing.bench_task import BenchTask, Trace
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import inject, refusing
 from skiros2_skill.testing.stand_in import Script, describe, stand_in
-from skiros2_skill.testing.trace import Trace
 
 __all__ = [
     "BenchTask",

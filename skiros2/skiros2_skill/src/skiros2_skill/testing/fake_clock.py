@@ -9,7 +9,7 @@ import time
 from contextlib import ExitStack
 from types import TracebackType
 
-from skiros2_skill.testing.replace import replaced
+from skiros2_skill.testing.faults import replaced
 
 
 class FakeClock:

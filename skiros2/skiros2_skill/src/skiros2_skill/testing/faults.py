@@ -9,11 +9,26 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.world_model_abstract_interface import refusal
 
+
+@contextmanager
+def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
+    """Replaces an attribute of a module, class or object inside the `with` block. Inherited attributes are restored."""
+    own = vars(owner)
+    had, before = name in own, own.get(name)
+    setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        if had:
+            setattr(owner, name, before)
+        else:
+            delattr(owner, name)
+
+
 #: The methods that all adapters of the world model use for changes and for reading.
-_CHANGES = ("_transact", "_modify", "load")
+_CHANGES = ("transact", "_modify", "load")
 _READS = ("find_element", "_matching", "_branch", "_related", "_holds", "_query", "_template")
 
 _GENUINE = object()

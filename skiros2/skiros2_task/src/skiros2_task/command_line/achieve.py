@@ -38,7 +38,7 @@ def achieve(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Achieve a goal: plan, and run the steps on the robots until the goal holds. Ctrl-C cancels it."""
     goal = goal_text(arguments.goal)
     check_node(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), _NODE), _SERVICE, "task manager")
-    from skiros2_skill.command_line.monitor import become_node
+    from skiros2_skill.command_line.connection import become_node
     from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 
     become_node("achieve")

@@ -1,19 +1,27 @@
-"""The commands plan, preview, explain and engines."""
+"""The commands plan, preview and explain, on the running world model or on a scene file with skill libraries."""
 
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from skiros2_common.command_line.command import OK, REFUSED, CommandResult
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult, UsageError
 from skiros2_common.command_line.layout import Screen, table
-from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.abstract_skill import SkillCore
+from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
 from skiros2_common.core.manager_names import same_node
+from skiros2_common.core.names import local_name
+from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_task.command_line.world import manager_of, planning_world
+from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_skill.command_line.local_world_model import world_model_of
+from skiros2_skill.core.library.description import Described
+from skiros2_skill.core.tree.compound import SkillBase
+from skiros2_skill.ros.registration import Registration
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.explain_plan import explain_plan
@@ -23,21 +31,17 @@ from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.preview import preview as simulate
 from skiros2_task.core.skills import MANAGER_PROPERTY
 from skiros2_task.core.store import DURATIONS_FILE, FOLDER, Archive, Durations
+from skiros2_world_model.command_line.program import connect
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: The default time limits of planning (s), and of planning for quality `best`.
 _SECONDS, _SECONDS_FOR_BEST = 60.0, 10.0
 
+#: The name of the client at the world model.
+_AUTHOR = "plan"
+
 _HEADS = ("step", "start", "end", "robot", "skill", "after step", "parameters")
-
-
-_MEANINGS = {
-    Quality.FIRST: "the first plan, or a better one that comes a little later",
-    Quality.BEST: "the plan with the smallest makespan that is found in the time",
-    Quality.OPTIMAL: "a plan with the fewest steps",
-}
-_NOTES = {"fast-downward": "the default: first plan"}
 
 
 def plan(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
@@ -53,7 +57,7 @@ def preview(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     with _planned(arguments) as (wm, result):
         if result.plan is None:
             return _without_plan(result)
-        simulated = simulate(PreviewCopy(wm), result.plan, arguments.states)
+        simulated = simulate(PreviewCopy(wm), result.plan)
         return CommandResult(list(simulated.lines()), simulated.to_dict(), OK if simulated.works else REFUSED)
 
 
@@ -64,15 +68,6 @@ def explain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
             return _without_plan(result, notes=True)
         why = explain_plan(result.plan)
         return CommandResult(list(why.lines()), why.to_dict())
-
-
-def engines(_: argparse.Namespace, __: Screen) -> CommandResult:
-    """List the planners: plan qualities, and installed engines of unified-planning."""
-    with closing(EngineProcesses()) as processes:
-        names = processes.engines()
-    lines = [f"{quality.value:<20} {_MEANINGS[quality]}" for quality in Quality]
-    lines += [f"{name:<20} {_NOTES.get(name, 'engine of unified-planning')}" for name in names]
-    return CommandResult(lines, {"qualities": [quality.value for quality in Quality], "engines": list(names)})
 
 
 def goal_text(words: Sequence[str]) -> str:
@@ -103,8 +98,8 @@ def _planned(arguments: argparse.Namespace) -> Iterator[tuple[WorldModelPort, Pl
     folder = FOLDER.expanduser()
     durations = Durations(folder / DURATIONS_FILE)
     seconds = arguments.seconds or (_SECONDS_FOR_BEST if arguments.planner == Quality.BEST.value else _SECONDS)
-    with planning_world(arguments) as wm, closing(EngineProcesses()) as processes:
-        manager = manager_of(arguments.robot)
+    with _world_model(arguments) as wm, closing(EngineProcesses()) as processes:
+        manager = _manager_of(arguments.robot)
         if manager:
             _check_manager(wm, manager)
         planner = planner_named(processes, arguments.planner)
@@ -175,3 +170,97 @@ def _as_json(result: PlanningResult) -> dict[str, object]:
             for step in (result.plan.steps if result.plan is not None else ())
         ],
     }
+
+
+# -- the world model ---------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _world_model(arguments: argparse.Namespace) -> Iterator[WorldModelPort]:
+    """Yields the world model that a command plans with.
+
+    :raises Unavailable: there is no world model.
+    :raises SkirosError: the scene or a library cannot be loaded.
+    """
+    if arguments.scene is None:
+        if arguments.libraries or arguments.skills or arguments.workspace:
+            raise UsageError("--libraries, --skills and --workspace are for scene files; name one with --scene")
+        yield connect("wm", _AUTHOR, computing=True)
+        return
+    if not arguments.scene.is_file():
+        raise ConfigurationError(f"scene {arguments.scene}: there is no such file")
+    workspace = arguments.workspace or arguments.scene.resolve().parent
+    with _quiet(), world_model_of(arguments.libraries, workspace, _AUTHOR, arguments.scene) as wm:
+        if arguments.libraries:
+            _give_skills(wm, arguments)
+        yield wm
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Suppresses warnings about scenes and libraries, which other commands check."""
+    loggers = [logging.getLogger(name) for name in ("skiros2_common", "skiros2_world_model", "skiros2_skill")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _manager_of(robot: str) -> str:
+    """Returns the node name of a robot's manager; "" for any robot."""
+    return f"/{local_name(robot).lstrip('/')}" if robot else ""
+
+
+def _give_skills(wm: WorldModelPort, arguments: argparse.Namespace) -> None:
+    """Adds the skills of libraries to the robots of a scene, as their managers would."""
+    skills = _skills_of(wm, arguments.libraries, arguments.skills)
+    for robot in _robots(wm, arguments.robot):
+        for skill in skills:
+            element = skill.toElement()
+            element.addRelation(robot, "skiros:hasSkill", "-1")
+            wm.add_element(element)
+
+
+def _robots(wm: WorldModelPort, wanted: str) -> list[str]:
+    """Registers robots as their managers would, and returns their ids.
+
+    :param wanted: the label, or template, of one robot; "": all robots of the scene with a label.
+    :raises ConfigurationError: there is no robot.
+    """
+    labels = [wanted] if wanted else [e.label for e in wm.resolve_elements(Element("cora:Robot")) if e.label]
+    if not labels:
+        raise ConfigurationError("the scene has no robot; name one with --robot prefix:name, as its template is called")
+    found = []
+    for label in dict.fromkeys(labels):
+        prefix, _, name = label.rpartition(":")
+        registration = Registration(wm, prefix, name.lstrip("/"), _manager_of(label))
+        registration.register_robot()
+        found.append(registration.robot_id)
+    return found
+
+
+def _skills_of(wm: WorldModelPort, packages: Sequence[str], names: Sequence[str]) -> list[SkillCore]:
+    """Returns the skills of libraries.
+
+    :param names: of the skill classes; empty: all.
+    """
+    loader = PluginLoader()
+    classes = [cls for package in packages for cls in loader.find(package, (PrimitiveBase, SkillBase))]
+    if names:
+        known = {cls.__name__: cls for cls in classes}
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            there = ", ".join(sorted(known))
+            raise ConfigurationError(f"{', '.join(packages)}: no skill {', '.join(unknown)}; there are: {there}")
+        classes = [known[name] for name in names]
+    found = []
+    for cls in dict.fromkeys(classes):
+        try:
+            found.append(Described(cls, wm).skill)
+        except Exception as error:  # a library may raise anything
+            raise ConfigurationError(f"skill {cls.__name__} cannot be read: {type(error).__name__}: {error}") from error
+    return found

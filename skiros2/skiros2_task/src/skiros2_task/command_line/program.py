@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
+from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen
 from skiros2_common.command_line.layout import Screen
-from skiros2_task.command_line import achieve, domain, planning
+from skiros2_task.command_line import achieve, planning
 from skiros2_task.core.planners import DEFAULT_ENGINE
 
 Command = Callable[[argparse.Namespace, Screen], CommandResult]
@@ -37,19 +37,21 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     server = "task manager" if name == "achieve" else "world model"
     statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {UNAVAILABLE} no master or no {server}."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
+    parser.add_argument("goal", metavar="GOAL", nargs="+", help="the goal to reach")
     add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
     return command, parser
 
 
-def _goal(parser: argparse.ArgumentParser, count: str = "+") -> None:
-    parser.add_argument("goal", metavar="GOAL", nargs=count, help="the goal to reach")
-
-
-def _world(parser: argparse.ArgumentParser) -> None:
+def _planning(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--planner",
+        default=DEFAULT_ENGINE,
+        metavar="NAME",
+        help="plan quality (first, best or optimal), or an engine of unified-planning (default: %(default)s)",
+    )
+    parser.add_argument("--seconds", type=_seconds, metavar="S", help="time limit (default: 60; for quality best 10)")
     parser.add_argument("--robot", default="", metavar="NAME", help="plan for this robot only (default: all robots)")
-    parser.add_argument("--author", default=user(), metavar="NAME", help="name of the client (default: %(default)s)")
-    parser.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
     offline = parser.add_argument_group("without a running system")
     offline.add_argument("--scene", type=Path, metavar="FILE", help="scene file, instead of the world model's scene")
     offline.add_argument(
@@ -61,25 +63,7 @@ def _world(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _planning(parser: argparse.ArgumentParser) -> None:
-    _goal(parser)
-    parser.add_argument(
-        "--planner",
-        default=DEFAULT_ENGINE,
-        metavar="NAME",
-        help="plan quality (first, best or optimal), or an engine of unified-planning (default: %(default)s)",
-    )
-    parser.add_argument("--seconds", type=_seconds, metavar="S", help="time limit (default: 60; for quality best 10)")
-    _world(parser)
-
-
-def _preview(parser: argparse.ArgumentParser) -> None:
-    _planning(parser)
-    parser.add_argument("--states", action="store_true", help="show the full state after each step")
-
-
 def _achieve(parser: argparse.ArgumentParser) -> None:
-    _goal(parser)
     parser.add_argument(
         "--quality",
         default="",
@@ -105,12 +89,6 @@ def _achieve(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _domain(parser: argparse.ArgumentParser) -> None:
-    _goal(parser, "*")
-    parser.add_argument("--folder", type=Path, metavar="DIR", help="folder to write the PDDL files to")
-    _world(parser)
-
-
 def _seconds(text: str) -> float:
     try:
         seconds = float(text)
@@ -129,16 +107,12 @@ _RESULTS = {
     "preview": f"{_PLANNED}, or the simulation fails",
     "explain": _PLANNED,
     "achieve": "0 the goal is reached, or holds already, 1 it is not reached, or refused, 130 cancelled",
-    "domain": "0 done, 1 refused",
-    "engines": "0 done, 1 unified-planning does not answer",
 }
 
 #: The function, arguments and help epilogue of each command.
 _COMMANDS: dict[str, tuple[Any, ...]] = {
     "plan": (planning.plan, _planning, _GOALS, _OFFLINE),
-    "preview": (planning.preview, _preview, _GOALS, _OFFLINE),
+    "preview": (planning.preview, _planning, _GOALS, _OFFLINE),
     "explain": (planning.explain, _planning, _GOALS, _OFFLINE),
     "achieve": (achieve.achieve, _achieve, _GOALS),
-    "domain": (domain.domain, _domain, _GOALS, _OFFLINE),
-    "engines": (planning.engines, lambda parser: None, "No master is needed."),
 }

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 from skiros2_common.core.names import local_name
+from skiros2_common.core.params import ParamTypes
 from skiros2_task.core.conditions import IN_SCENE, Unusable, contradict, predicate_of
 from skiros2_task.core.formula import (
     FALSE,
@@ -21,9 +23,12 @@ from skiros2_task.core.formula import (
     disjunction,
 )
 from skiros2_task.core.pddl_names import Naming
-from skiros2_task.core.skills import ParameterKind, Robot, Skill, SkillCondition, SkillParameter
+from skiros2_task.core.skills import Robot, Skill, SkillCondition, SkillParameter
 
 ROBOT_KEY = "Robot"
+
+#: The `planned_as` of conditions on whether a parameter holds an element of the scene.
+_PRESENCE = ("specified", Kind.IN_SCENE)
 
 
 @dataclass(frozen=True)
@@ -185,10 +190,9 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
 
 
 def _check_contradictions(conditions: Sequence[SkillCondition], kind: str) -> None:
-    for i, one in enumerate(conditions):
-        for other in conditions[i + 1 :]:
-            if contradict(one, other):
-                raise Unusable(f"its {kind}-conditions {one.label!r} and {other.label!r} contradict each other")
+    for one, other in combinations(conditions, 2):
+        if contradict(one, other):
+            raise Unusable(f"its {kind}-conditions {one.label!r} and {other.label!r} contradict each other")
 
 
 def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tuple[tuple[Variable, ...], Formula]:
@@ -210,11 +214,11 @@ class _ConditionReader:
     def __init__(self, skill: Skill) -> None:
         self._skill = skill
         self.opaque: list[str] = []
-        given = [c for c in skill.pre if c.kind in ("ConditionIsSpecified", "ConditionGenerate")]
+        given = [c for c in skill.pre if c.planned_as in _PRESENCE]
         #: Parameters that must be unset when the skill starts.
         self._unset = {c.subject for c in given if not c.state}
         #: Parameters whose elements the skill creates.
-        self._created = {c.subject for c in skill.post if c.kind == "ConditionGenerate" and c.state}
+        self._created = {c.subject for c in skill.post if c.planned_as == Kind.IN_SCENE and c.state}
         self._created -= {c.subject for c in given if c.state}
         self._named: set[str] = set()
 
@@ -232,7 +236,7 @@ class _ConditionReader:
         for parameter in self._skill.parameters:
             if parameter.element_class is None or parameter.fixed or parameter.key == chosen[0].key:
                 continue
-            required = parameter.kind is ParameterKind.REQUIRED and not self._is_unset(parameter)
+            required = parameter.kind is ParamTypes.Required and not self._is_unset(parameter)
             if required or parameter.key in self._named:
                 chosen.append(Variable(f"?{parameter.key}", parameter.key, (parameter.element_class,)))
         return chosen[0].name, tuple(chosen)
@@ -248,7 +252,7 @@ class _ConditionReader:
 
     def effects(self, condition: SkillCondition) -> list[tuple[Atom, bool]]:
         """Returns the effects of a post-condition; none of a disjunction."""
-        if condition.kind == "ConditionGenerate":
+        if condition.planned_as == Kind.IN_SCENE:
             self._parameters(condition, condition.subject)
             if condition.state and condition.subject not in self._created:
                 return []  # the element exists already
@@ -262,11 +266,10 @@ class _ConditionReader:
 
     def _fact(self, condition: SkillCondition) -> Formula | None:
         """Returns the condition without its desired state; None if planning cannot read it, or it always holds."""
-        kind = condition.kind
-        if kind == "ConditionOr":
+        if condition.planned_as == "any":
             facts = [self._fact(part) for part in condition.parts]
             return None if None in facts else disjunction([self.formula(part) for part in condition.parts])
-        if kind in ("ConditionIsSpecified", "ConditionGenerate"):
+        if condition.planned_as in _PRESENCE:
             parameter = self._parameters(condition, condition.subject, elements=False)[0]
             if self._is_unset(parameter):
                 return FALSE
@@ -276,11 +279,11 @@ class _ConditionReader:
             return Atom(IN_SCENE, (f"?{parameter.key}",)) if parameter.key in self._created else TRUE
         predicate = predicate_of(condition)
         if predicate is None:
-            self.opaque.append(f"{kind} {condition.label!r}")
+            self.opaque.append(f"{condition.kind} {condition.label!r}")
             return None
         keys = (condition.subject, condition.object)[: predicate.arity]
         parameters = self._parameters(condition, *keys)
-        if predicate.kind is Kind.HAS and parameters[0].kind is ParameterKind.OPTIONAL:
+        if predicate.kind is Kind.HAS and parameters[0].kind is ParamTypes.Optional:
             return None  # holds for an unset parameter
         if any(self._is_unset(p) for p in parameters):
             return FALSE

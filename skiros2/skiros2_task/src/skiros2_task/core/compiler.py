@@ -10,11 +10,9 @@ import operator
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 from skiros2_task.core.actions import Action, Effect, Variable, condition_predicates, make_actions
-from skiros2_task.core.conditions import IN_SCENE
-from skiros2_task.core.effects import FactFamilies, Literal
+from skiros2_task.core.conditions import IN_SCENE, FactFamilies, Literal
 from skiros2_task.core.formula import (
     FALSE,
     TRUE,
@@ -75,7 +73,7 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
     if unused:
         listed = ", ".join(f"{count} {cls}" for cls, count in sorted(unused.items()))
         notes.append(f"elements that neither a relevant skill nor the goal can use are left out: {listed}")
-    task = PlanningTask(
+    return PlanningTask(
         actions=tuple(actions),
         objects={name: world.objects[name].type for name in members[EVERYTHING]},
         members=members,
@@ -85,7 +83,6 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
         notes=(*notes, *unusable),
         empty_classes=empty,
     )
-    return replace(task, concurrent=_concurrency(task, guarded, families))
 
 
 def note_of_empty_class(cls: str) -> str:
@@ -124,17 +121,13 @@ def _with_candidates(actions: Iterable[Action], world: WorldView) -> tuple[list[
         if action.precondition == FALSE:
             notes.append(f"skill {action.skill.name} cannot run: its pre-conditions can never hold")
             continue
-        empty = [v for v in action.variables if not _all_of(v.classes, world)]
+        empty = [v for v in action.variables if not world.members_of_all(v.classes)]
         if empty:
             wanted = ", ".join(f"{v.key or v.name} ({' and '.join(v.classes)})" for v in empty)
             notes.append(f"skill {action.skill.name} cannot run: the scene has no element for {wanted}")
         else:
             usable.append(action)
     return usable, notes
-
-
-def _all_of(classes: Sequence[str], world: WorldView) -> set[str]:
-    return set.intersection(*(set(world.members(cls)) for cls in classes))
 
 
 def _members(actions: Sequence[Action], goal: Formula, world: WorldView) -> dict[str, tuple[str, ...]]:
@@ -145,7 +138,7 @@ def _members(actions: Sequence[Action], goal: Formula, world: WorldView) -> dict
     for action in actions:
         own = {v.name for v in action.variables}
         for variable in action.variables:
-            named |= _all_of(variable.classes, world)
+            named |= world.members_of_all(variable.classes)
         atoms = [*(atom for atom, _ in literals(action.precondition)), *(e.atom for e in action.effects)]
         bound = own | {name for e in action.effects for name, _ in e.each}
         named |= {term for atom in atoms for term in atom.terms if term not in bound and term in world.objects}
@@ -393,46 +386,3 @@ def _count_exists(goal: Formula) -> int:
         return count + (len(variables) if kind is Exists else 0)
 
     return fold(goal, lambda atom, state: 0, total, total, quantifier)
-
-
-# -- facts that hold only while a skill runs ---------------------------------------------------------------------------
-
-
-def _concurrency(task: PlanningTask, actions: Iterable[Action], families: FactFamilies) -> tuple[str, ...]:
-    """Returns a message for each needed fact that holds only while a skill runs; () if a sequence of steps suffices.
-
-    Planners produce sequences; `partial_order` finds afterwards which steps may overlap. That suffices unless a fact is
-    needed that holds only while another step runs (Cushing, Kambhampati, Mausam, Weld: When is temporal planning really
-    temporal?, IJCAI 2007). A skill declares such a fact by a hold-condition that contradicts its pre-condition.
-
-    :param actions: all actions, also those that the task excludes.
-    """
-    permanent = {(e.atom.predicate, e.state) for a in task.actions for e in a.effects}
-    temporary: dict[Literal, str] = {}
-    for action in actions:
-        for effect in action.during:
-            for literal in families.consequences(effect.atom.predicate, effect.state, task.predicates):
-                if literal not in permanent:
-                    temporary.setdefault(literal, action.skill.name)
-    found: dict[str, None] = {}
-    for owner, formula, classes in _needs(task) if temporary else ():
-        for atom, state in literals(formula):
-            skill = temporary.get((atom.predicate, state))
-            if skill is not None and not _may_hold(atom, state, classes, task):
-                fact = str(atom.predicate) if state else f"not {atom.predicate}"
-                found[f"{owner} needs a fact that holds only while skill {skill} runs: {fact}"] = None
-    return tuple(found)
-
-
-def _needs(task: PlanningTask) -> Iterator[tuple[str, Formula, dict[str, tuple[str, ...]]]]:
-    """Yields the goal and the pre-conditions, each with its owner and the classes of its variables."""
-    yield "the goal", task.goal, {}
-    for action in task.actions:
-        needed = expand_quantifiers(action.precondition, task.members.__getitem__)
-        yield f"skill {action.skill.name}", needed, {v.name: v.classes for v in action.variables}
-
-
-def _may_hold(atom: Atom, state: bool, classes: dict[str, tuple[str, ...]], task: PlanningTask) -> bool:
-    """Whether an atom has a value initially, for some objects."""
-    choices = (task.candidates(classes[t]) if t in classes else [t] for t in atom.terms)
-    return any((Atom(atom.predicate, terms) in task.init) == state for terms in product(*choices))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -17,17 +16,18 @@ import sys
 import tempfile
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.processes import descendants
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 #: The files of a run in its working folder.
 DOMAIN_FILE, PROBLEM_FILE, PLAN_FILE, LOG_FILE = "domain.pddl", "p01.pddl", "plan.txt", "planner.log"
 
+MIN_GRACE_PERIOD = 0.15  # s, see `SearchPortfolio`
 _CANCEL_PERIOD = 0.02  # s between two checks for cancellation
 _GRACE_PERIOD = 2.0  # s after its time limit in which an engine may end by itself
 _EXIT_TIMEOUT = 1.0  # s for the end of a process
@@ -86,7 +86,7 @@ class SearchPortfolio:
 
     :param searches: the most promising first.
     :param grace_share: the grace period for further plans after the first one, as a share of the time until then, at
-        least `fast_downward.MIN_GRACE_PERIOD`; None: until all searches have ended.
+        least `MIN_GRACE_PERIOD`; None: until all searches have ended.
     :param goal_action: compile the goal to an action, for searches without support for disjunctive goals.
     """
 
@@ -105,11 +105,6 @@ class Job:
 
 
 @dataclass(frozen=True)
-class ListEngines:
-    """A request for the installed engines. The answer's reason has a line for each."""
-
-
-@dataclass(frozen=True)
 class FoundPlan:
     """A plan of an engine; not validated.
 
@@ -125,32 +120,29 @@ class FoundPlan:
 
 
 @dataclass(frozen=True)
-class WorkerAnswer:
-    """The result of a job.
+class PlannerAnswer:
+    """The result of a planner run.
 
-    :param plans: if solved, in the order in which they were found.
+    :param plans: the plans found, if solved, in the order in which they were found. They are not validated.
+    :param reason: why there is no plan; "" if solved.
+    :param log: the planner's output.
+    :param files: (file name, text) pairs: the PDDL of domain and problem, if written.
     """
 
     outcome: Outcome
     plans: tuple[FoundPlan, ...] = ()
     reason: str = ""
-
-
-TIMED_OUT = WorkerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan within the time limit")
-_CANCELLED = WorkerAnswer(Outcome.CANCELLED, reason="cancelled")
-
-
-@dataclass(frozen=True)
-class Run:
-    """The result of a run.
-
-    :param log: the engine's output.
-    :param files: (file name, text) pairs: the PDDL of domain and problem, if written.
-    """
-
-    answer: WorkerAnswer
     log: str = ""
     files: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def plan(self) -> tuple[PlanStep, ...]:
+        """The steps of the first plan found."""
+        return self.plans[0].steps if self.plans else ()
+
+
+TIMED_OUT = PlannerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan within the time limit")
+_CANCELLED = PlannerAnswer(Outcome.CANCELLED, reason="cancelled")
 
 
 class EngineProcesses:
@@ -162,32 +154,19 @@ class EngineProcesses:
         self._closed = False
         self._process, self._requests = _start()
 
-    def run(self, job: Job | ListEngines, cancelled: threading.Event) -> Run:
+    def run(self, job: Job, cancelled: threading.Event) -> PlannerAnswer:
         """Blocks until the job has ended, its time limit has passed or `cancelled` is set."""
-        folder = Path(tempfile.mkdtemp(prefix="skiros-plan-"))
-        try:
-            try:
+        with tempfile.TemporaryDirectory(prefix="skiros-plan-", ignore_cleanup_errors=True) as name:
+            folder = Path(name)
+            answer = self._answer(folder, job, cancelled)
+            if answer is None and self._has_died():
                 answer = self._answer(folder, job, cancelled)
-            except _NotStarted:
-                answer = self._retry(folder, job, cancelled)
             log = _text(folder / LOG_FILE)
             if answer is None:
                 last = (log.strip().splitlines() or ["no output"])[-1]
-                answer = WorkerAnswer(Outcome.FAILED, reason=f"the planner's process ended without an answer: {last}")
-            names = (name for name in (DOMAIN_FILE, PROBLEM_FILE) if (folder / name).exists())
-            return Run(answer, log, tuple((name, _text(folder / name)) for name in names))
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
-
-    def engines(self) -> tuple[str, ...]:
-        """Returns the names of the installed planning engines of unified-planning.
-
-        :raises ConfigurationError: they cannot be listed.
-        """
-        run = self.run(ListEngines(), threading.Event())
-        if run.answer.outcome is not Outcome.SOLVED:
-            raise ConfigurationError(f"the planning engines cannot be listed: {run.answer.reason}")
-        return tuple(run.answer.reason.splitlines())
+                answer = PlannerAnswer(Outcome.FAILED, reason=f"the planner's process ended without an answer: {last}")
+            files = ((name, _text(folder / name)) for name in (DOMAIN_FILE, PROBLEM_FILE) if (folder / name).exists())
+            return replace(answer, log=log, files=tuple(files))
 
     def close(self) -> None:
         """Ends the process and its children."""
@@ -195,40 +174,28 @@ class EngineProcesses:
             self._closed = True
             self._stop()
 
-    def _answer(self, folder: Path, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
-        """Returns the answer to a job; None if the process ended without an answer. The child has ended afterwards.
-
-        :raises _NotStarted: no child has started the job.
-        """
+    def _answer(self, folder: Path, job: Job, cancelled: threading.Event) -> PlannerAnswer | None:
+        """Returns the answer to a job; None if the process ended without an answer. The child has ended afterwards."""
         with self._connect(folder) as connection:
             pid = _receive(connection, _LOADING_TIMEOUT, cancelled)
-            if isinstance(pid, WorkerAnswer):  # cancelled, or timed out
-                return pid
-            if not isinstance(pid, int):
-                raise _NotStarted
+            if not isinstance(pid, int):  # cancelled, timed out, or not started
+                return pid if isinstance(pid, PlannerAnswer) else None
             with contextlib.suppress(OSError):  # if the child has died, there will be no answer
                 connection.send(job)
-            seconds = job.limits.seconds if isinstance(job, Job) else _LOADING_TIMEOUT
-            answer = _receive(connection, seconds + _GRACE_PERIOD, cancelled)
+            answer = _receive(connection, job.limits.seconds + _GRACE_PERIOD, cancelled)
             if answer is _CANCELLED or answer is TIMED_OUT:
                 kill_tree(pid)  # still the same process, as its connection is open
             else:
-                _wait_for_end(connection)
-            return answer if isinstance(answer, WorkerAnswer) else None
+                with contextlib.suppress(EOFError, OSError):
+                    connection.recv_bytes()  # until the child has ended
+            return answer if isinstance(answer, PlannerAnswer) else None
 
-    def _retry(self, folder: Path, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
-        """Runs a job in a new process if the old one has died; otherwise returns None."""
-        with self._lock:
-            try:
-                self._process.wait(_EXIT_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                return None  # it is alive and may have other runs
-            if self._closed:
-                return None
-        try:
-            return self._answer(folder, job, cancelled)
-        except _NotStarted:
-            return None
+    def _has_died(self) -> bool:
+        """Whether the process has ended by itself."""
+        with self._lock, contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_EXIT_TIMEOUT)
+            return not self._closed
+        return False
 
     def _connect(self, folder: Path) -> Connection:
         """Returns a connection to a new child. Restarts the process if it has died."""
@@ -252,10 +219,6 @@ class EngineProcesses:
         self._requests.close()
         kill_tree(self._process.pid)
         self._process.wait()
-
-
-class _NotStarted(Exception):
-    """No child has started the job."""
 
 
 def _start() -> tuple[subprocess.Popen[bytes], socket.socket]:
@@ -296,12 +259,6 @@ def _receive(connection: Connection, seconds: float, cancelled: threading.Event)
         return None
 
 
-def _wait_for_end(connection: Connection) -> None:
-    """Waits until a child has ended."""
-    with contextlib.suppress(EOFError, OSError):
-        connection.recv_bytes()
-
-
 def _text(path: Path) -> str:
     return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
 
@@ -324,24 +281,6 @@ def kill_tree(pid: int, itself: bool = True) -> None:
         stopped += new
     for child in stopped:
         _signal(child, signal.SIGKILL)
-
-
-def descendants(pid: int) -> list[int]:
-    """Returns the descendants of a process in all sessions, parents first."""
-    children: dict[int, list[int]] = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            with contextlib.suppress(OSError, IndexError, ValueError):
-                # The name in parentheses may contain any character; the parent is the second field after it.
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                children.setdefault(int(fields[1]), []).append(int(entry.name))
-    found: list[int] = []
-    waiting = [pid]
-    while waiting:
-        new = children.get(waiting.pop(), [])
-        found += new
-        waiting += new
-    return found
 
 
 def _signal(pid: int, number: signal.Signals) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import heapq
 import logging
 import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from typing import Protocol
 
@@ -31,7 +31,6 @@ from skiros2_task.core.execution import (
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.resources import Resources
 from skiros2_task.core.task import PlanningTask
 
 log = logging.getLogger(__name__)
@@ -100,6 +99,66 @@ class GoalExecution:
         return sorted(records, key=lambda record: (record.started, record.step.number))
 
 
+@dataclass
+class _Holding:
+    """The resources that a goal holds and requests.
+
+    :param turn: orders the claims of one priority, first come, first served.
+    """
+
+    priority: int
+    turn: int
+    held: frozenset[str] = frozenset()
+    requested: frozenset[str] = frozenset()
+
+
+class Resources:
+    """Robots and devices, by name, each held by at most one goal.
+
+    A goal is granted everything it requests at once, or waits. While it waits, it releases what it does not use, so
+    goals cannot deadlock. Of goals that request the same resource, the one with the highest priority gets it first.
+    """
+
+    def __init__(self) -> None:
+        self._claims: dict[str, _Holding] = {}
+        self._turns = count()
+
+    def request(self, owner: str, priority: int, requested: frozenset[str], in_use: frozenset[str]) -> list[str]:
+        """Replaces the request of a goal.
+
+        :param in_use: the resources that the goal is using, which it keeps while it waits.
+        :returns: the goals that now hold everything they request: this one, unless it has to wait, and others that
+            waited.
+        """
+        claim = self._claims.setdefault(owner, _Holding(priority, next(self._turns)))
+        claim.requested = requested | in_use
+        claim.held &= claim.requested if claim.requested <= claim.held else in_use
+        had_all = claim.requested <= claim.held
+        granted = self._grant()
+        return [owner, *granted] if had_all else granted
+
+    def release(self, owner: str) -> list[str]:
+        """Releases all resources of a goal. Returns the waiting goals that are granted theirs."""
+        self._claims.pop(owner, None)
+        return self._grant()
+
+    def held_by_others(self, owner: str) -> frozenset[str]:
+        """Returns the resources that other goals hold."""
+        return frozenset(name for other, c in self._claims.items() if other != owner for name in c.held)
+
+    def _grant(self) -> list[str]:
+        """Grants requests by priority. A resource that a goal waits for is not granted to a goal of lower priority."""
+        granted = []
+        taken = {name for claim in self._claims.values() for name in claim.held}
+        for owner, claim in sorted(self._claims.items(), key=lambda item: (-item[1].priority, item[1].turn)):
+            missing = claim.requested - claim.held
+            if missing and not missing & taken:
+                claim.held = claim.requested
+                granted.append(owner)
+            taken |= missing
+        return granted
+
+
 class GoalExecutor:
     """Executes goals. One thread owns all state; each goal has another thread that plans and reads the world model."""
 
@@ -110,7 +169,6 @@ class GoalExecutor:
         self._executions: dict[str, GoalExecution] = {}
         self._lost: set[str] = set()
         self._events: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._delayed: list[tuple[float, int, Callable[[], None]]] = []  # heap by due time
         self._ids = count(1)
         self._thread = threading.Thread(target=self._run, name="goal executor", daemon=True)
         self._thread.start()
@@ -162,7 +220,7 @@ class GoalExecutor:
     def _run(self) -> None:
         closing = False
         while not (closing and not self._executions):
-            event = self._next_event()
+            event = self._events.get()
             if event is None:
                 closing = True
                 continue
@@ -171,18 +229,10 @@ class GoalExecutor:
             except Exception:
                 log.exception("executing goals")
 
-    def _next_event(self) -> Callable[[], None] | None:
-        """Blocks until the next event, or until a delayed event is due."""
-        remaining = self._delayed[0][0] - time.monotonic() if self._delayed else None
-        try:
-            if remaining is None or remaining > 0:
-                return self._events.get(timeout=remaining)
-        except queue.Empty:
-            log.debug("a delayed event is due")
-        return heapq.heappop(self._delayed)[2]
-
     def _after(self, seconds: float, event: Callable[[], None]) -> None:
-        heapq.heappush(self._delayed, (time.monotonic() + seconds, next(self._ids), event))
+        timer = threading.Timer(seconds, self._events.put, (event,))
+        timer.daemon = True
+        timer.start()
 
     def _begin(self, execution: GoalExecution) -> None:
         self._executions[execution.name] = execution
@@ -206,8 +256,7 @@ class GoalExecutor:
         try:
             self._execute_each(execution, commands)
         except Exception as error:
-            log.exception("%s", execution.name)
-            message = f"internal error: {type(error).__name__}: {error}"
+            message = _internal_error(error)
             execution.cancelled.set()
             for stop in execution.stops.values():
                 stop()
@@ -250,8 +299,7 @@ class GoalExecutor:
     def _grant(self, owners: Iterable[str]) -> None:
         """Notifies goals of their resources, in separate events: one goal may change what another is granted."""
         for owner in owners:
-            execution = self._executions[owner]
-            self._events.put(lambda execution=execution: self._granted(execution))  # type: ignore[misc]
+            self._events.put(partial(self._granted, self._executions[owner]))
 
     def _granted(self, execution: GoalExecution) -> None:
         self._execute(execution, execution.machine.granted())
@@ -326,11 +374,8 @@ class GoalExecutor:
         task: PlanningTask | SkirosError
         try:
             task = self._planner.read_task(execution.goal.text)
-        except SkirosError as error:
-            task = error
         except Exception as error:
-            log.exception("%s: reading the world model", execution.name)
-            task = WrongValue(f"internal error: {type(error).__name__}: {error}")
+            task = error if isinstance(error, SkirosError) else WrongValue(_internal_error(error))
         seconds = time.monotonic() - start
         self._events.put(lambda: self._on_read(execution, task, seconds))
 
@@ -367,12 +412,16 @@ class GoalExecutor:
             result = self._planner.plan(
                 goal.text, execution.cancelled, limits=goal.limits, planner=goal.planner, adapt=adapt
             )
-        except SkirosError as error:
-            result = PlanningResult(Verdict.FAILED, message=str(error))
         except Exception as error:
-            log.exception("%s: planning", execution.name)
-            result = PlanningResult(Verdict.FAILED, message=f"internal error: {type(error).__name__}: {error}")
+            message = str(error) if isinstance(error, SkirosError) else _internal_error(error)
+            result = PlanningResult(Verdict.FAILED, message)
         return (tasks[0] if tasks else None), result
+
+
+def _internal_error(error: Exception) -> str:
+    """Logs an unexpected exception. Returns its text."""
+    log.error("executing a goal", exc_info=error)
+    return f"internal error: {type(error).__name__}: {error}"
 
 
 _GOOD = (Verdict.PLANNED, Verdict.NOTHING_TO_DO)

@@ -12,20 +12,10 @@ from itertools import combinations, islice
 
 from skiros2_common.core.json_data import JsonData
 from skiros2_task.core.actions import Action, declared_effects, make_actions, why_unusable
-from skiros2_task.core.effects import FactFamilies
-from skiros2_task.core.effects import Literal as PredicateLiteral
+from skiros2_task.core.conditions import FactFamilies
+from skiros2_task.core.conditions import Literal as PredicateLiteral
 from skiros2_task.core.engines import Outcome
-from skiros2_task.core.formula import (
-    And,
-    Atom,
-    Formula,
-    Kind,
-    Not,
-    Or,
-    Predicate,
-    bind,
-    conjuncts,
-)
+from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate, bind, conjuncts
 from skiros2_task.core.reachability import Binding, Deadline, Reached, bindings, explore
 from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import PlanningTask
@@ -354,7 +344,7 @@ def _unify(effect: Atom, wanted: Atom) -> Binding | None:
 
 @dataclass(frozen=True)
 class UnusableSkill:
-    """A skill that no plan can contain.
+    """A skill with effects that no plan can use.
 
     :param managers: the node names of its managers.
     :param reason: why it is unusable.
@@ -370,8 +360,13 @@ class UnusableSkill:
         return f"{self.name} of {', '.join(self.managers)}: {self.reason}"
 
 
+#: Why a plan cannot use the effect of a hold-condition. It would need concurrency (Cushing, Kambhampati, Mausam, Weld:
+#: When is temporal planning really temporal?, IJCAI 2007), but planners produce sequences.
+_TEMPORARY = "this lasts only while it runs, and plans start no step during another one; a skill that runs both can"
+
+
 def unusable_skills(world: WorldView, task: PlanningTask) -> list[UnusableSkill]:
-    """Returns the robots' skills that are not in a task, but have effects that it needs.
+    """Returns the robots' skills with effects that a task needs and cannot use.
 
     :param world: the snapshot that the task was compiled from.
     """
@@ -385,22 +380,20 @@ def unusable_skills(world: WorldView, task: PlanningTask) -> list[UnusableSkill]
     in_task = {action.skill for action in task.actions}
     found = []
     for skill, managers in owners.items():
-        if skill in in_task:
-            continue
-        effects = frozenset(_consequences(declared_effects(skill), predicates, families, world))
-        if skill in usable:
-            empty = [v for v in usable[skill].variables if not _members_of(v.classes, world)]
-            wanted = ", ".join(f"{v.key or 'Robot'} ({' and '.join(v.classes)})" for v in empty)
-            reason = f"the scene has no element for {wanted}" if empty else ""
+        reasons: dict[str, list[PredicateLiteral]] = {}
+        if skill not in usable:
+            reasons[why_unusable(skill)] = declared_effects(skill)
         else:
-            reason = why_unusable(skill)
-        if effects and reason:
-            found.append(UnusableSkill(skill.name, tuple(managers), reason, effects))
+            reasons[_TEMPORARY] = [(e.atom.predicate, e.state) for e in usable[skill].during]
+            empty = [v for v in usable[skill].variables if not world.members_of_all(v.classes)]
+            if empty and skill not in in_task:
+                wanted = ", ".join(f"{v.key or 'Robot'} ({' and '.join(v.classes)})" for v in empty)
+                reasons[f"the scene has no element for {wanted}"] = declared_effects(skill)
+        for reason, declared in reasons.items():
+            effects = frozenset(_consequences(declared, predicates, families, world))
+            if effects:
+                found.append(UnusableSkill(skill.name, tuple(managers), reason, effects))
     return found
-
-
-def _members_of(classes: Iterable[str], world: WorldView) -> set[str]:
-    return set.intersection(*(set(world.members(cls)) for cls in classes))
 
 
 def _consequences(

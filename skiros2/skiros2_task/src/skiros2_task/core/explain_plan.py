@@ -7,11 +7,7 @@ from dataclasses import dataclass, field
 
 from skiros2_common.core.json_data import JsonData
 from skiros2_task.core.explain_no_plan import format_formula
-from skiros2_task.core.formula import (
-    conjuncts,
-    holds,
-    literal_formula,
-)
+from skiros2_task.core.formula import conjuncts, holds, literal_formula
 from skiros2_task.core.partial_order import GOAL, INIT, CausalLink
 from skiros2_task.core.plan import Plan
 

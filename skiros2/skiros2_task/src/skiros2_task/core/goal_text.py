@@ -14,6 +14,7 @@ comment up to the end of the line. Keywords are case-insensitive.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -29,6 +30,9 @@ _operators: dict[str, BuildGoal] = {}
 
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists")
 _PUNCTUATION = "(),"
+_TOKEN = re.compile(
+    r'''(?P<blank>\s+|;[^\n]*)|(?P<sign>[(),])|"(?P<quoted>[^"\n]*)"|(?P<unclosed>")|(?P<name>[^\s(),;"]+)'''
+)
 _MAX_DEPTH = 100
 
 
@@ -116,6 +120,11 @@ def add_goal_operator(word: str, build: BuildGoal) -> None:
     if word.lower() in (*_CONNECTIVES, *COMPARATORS):
         raise WrongValue(f"the goal operator {word!r} exists")
     _operators[word.lower()] = build
+
+
+def keywords() -> tuple[str, ...]:
+    """Returns the words that begin a goal of goals: connectives, quantifiers, operators of other packages."""
+    return (*_CONNECTIVES, *sorted(_operators))
 
 
 def goal_error(text: str, at: Name, message: str) -> GoalError:
@@ -284,33 +293,18 @@ class _Parser:
 def _tokens(text: str) -> list[Name]:
     """Returns the tokens; the last one is empty and marks the end."""
     found: list[Name] = []
-    line, start, i = 1, 0, 0  # start: of the line
-    while i < len(text):
-        char = text[i]
-        if char == "\n":
-            line, start, i = line + 1, i + 1, i + 1
-        elif char.isspace():
-            i += 1
-        elif char == ";":
-            while i < len(text) and text[i] != "\n":
-                i += 1
-        elif char in _PUNCTUATION:
-            found.append(Name(char, line, i - start + 1))
-            i += 1
-        elif char == '"':
-            end = text.find('"', i + 1)
-            if end < 0 or "\n" in text[i:end]:
-                raise goal_error(text, Name('"', line, i - start + 1), "this quote is not closed on its line")
-            if end == i + 1:
-                raise goal_error(text, Name('""', line, i - start + 1), "expected a name between the quotes")
-            found.append(Name(text[i + 1 : end], line, i - start + 1, quoted=True))
-            i = end + 1
+    line, start = 1, 0  # start: of the line
+    for match in _TOKEN.finditer(text):
+        kind, column = match.lastgroup or "", match.start() - start + 1
+        if kind == "blank":
+            if "\n" in match[0]:
+                line, start = line + match[0].count("\n"), match.start() + match[0].rindex("\n") + 1
+        elif kind == "unclosed":
+            raise goal_error(text, Name('"', line, column), "this quote is not closed on its line")
+        elif not match[kind]:
+            raise goal_error(text, Name('""', line, column), "expected a name between the quotes")
         else:
-            end = i
-            while end < len(text) and not text[end].isspace() and text[end] not in '(),;"':
-                end += 1
-            found.append(Name(text[i:end], line, i - start + 1))
-            i = end
+            found.append(Name(match[kind], line, column, quoted=kind == "quoted"))
     lines = text.rstrip("\n").split("\n")
     found.append(Name("", len(lines), len(lines[-1]) + 1))
     return found

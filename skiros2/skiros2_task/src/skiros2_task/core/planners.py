@@ -3,22 +3,11 @@
 from __future__ import annotations
 
 import threading
-import time
-from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-from skiros2_task.core.engines import (
-    EngineCall,
-    EngineProcesses,
-    FoundPlan,
-    Job,
-    Limits,
-    Outcome,
-    Search,
-    SearchPortfolio,
-)
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.engines import EngineCall, EngineProcesses, Job, Limits, PlannerAnswer, Search, SearchPortfolio
+from skiros2_task.core.task import PlanningTask
 
 DEFAULT_ENGINE = "fast-downward"
 
@@ -29,30 +18,6 @@ class Quality(Enum):
     FIRST = "first"  # the first plan, or a better one within a grace period
     BEST = "best"  # the best plan within the time limit
     OPTIMAL = "optimal"  # a plan with the fewest steps
-
-
-@dataclass(frozen=True)
-class PlannerAnswer:
-    """The result of a planner run.
-
-    :param plans: the plans found, if solved. They are not validated.
-    :param reason: why there is no plan; "" if solved.
-    :param log: the planner's output.
-    :param files: (file name, text) pairs: the PDDL of domain and problem, if written.
-    :param seconds: the duration of the run.
-    """
-
-    outcome: Outcome
-    plans: tuple[FoundPlan, ...] = ()
-    reason: str = ""
-    log: str = ""
-    files: tuple[tuple[str, str], ...] = ()
-    seconds: float = 0.0
-
-    @property
-    def plan(self) -> tuple[PlanStep, ...]:
-        """The steps of the first plan found."""
-        return self.plans[0].steps if self.plans else ()
 
 
 class Planner(Protocol):
@@ -79,10 +44,7 @@ class EnginePlanner:
 
     def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
         """Solves a task; see `Planner`."""
-        started = time.monotonic()
-        run = self._processes.run(Job(task, self._work, limits), cancelled or threading.Event())
-        seconds = time.monotonic() - started
-        return PlannerAnswer(run.answer.outcome, run.answer.plans, run.answer.reason, run.log, run.files, seconds)
+        return self._processes.run(Job(task, self._work, limits), cancelled or threading.Event())
 
 
 def engine_planner(processes: EngineProcesses, name: str = DEFAULT_ENGINE, **options: str) -> EnginePlanner:

@@ -8,18 +8,19 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
-from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task, note_of_empty_class
-from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome
+from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome, PlannerAnswer
 from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan, unusable_skills
 from skiros2_task.core.explain_plan import explain_plan
 from skiros2_task.core.formula import FALSE, Formula
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.plan import Plan, SkillCall, make_plan
-from skiros2_task.core.planners import Planner, PlannerAnswer
+from skiros2_task.core.planners import Planner
 from skiros2_task.core.preview import Preview
 from skiros2_task.core.reachability import Deadline
 from skiros2_task.core.store import Archive, Durations
@@ -40,14 +41,16 @@ class Verdict(Enum):
     CANCELLED = "cancelled"
     FAILED = "failed"
 
+    @property
+    def state(self) -> str:
+        """The verdict in results of actions, with `_` for spaces."""
+        return self.value.replace(" ", "_")
+
 
 #: Timeout of the explanation why there is no plan (s).
 _EXPLANATION_TIMEOUT = 5.0
 
 NO_ROBOT = "no robot in the world model offers skills"
-
-#: A hint for tasks with required concurrency.
-CONCURRENCY_HINT = "plans start no step during another one that it depends on; a skill that runs both can"
 
 _VERDICTS = {
     Outcome.SOLVED: Verdict.PLANNED,
@@ -81,44 +84,21 @@ class PlanningResult:
         return self.plan.calls if self.plan is not None else ()
 
 
-@dataclass(frozen=True)
-class PlanReport:
-    """A planning result as data for clients. Its fields are those of the result of the action `MakePlan`.
-
-    :param state: the verdict with `_` for spaces.
-    :param plan: the steps as a JSON list, see `Step.to_dict`.
-    :param makespan: s.
-    :param why: the purpose of each step (`WhyPlan`), or why there is no plan (`NoPlan`), as JSON; "" if unknown.
-    :param preview: the simulated plan (`Preview`) as JSON; "" without a plan.
-    """
-
-    state: str
-    message: str
-    plan: str = "[]"
-    makespan: float = 0.0
-    why: str = ""
-    preview: str = ""
-    notes: tuple[str, ...] = ()
-
-
-def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> PlanReport:
-    """Returns the report of a planning result.
+def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> dict[str, Any]:
+    """Returns a planning result as the fields of the action `MakePlan`'s result.
 
     :param simulate: simulates a plan on a copy of the scene.
     """
-    state, plan = result.verdict.value.replace(" ", "_"), result.plan
-    if plan is None:
-        why = result.why.to_json() if result.why is not None else ""
-        return PlanReport(state, result.message, why=why, notes=result.notes)
-    return PlanReport(
-        state,
-        plan.summary,
-        json.dumps([step.to_dict() for step in plan.steps]),
-        plan.makespan,
-        explain_plan(plan).to_json(),
-        simulate(plan).to_json(),
-        result.notes,
-    )
+    plan = result.plan
+    return {
+        "state": result.verdict.state,
+        "message": plan.summary if plan else result.message,
+        "plan": json.dumps([step.to_dict() for step in plan.steps] if plan else []),
+        "makespan": plan.makespan if plan else 0.0,
+        "why": explain_plan(plan).to_json() if plan else result.why.to_json() if result.why else "",
+        "preview": simulate(plan).to_json() if plan else "",
+        "notes": result.notes,
+    }
 
 
 class TaskPlanner:
@@ -148,7 +128,7 @@ class TaskPlanner:
 
     def plan(
         self,
-        goal: str | Formula,
+        goal: str,
         cancelled: threading.Event | None = None,
         progress: Callable[[str], None] | None = None,
         asked_by: str = "",
@@ -158,20 +138,19 @@ class TaskPlanner:
     ) -> PlanningResult:
         """Returns the plan for a goal, or why there is none. Blocks until the limits are reached at most.
 
-        :param goal: a text, or a formula, see `skiros2_task.core.goals`.
+        :param goal: its text, see `skiros2_task.core.goal_reader`.
         :param progress: called with progress messages.
         :param asked_by: the node name of the client, with or without slash. The plan for a skill manager is for its
             robot only.
         :param limits, planner: override those of the constructor.
         :param adapt: changes the task before planning.
         :raises WmException: the world model does not answer.
-        :raises WrongType: the goal is neither text nor formula.
         """
         report = progress or log.info
         report("reading the world model")
         world = self._view(asked_by)
         try:
-            task = make_task(world, self._formula(goal, world))
+            task = make_task(world, _read(goal, world))
         except WrongValue as error:
             # Unusable skills may explain an unknown name.
             return PlanningResult(Verdict.FAILED, message=str(error), notes=tuple(make_actions(world.robots)[1]))
@@ -190,25 +169,19 @@ class TaskPlanner:
         result, files = self._result(answer, task, world, cancelled)
         return self._store(goal, task, result, {LOG_FILE: answer.log, **dict(answer.files), **files})
 
-    def read_task(self, goal: str | Formula) -> PlanningTask:
+    def read_task(self, goal: str) -> PlanningTask:
         """Returns the planning task for a goal in the current world.
 
         :raises WrongValue: the goal cannot be read in the current world.
         :raises WmException: the world model does not answer.
         """
         world = self._view()
-        return make_task(world, self._formula(goal, world))
+        return make_task(world, _read(goal, world))
 
     def _view(self, asked_by: str = "") -> WorldView:
         world = WorldView(self.wm, self._managers())
         world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
         return world
-
-    def _formula(self, goal: str | Formula, world: WorldView) -> Formula:
-        if not isinstance(goal, str | Formula):
-            raise WrongType(f"goal {goal!r}: expected its text or a formula, found {type(goal).__name__}")
-        # A formula is read as text, so that its names are resolved.
-        return GoalReader(world, condition_predicates(world.robots)).read(str(goal))
 
     def _result(
         self, answer: PlannerAnswer, task: PlanningTask, world: WorldView, cancelled: threading.Event | None
@@ -236,7 +209,7 @@ class TaskPlanner:
         return PlanningResult(Verdict.PLANNED, message, task.notes, task, best[0]), files
 
     def _store(
-        self, goal: str | Formula, task: PlanningTask, result: PlanningResult, files: Mapping[str, str] | None = None
+        self, goal: str, task: PlanningTask, result: PlanningResult, files: Mapping[str, str] | None = None
     ) -> PlanningResult:
         level = logging.DEBUG if result.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO) else logging.INFO
         for note in task.notes:
@@ -244,11 +217,15 @@ class TaskPlanner:
         if self._archive is not None:
             texts = {
                 **(files or {}),
-                "goal.txt": str(goal),
+                "goal.txt": goal,
                 "result.txt": "\n".join([result.verdict.value, result.message, *task.notes]),
             }
             self._archive.keep(texts)
         return result
+
+
+def _read(goal: str, world: WorldView) -> Formula:
+    return GoalReader(world, condition_predicates(world.robots)).read(goal)
 
 
 def _why_impossible(task: PlanningTask, world: WorldView) -> str:
@@ -270,8 +247,6 @@ def _without_plan(
     if outcome in (Outcome.CANCELLED, Outcome.FAILED):
         why = NoPlan(outcome.value, reason)
         return PlanningResult(_VERDICTS[outcome], reason, task.notes, task, why=why)
-    if task.concurrent:
-        reason = "; ".join([reason or outcome.value, *task.concurrent, CONCURRENCY_HINT])
     deadline = Deadline(_EXPLANATION_TIMEOUT, cancelled)
     why = explain_no_plan(task, outcome, reason, unusable_skills(world, task), deadline)
     return PlanningResult(_VERDICTS[Outcome(why.verdict)], str(why), task.notes, task, why=why)

@@ -6,28 +6,20 @@ so it also validates the planning task.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from skiros2_common.core.conditions import ConditionBase, condition_from
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.conditions import condition_of
 from skiros2_task.core.formula import Atom, Formula, Kind, fold
 from skiros2_task.core.plan import Plan, SkillCall, Step
-from skiros2_task.core.skills import ParameterKind, Skill, SkillCondition, SkillParameter
+from skiros2_task.core.skills import Skill, SkillCondition, SkillParameter
 from skiros2_task.core.task import PlanningTask, PlanStep
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
-
-_KINDS = {
-    ParameterKind.REQUIRED: ParamTypes.Required,
-    ParameterKind.OPTIONAL: ParamTypes.Optional,
-    ParameterKind.INFERRED: ParamTypes.Inferred,
-}
-
 
 #: The action of a change of the world model that removes elements.
 _REMOVE = "remove"
@@ -63,7 +55,6 @@ class PreviewStep:
     :param arguments: the ids and labels of its elements, by key.
     :param unsatisfied: the conditions that do not hold when it starts, as text.
     :param assumed: choices that the skill's description leaves open, as text.
-    :param state: all changeable facts after the step, if requested.
     """
 
     number: int
@@ -73,7 +64,6 @@ class PreviewStep:
     unsatisfied: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     changes: list[FactChange] = field(default_factory=list)
-    state: list[str] = field(default_factory=list)
 
     def lines(self) -> Iterator[str]:
         yield f"{self.number}. {self.skill} by {self.manager}"
@@ -84,8 +74,6 @@ class PreviewStep:
             yield f"   {change}"
         for text in self.assumed:
             yield f"     assumed: {text}"
-        if self.state:
-            yield f"   then holds: {' '.join(self.state)}"
 
 
 @dataclass
@@ -114,33 +102,14 @@ class Preview(JsonData):
         yield f"the goal {'holds' if self.reached else 'does not hold'} at the end"
 
 
-def preview(copy: WorldModelPort, plan: Plan, states: bool = False) -> Preview:
+def preview(copy: WorldModelPort, plan: Plan) -> Preview:
     """Simulates a plan on a copy of the scene. The copy is changed.
 
     :param copy: of the world that the plan was made for, such as a `PreviewCopy`.
-    :param states: whether to report the full state after each step.
     """
     simulation = _Simulation(copy, plan.task)
-    facts = _facts_of(plan) if states else []
-    simulated = []
-    for step, planned in zip(plan.steps, plan.order.steps, strict=True):
-        simulated.append(simulation.run(step, planned))
-        simulated[-1].state = [str(atom) for atom in facts if simulation.holds(atom)]
+    simulated = [simulation.run(step, planned) for step, planned in zip(plan.steps, plan.order.steps, strict=True)]
     return Preview(simulated, simulation.holds(plan.task.goal))
-
-
-def _facts_of(plan: Plan) -> list[Atom]:
-    """Returns the facts that hold at some time during a plan, of predicates that skills change."""
-    found = {atom for atom in plan.task.init if atom.predicate in plan.task.changed}
-    found |= {atom for step in plan.steps for atom, state in step.ground.effects.items() if state}
-    return sorted(found, key=str)
-
-
-class _Change(Protocol):
-    """A change of the world model, as listeners get it."""
-
-    action: str
-    elements: Sequence[Element]
 
 
 class _Simulation:
@@ -170,7 +139,7 @@ class _Simulation:
         ]
         before: dict[str, Element | None] = {}  # changed elements before the step
 
-        def record(change: _Change) -> None:
+        def record(change: WorldChange) -> None:
             for element in change.elements:
                 before.setdefault(element.id, self._now.get(element.id))
                 if change.action == _REMOVE:
@@ -238,7 +207,7 @@ class _Simulation:
                 params.specify(key, self._copy.get_element(params.getParamValue(key).id))
         if condition.setTrue(params, self._copy):
             return []
-        value = _example(effect, self._copy)
+        value = condition.example_value(self._copy)
         if value is None or not params.is_bound(effect.subject):
             return [f"[{effect.label}] is unchanged"]
         element = self._copy.get_element(params.getParamValue(effect.subject).id)
@@ -248,7 +217,7 @@ class _Simulation:
 
 
 def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelPort) -> Param:
-    kind = _KINDS[parameter.kind]
+    kind = parameter.kind
     if parameter.element_class is None:
         return Param(parameter.key, "", str, kind)  # conditions that planning can read do not depend on its value
     param = Param(parameter.key, "", Element(parameter.element_class), kind)
@@ -256,17 +225,6 @@ def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelP
     if given is not None and not given.isAbstract():
         param.assign(given)
     return param
-
-
-def _example(effect: SkillCondition, copy: WorldModelPort) -> str | bool | float | None:
-    """Returns an example value for an effect on a property; None if there is none."""
-    if effect.kind == "ConditionHasProperty" and effect.state:
-        examples: dict[str, str | bool | float] = {"xsd:boolean": True, "xsd:string": "some"}
-        return examples.get(copy.get_datatype(effect.name) or "xsd:string", 1.0)
-    if effect.kind != "ConditionProperty" or not isinstance(effect.value, float):
-        return None
-    up = (effect.operator in (">", ">=")) == effect.state
-    return effect.value + (1.0 if up else -1.0)
 
 
 def _differences(old: Element | None, new: Element | None, names: Mapping[str, str]) -> Iterator[FactChange]:

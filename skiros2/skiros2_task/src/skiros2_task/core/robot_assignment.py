@@ -2,48 +2,33 @@
 
 A planner without a notion of time gives all work to one robot. Here the plan is split into parts: steps that one robot
 has to execute, such as picking an object up and placing it. Moves belong to no part, as they depend on where the robot
-was before. The parts are assigned in two ways, and the shorter schedule is taken: by list scheduling (the part and the
-robot that end first are next), and by filling one robot after the other, in plan order, up to a time limit that is
+was before. The parts are assigned in several ways, and the shortest schedule is taken: each to the robot that ends it
+first, in plan order and by critical path; and to one robot after the other, in plan order, up to a time limit that is
 found by bisection. Functionally determined parameters, such as a robot's gripper, follow the assigned robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import product
+from typing import Any
 
 from skiros2_task.core.formula import Atom, Kind, Predicate
 from skiros2_task.core.partial_order import PartialOrder
 from skiros2_task.core.plan_parts import Part, Roles, Target, find_moves, split_plan
-from skiros2_task.core.semantics import GroundStep
+from skiros2_task.core.semantics import Facts, GroundStep, Literal, support
 from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanningTask, PlanStep
-from skiros2_task.core.timeline import Timeline
 
-#: List scheduling tries the first `MAX_TRIALS` / (number of parts) of the ready parts, and at least `MIN_WINDOW`.
-MIN_WINDOW, MAX_TRIALS = 4, 240
 #: Iterations of the bisection of the time limit.
 BISECTIONS = 6
 
-
-def reassign_robots(task: PlanningTask, order: PartialOrder, durations: Durations) -> tuple[PlanStep, ...] | None:
-    """Returns the plan with its parts reassigned; None if there is no assignment.
-
-    The result is not validated, and may be longer than the plan.
-    """
-    return _RobotAssigner(task, order, durations).assign()
+_Choose = Callable[[int], float | None]
 
 
-@dataclass
-class _Assignment:
-    """A plan with its parts assigned, and its makespan (s)."""
-
-    plan: list[PlanStep] = field(default_factory=list)
-    makespan: float = 0.0
-
-
-class _RobotAssigner:
+class RobotAssigner:
     """Assigns the parts of one plan to robots."""
 
     def __init__(self, task: PlanningTask, order: PartialOrder, durations: Durations) -> None:
@@ -56,12 +41,11 @@ class _RobotAssigner:
             for robot, actions in self._robots.items()
             for roles in actions
         }
-        self._min_seconds: dict[str, float] = {}
-        for (name, _), seconds in self._seconds.items():
-            self._min_seconds[name] = min(seconds, self._min_seconds.get(name, seconds))
         self._moves = find_moves(self._actions.values())
+        self._parts = split_plan(task, order, self._actions, self._moves)
         indexed = {pair for roles in self._actions.values() for pair in roles.determined.values()}
-        self._timeline = Timeline(task.init, indexed)
+        self._timeline = _Timeline(task.init, indexed)
+        self._tried: list[PlanStep] = []  # the steps of the part that was tried last
         self._grounded: dict[tuple[str, tuple[str, ...]], GroundStep | None] = {}
 
     def _capable_robots(self) -> dict[str, list[Roles]]:
@@ -76,113 +60,102 @@ class _RobotAssigner:
 
     # -- assignment --------------------------------------------------------------------------------------------
 
-    def assign(self) -> tuple[PlanStep, ...] | None:
-        """See `reassign_robots`."""
-        parts = split_plan(self._task, self._order, self._actions, self._moves)
-        best = self._list_schedule(parts) if parts else None
-        if best is None or not self._robots:
+    def assign(self, makespan: float) -> tuple[PlanStep, ...] | None:
+        """Returns the plan with its parts reassigned; None if no assignment is shorter. The result is not validated.
+
+        :param makespan: of the plan as it is (s).
+        """
+        if not self._parts or not self._robots:
             return None
-        actions = [step.action for step in self._order.steps]
-        seconds = {n: sum(self._min_seconds.get(actions[i], 0.0) for i in part.steps) for n, part in enumerate(parts)}
-        queue = self._topological_order(parts)
-        low, high = sum(seconds.values()) / len(self._robots), best.makespan
+        fastest: dict[str, float] = {}
+        for (name, _), seconds in self._seconds.items():
+            fastest[name] = min(seconds, fastest.get(name, seconds))
+        least = [sum(fastest.get(self._order.steps[i].action, 0.0) for i in part.steps) for part in self._parts]
+        queue = self._topological_order([0.0] * len(self._parts))
+        best: list[PlanStep] | None = None
+        low, high = sum(least) / len(self._robots), makespan
+        for order in dict.fromkeys((queue, self._topological_order(self._critical_paths(least)))):
+            balanced = self._assign(order, self._end_first)
+            if balanced is not None and balanced[1] < high:
+                best, high = balanced
         for _ in range(BISECTIONS):
             limit = (low + high) / 2
-            filled = self._fill_robots(queue, parts, seconds, limit)
+            filled = self._assign(queue, partial(self._fill, least, limit))
             if filled is None:
                 low = limit
             else:
-                best, high = filled, filled.makespan
-        return tuple(best.plan)
+                best, high = filled
+        return tuple(best) if best is not None else None
 
-    def _topological_order(self, parts: Sequence[Part]) -> list[int]:
-        """Returns the indices of the parts in an executable order, as close to the plan's as possible."""
-        waiting = dict(enumerate(parts))
-        found = []
-        while waiting:
-            found.append(self._ready(waiting)[0])
-            del waiting[found[-1]]
+    def _critical_paths(self, least: Sequence[float]) -> list[float]:
+        """Returns the shortest time from the start of each part to the end of all parts that depend on it (s)."""
+        found = list(least)
+        for number in reversed(self._topological_order(least)):
+            for before in self._parts[number].after:
+                found[before] = max(found[before], least[before] + found[number])
         return found
 
-    def _fill_robots(
-        self, queue: Sequence[int], parts: Sequence[Part], min_seconds: Mapping[int, float], limit: float
-    ) -> _Assignment | None:
-        """Gives each part to the first robot that executes it within the limit; None if there is none for a part.
+    def _topological_order(self, urgency: Sequence[float]) -> tuple[int, ...]:
+        """Returns the indices of the parts in an executable order, the most urgent of the ready ones first; equally
+        urgent ones in the plan's order. Parts that the goal needs for facts about their robot are last.
+        """
+        waiting = dict(enumerate(self._parts))
+        found = []
+        while waiting:
+            ready = [n for n, part in waiting.items() if not part.after & waiting.keys()]
+            found.append(min(ready, key=lambda n: (self._parts[n].final, -urgency[n])))
+            del waiting[found[-1]]
+        return tuple(found)
 
-        :param queue: the indices of the parts, in order.
-        :param min_seconds: the shortest duration of each part.
+    def _assign(self, queue: Sequence[int], choose: _Choose) -> tuple[list[PlanStep], float] | None:
+        """Assigns the parts in order. Returns the plan and its makespan (s); None if there is no robot for a part.
+
+        :param choose: adds a part to the timeline. Returns when it ends (s); None if there is no robot for it.
+        """
+        self._timeline.reset()
+        plan: list[PlanStep] = []
+        makespan = 0.0
+        for number in queue:
+            end = choose(number)
+            if end is None:
+                return None
+            plan += self._tried
+            makespan = max(makespan, end)
+            self._timeline.commit()
+        return plan, makespan
+
+    def _end_first(self, number: int) -> float | None:
+        """Gives a part to the robot that ends it first."""
+        ends: list[tuple[float, str]] = []
+        for robot in self._candidates(self._parts[number]):
+            end = self._try(self._parts[number], robot)
+            if end is not None:
+                ends.append((end, robot))
+            self._timeline.rollback()
+        return self._try(self._parts[number], min(ends)[1]) if ends else None
+
+    def _fill(self, least: Sequence[float], limit: float, number: int) -> float | None:
+        """Gives a part to the first robot that executes it within the limit.
+
+        :param least: the shortest duration of each part (s).
         :param limit: of the makespan (s).
         """
-        self._timeline.reset()
-        assignment = _Assignment()
-        for number in queue:
-            for robot in sorted(self._candidates(parts[number])):
-                if self._timeline.free_at(robot) + min_seconds[number] > limit:
-                    continue
-                end = self._try(parts[number], robot)
+        for robot in self._candidates(self._parts[number]):
+            if self._timeline.free_at(robot) + least[number] <= limit:
+                end = self._try(self._parts[number], robot)
                 if end is not None and end <= limit:
-                    self._accept(assignment, end)
-                    break
+                    return end
                 self._timeline.rollback()
-            else:
-                return None
-        return assignment
-
-    def _list_schedule(self, parts: Sequence[Part]) -> _Assignment | None:
-        """Assigns repeatedly the part and the robot that end first; None if no robot can execute a part."""
-        self._timeline.reset()
-        assignment = _Assignment()
-        waiting = dict(enumerate(parts))
-        window = max(MIN_WINDOW, MAX_TRIALS // max(1, len(parts)))
-        tried: dict[tuple[int, str], tuple[float | None, set[Atom]]] = {}
-        while waiting:
-            best: tuple[float, int, str] | None = None
-            for number in self._ready(waiting)[:window]:
-                for robot in self._candidates(parts[number]):
-                    if (number, robot) not in tried:
-                        end = self._try(parts[number], robot)
-                        tried[number, robot] = end, self._timeline.used
-                        self._timeline.rollback()
-                    end = tried[number, robot][0]
-                    if end is not None and (best is None or end < best[0]):
-                        best = end, number, robot
-            if best is None:
-                return None
-            end, number, robot = best
-            self._try(parts[number], robot)
-            changed = self._timeline.used
-            self._accept(assignment, end)
-            del waiting[number]
-            tried = {
-                key: (end, used)
-                for key, (end, used) in tried.items()
-                if key[1] != robot and end is not None and used.isdisjoint(changed)
-            }
-        return assignment
-
-    def _ready(self, waiting: Mapping[int, Part]) -> list[int]:
-        """Returns the parts that may be next; final ones only if there are no others."""
-        ready = [n for n, part in waiting.items() if not part.after & waiting.keys()]
-        return [n for n in ready if not waiting[n].final] or ready
-
-    def _accept(self, assignment: _Assignment, end: float) -> None:
-        """Keeps the part that was tried last.
-
-        :param end: when it ends (s).
-        """
-        assignment.plan += self._tried
-        assignment.makespan = max(assignment.makespan, end)
-        self._timeline.commit()
+        return None
 
     def _candidates(self, part: Part) -> list[str]:
-        """Returns the robots that may execute a part, the robot of the plan first."""
+        """Returns the robots that may execute a part, always in the same order."""
         first = self._order.steps[part.steps[0]]
-        own = first.arguments[self._actions[first.action].robot]
-        return [own] if part.pinned else [own, *(r for r in self._robots if r != own)]
+        return [first.arguments[self._actions[first.action].robot]] if part.pinned else sorted(self._robots)
 
     def _try(self, part: Part, robot: str) -> float | None:
         """Adds a part to the timeline. Returns when it ends (s); None if the robot cannot execute it."""
-        self._tried: list[PlanStep] = []
+        self._tried = []
         for index in part.steps:
             for target in part.targets.get(index, ()):
                 if not self._move(target, robot):
@@ -252,3 +225,121 @@ class _RobotAssigner:
                     step = None
             self._grounded[key] = step
         return self._grounded[key]
+
+
+#: Marks an entry that a mapping did not have.
+_MISSING = object()
+
+
+class _Timeline:
+    """The facts after the added steps, and the times that constrain further steps, with commit and rollback.
+
+    The constraints are those of `partial_order`: a step starts after the producers of its facts, after the consumers
+    and producers of facts that it deletes, after steps that lock the same device, and after its robot's last step.
+    """
+
+    def __init__(self, init: Facts, indexed: Iterable[tuple[Predicate, int]]) -> None:
+        """
+        :param indexed: the (predicate, position) pairs that `facts_with` supports.
+        """
+        self._init = init
+        self._indexed: dict[Predicate, list[int]] = {}
+        for predicate, position in indexed:
+            self._indexed.setdefault(predicate, []).append(position)
+        self._start = sorted(atom for atom in init if atom.predicate in self._indexed)
+        self.reset()
+
+    def reset(self) -> None:
+        """Removes all steps."""
+        self._now: dict[Atom, bool] = {}
+        self._since: dict[Atom, float] = {}  # the end of the step that gave the fact its current value
+        #: The end of the last step with this effect, and with this precondition, by the value of the fact.
+        self._written: tuple[dict[Atom, float], dict[Atom, float]] = {}, {}
+        self._needed: tuple[dict[Atom, float], dict[Atom, float]] = {}, {}
+        self._free: dict[str, float] = {}  # the end of each robot's last step
+        self._undo: list[tuple[dict[Any, Any], object, object]] = []  # changed entries of the mappings above
+        self._index: dict[tuple[Predicate, int, str], dict[Atom, bool]] = {}
+        for atom in self._start:
+            self._update_index(atom, True)
+        self.commit()
+
+    def holds(self, atom: Atom) -> bool:
+        """Whether a fact holds after all added steps."""
+        known = self._now.get(atom)
+        return atom in self._init if known is None else known
+
+    def facts_with(self, predicate: Predicate, position: int, term: str) -> list[Atom]:
+        """Returns the current facts of a predicate that have a term at a position."""
+        return [atom for atom, is_current in self._index.get((predicate, position, term), {}).items() if is_current]
+
+    def free_at(self, robot: str) -> float:
+        """Returns when a robot's last step ends (s)."""
+        return self._free.get(robot, 0.0)
+
+    def add(self, step: GroundStep, seconds: float) -> bool:
+        """Adds a step at the earliest time. Returns False, and adds nothing, if it cannot start."""
+        now, init, since = self._now, self._init, self._since
+        for atom, state in step.needs:
+            known = now.get(atom)
+            if (atom in init if known is None else known) != state:
+                return False
+        needs: Iterable[Literal] = step.needs
+        for choice in step.choices:
+            chosen = support(choice, self.holds, self._held_since)
+            if chosen is None:
+                return False
+            needs = (*needs, *chosen)
+        written, needed = self._written, self._needed
+        start = self.free_at(step.robot)
+        for atom, _ in needs:
+            start = max(start, since.get(atom, 0.0))
+        changes = step.changes
+        for atom, state in changes:
+            start = max(start, written[not state].get(atom, 0.0), needed[not state].get(atom, 0.0))
+        end = start + seconds
+        undo = self._undo
+        for both, literals in ((needed, needs), (written, changes)):
+            for atom, state in literals:
+                times = both[state]
+                before = times.get(atom, 0.0)
+                if end > before:
+                    undo.append((times, atom, before))
+                    times[atom] = end
+        for atom in step.during:
+            self._set(since, atom, end)
+        for atom, state in step.effects.items():
+            if self.holds(atom) != state:
+                self._set(now, atom, state)
+                self._set(since, atom, end)
+                if atom.predicate in self._indexed:
+                    self._update_index(atom, state)
+        self._set(self._free, step.robot, end)
+        return True
+
+    def commit(self) -> None:
+        """Keeps the steps since the last commit."""
+        self._undo.clear()
+
+    def rollback(self) -> None:
+        """Removes the steps since the last commit."""
+        while self._undo:
+            mapping, key, old = self._undo.pop()
+            if old is _MISSING:
+                del mapping[key]
+            else:
+                mapping[key] = old
+
+    def _held_since(self, atom: Atom) -> float:
+        return self._since.get(atom, 0.0)
+
+    def _set(self, mapping: dict[Any, Any], key: object, value: object) -> None:
+        self._undo.append((mapping, key, mapping.get(key, _MISSING)))
+        mapping[key] = value
+
+    def _update_index(self, atom: Atom, state: bool) -> None:
+        for position in self._indexed[atom.predicate]:
+            facts = self._index.setdefault((atom.predicate, position, atom.terms[position]), {})
+            if state:
+                self._set(facts, atom, True)
+            elif atom in facts:
+                self._undo.append((facts, atom, facts.pop(atom)))

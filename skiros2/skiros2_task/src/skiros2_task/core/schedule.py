@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.partial_order import PartialOrder, deorder
-from skiros2_task.core.robot_assignment import reassign_robots
+from skiros2_task.core.robot_assignment import RobotAssigner
 from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanningTask, PlanStep
 
@@ -49,7 +49,7 @@ def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> S
     works.
     """
     as_planned = _as_early_as_possible(task, order, durations)
-    plan = reassign_robots(task, order, durations)
+    plan = RobotAssigner(task, order, durations).assign(as_planned.makespan)
     if plan is None:
         return as_planned
     try:

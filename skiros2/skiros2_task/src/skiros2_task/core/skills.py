@@ -9,13 +9,14 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from enum import Enum
+from dataclasses import dataclass, replace
 from typing import Any
 
+from skiros2_common.core.conditions import ConditionBase
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.names import full_name
+from skiros2_common.core.params import PARAM_TYPE_CODES, ParamTypes
 from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)
@@ -23,16 +24,11 @@ log = logging.getLogger(__name__)
 #: The types whose defaults the world model has.
 _PLAIN_TYPES = frozenset({str, int, float, bool})
 
+#: The kinds of parameters, by their codes in `skiros:ParameterType`.
+_KINDS = {code: kind for kind, code in PARAM_TYPE_CODES.items()}
+
 MANAGER_PROPERTY = "skiros:SkillMgr"
 _MISSING = "skiros:MissingParameter"
-
-
-class ParameterKind(Enum):
-    """The kind of a parameter, as in `skiros:ParameterType`."""
-
-    REQUIRED = 0
-    OPTIONAL = 1
-    INFERRED = 2
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,7 @@ class SkillParameter:
     """
 
     key: str
-    kind: ParameterKind
+    kind: ParamTypes
     element_class: str | None
     fixed: str = ""
     missing: bool = False
@@ -69,18 +65,15 @@ class SkillCondition:
     state: bool = True
     parts: tuple[SkillCondition, ...] = ()
 
+    @property
+    def planned_as(self) -> str:
+        """The planning predicate of the condition, see `ConditionBase`; "" if its class is unknown."""
+        cls = ConditionBase.classes.get(self.kind)
+        return cls.planned_as if cls is not None else ""
+
     def contradicts(self, other: SkillCondition) -> bool:
         """Whether both test the same fact for different values."""
-        same = (self.kind, self.subject, self.object, self.name, self.operator, self.value, self.parts) == (
-            other.kind,
-            other.subject,
-            other.object,
-            other.name,
-            other.operator,
-            other.value,
-            other.parts,
-        )
-        return same and self.state != other.state
+        return self.state != other.state and replace(self, label="", state=True) == replace(other, label="", state=True)
 
 
 @dataclass(frozen=True)
@@ -158,9 +151,9 @@ def _read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
     missing = element.getProperty(_MISSING).values if element.hasProperty(_MISSING) else []
     parameters = (
         *(_parameter(child) for child in _children(element, "skiros:hasParam", elements)),
-        *(SkillParameter(str(key), ParameterKind.REQUIRED, None, missing=True) for key in missing),
+        *(SkillParameter(str(key), ParamTypes.Required, None, missing=True) for key in missing),
     )
-    optional = {f"Has{p.key}": p.key for p in parameters if p.kind is ParameterKind.OPTIONAL}
+    optional = {f"Has{p.key}": p.key for p in parameters if p.kind is ParamTypes.Optional}
 
     def is_implicit(condition: SkillCondition) -> bool:
         """Whether the condition is added to every skill with such an optional parameter."""
@@ -187,8 +180,8 @@ def _children(element: Element, relation: str, elements: Mapping[str, Element]) 
 def _parameter(element: Element) -> SkillParameter:
     written = element.value_of("skiros:ParameterType")
     try:
-        kind = ParameterKind(int(written or 0))
-    except (TypeError, ValueError):
+        kind = _KINDS[int(written or 0)]
+    except (TypeError, ValueError, KeyError):
         raise WrongValue(f"its parameter {element.label!r} is of type {written!r}, expected 0, 1 or 2") from None
     known_type = element.hasProperty("skiros:DataType")
     datatype = full_name(str(element.value_of("skiros:DataType") or ""))
@@ -197,7 +190,7 @@ def _parameter(element: Element) -> SkillParameter:
         return SkillParameter(element.label, kind, datatype or "sumo:Object", fixed["dst"] if fixed else "")
     given = any(element.hasProperty(key, not_none=True) for key in ("skiros:Default", "skiros:Value"))
     python_type = element.getProperty("skiros:DataType").dataType()
-    missing = kind is ParameterKind.REQUIRED and python_type in _PLAIN_TYPES and not given
+    missing = kind is ParamTypes.Required and python_type in _PLAIN_TYPES and not given
     return SkillParameter(element.label, kind, None, missing=missing)
 
 

@@ -69,8 +69,7 @@ class Durations:
 
         :raises WrongValue: the duration is negative or not finite.
         """
-        if not (math.isfinite(seconds) and seconds >= 0.0):
-            raise WrongValue(f"{skill.name} of {manager} took {seconds!r}, expected seconds")
+        _seconds(skill.name, manager, seconds)
         with self._lock:
             try:
                 with self._file_lock():
@@ -102,8 +101,12 @@ class Durations:
         if self._file is None or not self._file.exists():
             return {}
         try:
-            return _checked(json.loads(self._file.read_text(encoding="utf-8")))
-        except (OSError, ValueError) as error:
+            measured = json.loads(self._file.read_text(encoding="utf-8"))
+            return {
+                skill: {manager: [_seconds(skill, manager, run) for run in runs] for manager, runs in managers.items()}
+                for skill, managers in measured.items()
+            }
+        except (OSError, ValueError, AttributeError, TypeError) as error:
             log.warning("durations in %s are ignored: %s", self._file, error)
             return {}
 
@@ -114,27 +117,14 @@ class Durations:
             os.replace(new, self._file)
 
 
-def _checked(data: object) -> _Measured:
-    """Returns the durations in JSON data.
+def _seconds(skill: str, manager: str, seconds: object) -> float:
+    """Returns a duration.
 
-    :raises ValueError: the data are malformed.
+    :raises WrongValue: it is none.
     """
-    found: _Measured = {}
-    for skill, managers in _items(data, "the file"):
-        for manager, runs in _items(managers, skill):
-            if not isinstance(runs, list):
-                raise ValueError(f"{skill} of {manager}: expected a list of seconds")
-            for run in runs:
-                if isinstance(run, bool) or not isinstance(run, int | float) or not 0.0 <= run < math.inf:
-                    raise ValueError(f"{skill} of {manager}: {run!r} is not a duration, expected seconds")
-            found.setdefault(skill, {})[manager] = [float(seconds) for seconds in runs]
-    return found
-
-
-def _items(data: object, name: str) -> list[tuple[str, object]]:
-    if not isinstance(data, dict):
-        raise ValueError(f"{name}: expected an object")
-    return list(data.items())
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0.0 <= seconds < math.inf:
+        raise WrongValue(f"{skill} of {manager} took {seconds!r}, expected seconds")
+    return float(seconds)
 
 
 _FOLDER_NAME = re.compile(r"\d{8}-\d{6}-\w+$")

@@ -25,7 +25,6 @@ class PlanningTask:
     :param init: the initial facts; all other atoms are false.
     :param goal: without variables.
     :param notes: messages about what was excluded, and why.
-    :param concurrent: messages about needed facts that hold only while a skill runs, see `compiler`.
     :param empty_classes: the classes of the goal that have no instance in the scene.
     """
 
@@ -36,7 +35,6 @@ class PlanningTask:
     init: frozenset[Atom]
     goal: Formula
     notes: tuple[str, ...] = ()
-    concurrent: tuple[str, ...] = ()
     empty_classes: tuple[str, ...] = ()
 
     @property

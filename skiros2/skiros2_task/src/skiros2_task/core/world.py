@@ -128,6 +128,10 @@ class WorldView:
             self._members[cls] = tuple(name for name, e in self.objects.items() if e.type in fitting)
         return self._members[cls]
 
+    def members_of_all(self, classes: Iterable[str]) -> set[str]:
+        """The objects that belong to each of some classes."""
+        return set.intersection(*(set(self.members(cls)) for cls in classes))
+
     def instances(self, label: str) -> list[str]:
         """The objects that bear a label or came from the template of that name."""
         return [

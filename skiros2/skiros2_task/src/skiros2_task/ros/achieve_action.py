@@ -14,15 +14,12 @@ from skiros2_msgs.msg import AchieveFeedback, AchieveResult
 from skiros2_task.core.execution import End, Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planning import Verdict
-from skiros2_task.ros.plan_actions import STATES, PlanningOptions
+from skiros2_task.ros.plan_actions import PlanningOptions, end_goal
 
 log = logging.getLogger(__name__)
 
 #: The default of a goal's `max_replans`.
 MAX_REPLANS = 5
-
-#: The state in the result: a goal whose plan has been executed has succeeded.
-_STATES = {**STATES, Verdict.PLANNED: AchieveResult.SUCCEEDED}
 
 
 class AchieveAction(GoalServer):
@@ -106,17 +103,12 @@ class _GoalPublisher:
     def on_end(self, execution: GoalExecution, end: End) -> None:
         started = execution.started
         result = AchieveResult(
-            state=_STATES[end.verdict],
+            state=AchieveResult.SUCCEEDED if end.verdict is Verdict.PLANNED else end.verdict.state,
             message=end.message,
             done=json.dumps([{**record.step.to_dict(), **_progress(record)} for record in started]),
             explanations=json.dumps([why.to_dict() for record in started for why in record.explanations]),
         )
-        if end.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):
-            self._handle.set_succeeded(result, end.message)
-        elif end.verdict is Verdict.CANCELLED:
-            self._handle.set_canceled(result, end.message)
-        else:
-            self._handle.set_aborted(result, end.message)
+        end_goal(self._handle, end.verdict, result, end.message)
 
 
 def _refusal(state: str, message: str) -> Any:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer
@@ -18,9 +17,9 @@ from skiros2_msgs.msg import (
     MakePlanFeedback,
     MakePlanResult,
 )
-from skiros2_task.core.engines import Limits
+from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.plan import Plan
-from skiros2_task.core.planners import Planner
+from skiros2_task.core.planners import Planner, Quality, planner_named
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict, report_of
 from skiros2_task.core.preview import Preview
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
@@ -28,30 +27,29 @@ from skiros2_task.ros.task_message import Offered, task_holder
 
 log = logging.getLogger(__name__)
 
-#: Of each verdict, the state in results of `MakePlan`.
-STATES = {verdict: verdict.value.replace(" ", "_") for verdict in Verdict}
+_FAILURES = (Verdict.IMPOSSIBLE, Verdict.TIMED_OUT, Verdict.FAILED)
 
-#: Returns the planner for a quality; raises WrongValue if the quality is unknown.
-Planners = Callable[[str], Planner]
+def end_goal(handle: Any, verdict: Verdict, result: object, text: str) -> None:
+    """Ends a goal with a result.
 
-
-class _Handle(Protocol):
-    """The handle of a goal, of actionlib."""
-
-    def get_goal(self) -> Any: ...
-    def get_goal_status(self) -> Any: ...
-    def set_accepted(self) -> None: ...
-    def set_succeeded(self, result: object, text: str) -> None: ...
-    def set_canceled(self, result: object, text: str) -> None: ...
-    def set_aborted(self, result: object, text: str) -> None: ...
-    def publish_feedback(self, feedback: object) -> None: ...
+    :param handle: the goal's handle, of actionlib.
+    """
+    if verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):
+        handle.set_succeeded(result, text)
+    elif verdict is Verdict.CANCELLED:
+        handle.set_canceled(result, text)
+    else:
+        handle.set_aborted(result, text)
 
 
 class PlanningOptions:
-    """Reads the options of goals."""
+    """Reads the options of goals.
 
-    def __init__(self, planners: Planners) -> None:
-        self._planners = planners
+    :param processes: for the planners.
+    """
+
+    def __init__(self, processes: EngineProcesses) -> None:
+        self._processes = processes
 
     def limits(self, seconds: float) -> Limits | None:
         """Returns the limits for a time limit (s); None for 0.
@@ -67,7 +65,10 @@ class PlanningOptions:
 
         :raises WrongValue: the quality is unknown.
         """
-        return self._planners(quality) if quality else None
+        known = [each.value for each in Quality]
+        if quality and quality not in known:
+            raise WrongValue(f"quality {quality!r} is unknown, expected one of: {', '.join(known)}")
+        return planner_named(self._processes, quality) if quality else None
 
 
 class _PlanningAction(GoalServer):
@@ -75,7 +76,7 @@ class _PlanningAction(GoalServer):
 
     def __init__(self, name: str, spec: Any) -> None:
         super().__init__(name, spec)
-        self._running: list[tuple[_Handle, threading.Thread, threading.Event]] = []  # owned by the action's thread
+        self._running: list[tuple[Any, threading.Thread, threading.Event]] = []  # owned by the action's thread
 
     def plan(self, goal: Any, cancelled: threading.Event, progress: Callable[[str], None]) -> PlanningResult:
         """Plans a goal. Called in the goal's thread."""
@@ -100,7 +101,7 @@ class _PlanningAction(GoalServer):
 
     # -- in the thread of the action ---------------------------------------------------------------------------
 
-    def _begin(self, handle: _Handle) -> None:
+    def _begin(self, handle: Any) -> None:
         cancelled = threading.Event()
         thread = threading.Thread(target=self._serve_goal, args=(handle, cancelled), name="plan", daemon=True)
         self._running = [running for running in self._running if running[1].is_alive()]
@@ -108,7 +109,7 @@ class _PlanningAction(GoalServer):
         handle.set_accepted()
         thread.start()
 
-    def _cancel(self, handle: _Handle) -> None:
+    def _cancel(self, handle: Any) -> None:
         for known, _, cancelled in self._running:
             if known == handle:
                 cancelled.set()
@@ -116,12 +117,12 @@ class _PlanningAction(GoalServer):
     def _unserved_result(self, cancelled: bool, message: str) -> object:
         return self.result(PlanningResult(Verdict.CANCELLED if cancelled else Verdict.FAILED, message))
 
-    def _unfinished_handles(self) -> list[_Handle]:
+    def _unfinished_handles(self) -> list[Any]:
         return [handle for handle, _, _ in self._running]
 
     # -- in the thread of a goal -------------------------------------------------------------------------------
 
-    def _serve_goal(self, handle: _Handle, cancelled: threading.Event) -> None:
+    def _serve_goal(self, handle: Any, cancelled: threading.Event) -> None:
         goal, count = handle.get_goal(), 0
 
         def progress(text: str) -> None:
@@ -134,25 +135,17 @@ class _PlanningAction(GoalServer):
         try:
             planned = self.plan(goal, cancelled, progress)
             result = self.result(planned)
-        except SkirosError as error:
-            planned = PlanningResult(Verdict.FAILED, str(error))
-            result = self.result(planned)
         except Exception as error:  # the client still gets a result
-            log.exception("planning %s", goal.goals)
-            planned = PlanningResult(Verdict.FAILED, f"internal error: {type(error).__name__}: {error}")
+            message = str(error)
+            if not isinstance(error, SkirosError):
+                log.exception("planning %s", goal.goals)
+                message = f"internal error: {type(error).__name__}: {error}"
+            planned = PlanningResult(Verdict.FAILED, message)
             result = self.result(planned)
         if handle.get_goal_status().status not in ACTIVE:
             return  # the server was closed meanwhile
-        if planned.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):
-            steps = f"plan of {len(planned.calls)} steps:\n" if planned.plan else ""
-            log.info("%s%s", steps, planned.message)
-            handle.set_succeeded(result, planned.verdict.value if planned.plan else planned.message)
-        elif planned.verdict is Verdict.CANCELLED:
-            log.info("%s", planned.message)
-            handle.set_canceled(result, planned.message)
-        else:
-            log.error("%s", planned.message)
-            handle.set_aborted(result, planned.message)
+        log.log(logging.ERROR if planned.verdict in _FAILURES else logging.INFO, "%s", planned.message)
+        end_goal(handle, planned.verdict, result, planned.verdict.value if planned.plan else planned.message)
 
 
 class TaskPlanAction(_PlanningAction):
@@ -203,4 +196,4 @@ class PlanAction(_PlanningAction):
         return MakePlanFeedback(text)
 
     def result(self, result: PlanningResult) -> object:
-        return MakePlanResult(**asdict(report_of(result, self._simulate)))
+        return MakePlanResult(**report_of(result, self._simulate))

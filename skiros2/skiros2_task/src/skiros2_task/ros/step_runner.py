@@ -11,7 +11,7 @@ from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
-from skiros2_skill.client.skill_run import SkillRun
+from skiros2_skill.client.manager import SkillRun
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.utils import SkillHolder

@@ -6,12 +6,12 @@ import logging
 
 import rospy
 
-from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.ros.node import spin
 from skiros2_common.ros.plugins import load_plugins
-from skiros2_common.ros.shutdown import spin
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.executor import GoalExecutor
-from skiros2_task.core.planners import DEFAULT_ENGINE, Planner, Quality, planner_named
+from skiros2_task.core.planners import DEFAULT_ENGINE, planner_named
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.preview import preview
 from skiros2_task.core.store import DURATIONS_FILE, FOLDER, Archive, Durations
@@ -52,7 +52,7 @@ def main() -> None:
         executor = GoalExecutor(planner, step_runner)
         step_runner.subscribe(executor.robot_found, executor.robot_lost)
         wm.add_listener(lambda _: executor.world_changed())
-        options = PlanningOptions(lambda quality: _planner_for(quality, processes))
+        options = PlanningOptions(processes)
         actions = (
             TaskPlanAction(planner, step_runner.offered),
             PlanAction(planner, options, lambda plan: preview(PreviewCopy(wm), plan)),
@@ -65,14 +65,3 @@ def main() -> None:
         spin()
     finally:
         processes.close()
-
-
-def _planner_for(quality: str, processes: EngineProcesses) -> Planner:
-    """Returns the planner for a plan quality.
-
-    :raises WrongValue: the quality is unknown.
-    """
-    known = [each.value for each in Quality]
-    if quality not in known:
-        raise WrongValue(f"quality {quality!r} is unknown, expected one of: {', '.join(known)}")
-    return planner_named(processes, quality)

@@ -11,8 +11,7 @@ import actionlib
 import rospy
 
 from skiros2_common.core.errors import Refused, TimedOut
-from skiros2_common.ros.action_server_watch import ServerWatch
-from skiros2_common.ros.subscribers import wait_for_subscribers
+from skiros2_common.ros.connections import ServerWatch, wait_for_subscribers
 from skiros2_common.tools.decorators import PrettyObject
 from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal, MakePlanAction, MakePlanGoal
 
@@ -34,10 +33,16 @@ _ANSWER_TIMEOUT = 5.0
 _POLL_PERIOD = 0.2  # s
 
 
+#: Called with the terminal state of the action, and its result, by a ROS thread.
+DoneCallback = Callable[[int, Any], None]
+#: Called with each feedback message, by a ROS thread.
+FeedbackCallback = Callable[[Any], None]
+
+
 class _Request:
     """A goal that was sent, and its result."""
 
-    def __init__(self, client: Any, done_cb: Callable[[int, Any], None] | None) -> None:
+    def __init__(self, client: actionlib.ActionClient, done_cb: DoneCallback | None) -> None:
         self.client = client
         self.handle: Any = None
         self.ended = threading.Event()
@@ -54,30 +59,29 @@ class _Request:
 
 
 class TaskManagerInterface(PrettyObject):
-    """A client of the task manager, with one request at a time. Connects in the background."""
+    """A client of the task manager, with one request at a time. Connects in the background.
+
+    Goals are one or several goal texts. A new request replaces an earlier one of this object, which is not cancelled.
+    """
 
     def __init__(self) -> None:
-        self._client = actionlib.ActionClient(ACTION, AssignTaskAction)
-        self._achieve_client: Any = None
-        self._plan_client: Any = None
+        self._clients = {ACTION: actionlib.ActionClient(ACTION, AssignTaskAction)}
         self._request: _Request | None = None
-        self._connected: list[Any] = []  # clients whose first goal was sent
+        self._connected: set[str] = set()  # the actions to which a first goal was sent
 
     def plan(
         self,
         goals: str | Sequence[str],
-        done_cb: Callable[[int, Any], None] | None = None,
-        feedback_cb: Callable[[Any], None] | None = None,
+        done_cb: DoneCallback | None = None,
+        feedback_cb: FeedbackCallback | None = None,
     ) -> bool:
-        """Sends goals to plan and returns. Replaces an earlier request of this object.
+        """Sends goals to plan and returns. The result is an `AssignTaskResult`.
 
-        :param goals: one or several goal texts.
-        :param done_cb: called with the action's state and the `AssignTaskResult`, by a ROS thread.
-        :param feedback_cb: called with each `AssignTaskFeedback`, by a ROS thread.
         :returns: False, and logs an error, if no task manager answers within 2 s.
         """
         try:
-            self._send(self._client, AssignTaskGoal(rospy.get_name(), _text(goals)), done_cb, feedback_cb)
+            goal = AssignTaskGoal(rospy.get_name(), _text(goals))
+            self._send(ACTION, AssignTaskAction, goal, done_cb, feedback_cb)
         except TimedOut as error:
             log.error("the goal is not planned: %s", error)
             self._request = None
@@ -87,62 +91,48 @@ class TaskManagerInterface(PrettyObject):
     def achieve(
         self,
         goals: str | Sequence[str],
-        done_cb: Callable[[int, Any], None] | None = None,
-        feedback_cb: Callable[[Any], None] | None = None,
+        done_cb: DoneCallback | None = None,
+        feedback_cb: FeedbackCallback | None = None,
         *,
         quality: str = "",
         seconds: float = 0.0,
         priority: int = 0,
         max_replans: int = -1,
     ) -> None:
-        """Sends goals to achieve and returns. Replaces an earlier request of this object, which is not cancelled.
+        """Sends goals to achieve and returns. The result is an `AchieveResult`.
 
-        :param goals: one or several goal texts.
-        :param done_cb: called with the action's state and the `AchieveResult`, by a ROS thread.
-        :param feedback_cb: called with each `AchieveFeedback`, by a ROS thread.
         :param quality: `first`, `best` or `optimal`; "": the task manager's default.
         :param seconds: time limit of each planning; 0: the task manager's default.
         :param priority: of goals that need the same robot, the one with the highest priority gets it first.
         :param max_replans: how often a broken plan is replaced at most; negative: the task manager's default.
         :raises TimedOut: no task manager answers within 2 s.
         """
-        if self._achieve_client is None:
-            self._achieve_client = actionlib.ActionClient(ACHIEVE_ACTION, AchieveAction)
         goal = AchieveGoal(rospy.get_name(), _text(goals), quality, seconds, priority, max_replans)
-        self._send(self._achieve_client, goal, done_cb, feedback_cb)
+        self._send(ACHIEVE_ACTION, AchieveAction, goal, done_cb, feedback_cb)
 
-    def make_plan(
-        self,
-        goals: str | Sequence[str],
-        done_cb: Callable[[int, Any], None] | None = None,
-        feedback_cb: Callable[[Any], None] | None = None,
-        *,
-        quality: str = "",
-        seconds: float = 0.0,
-    ) -> None:
-        """Requests the plan for goals, which is not executed, and returns. Replaces an earlier request of this object.
+    def make_plan(self, goals: str | Sequence[str], *, quality: str = "", seconds: float = 0.0) -> None:
+        """Requests the plan for goals, which is not executed, and returns. The result is a `MakePlanResult`.
 
-        :param done_cb: called with the action's state and the `MakePlanResult`, by a ROS thread.
-        :param feedback_cb: called with each `MakePlanFeedback`, by a ROS thread.
         :param quality, seconds: see `achieve`.
         :raises TimedOut: no task manager answers within 2 s.
         """
-        if self._plan_client is None:
-            self._plan_client = actionlib.ActionClient(PLAN_ACTION, MakePlanAction)
-        goal = MakePlanGoal(rospy.get_name(), _text(goals), quality, seconds)
-        self._send(self._plan_client, goal, done_cb, feedback_cb)
+        self._send(PLAN_ACTION, MakePlanAction, MakePlanGoal(rospy.get_name(), _text(goals), quality, seconds))
 
     def _send(
         self,
-        client: Any,
+        action: str,
+        spec: Any,
         goal: Any,
-        done_cb: Callable[[int, Any], None] | None,
-        feedback_cb: Callable[[Any], None] | None,
+        done_cb: DoneCallback | None = None,
+        feedback_cb: FeedbackCallback | None = None,
     ) -> None:
+        if action not in self._clients:
+            self._clients[action] = actionlib.ActionClient(action, spec)
+        client = self._clients[action]
         if not client.wait_for_server(rospy.Duration.from_sec(_CONNECT_TIMEOUT)):
             raise TimedOut(f"no task manager answers on {rospy.resolve_name(client.ns)}")
-        if client not in self._connected:
-            self._connected.append(client)
+        if action not in self._connected:
+            self._connected.add(action)
             wait_for_subscribers(client.pub_goal)
         request = _Request(client, done_cb)
         on_feedback = (lambda handle, feedback: feedback_cb(feedback)) if feedback_cb is not None else None
@@ -155,8 +145,7 @@ class TaskManagerInterface(PrettyObject):
             self._request.handle.cancel()
 
     def wait_for_result(self) -> Any:
-        """Blocks until the request has ended. Returns the action's result. Not for use in a
-        skill's hook.
+        """Blocks until the request has ended. Returns the action's result. Not for use in a skill's hook.
 
         :raises Refused: there is no request.
         :raises TimedOut: the task manager has disappeared, or its result was lost.

@@ -8,16 +8,9 @@ from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.skills import ParameterKind
 
 #: Returns the parameters of a call's skill as its manager lists them; None if the manager does not list it.
 Offered = Callable[[SkillCall], ParamHandler | None]
-
-_KINDS = {
-    ParameterKind.REQUIRED: ParamTypes.Required,
-    ParameterKind.OPTIONAL: ParamTypes.Optional,
-    ParameterKind.INFERRED: ParamTypes.Inferred,
-}
 
 
 def task_holder(calls: Iterable[SkillCall], offered: Offered) -> SkillHolder:
@@ -34,7 +27,7 @@ def skill_holder(call: SkillCall, offered: Offered) -> SkillHolder:
     params = (
         dict(listed.items())
         if listed is not None
-        else {p.key: Param(p.key, "", Element(p.element_class or ""), _KINDS[p.kind]) for p in call.parameters}
+        else {p.key: Param(p.key, "", Element(p.element_class or ""), p.kind) for p in call.parameters}
     )
     for key, element in call.arguments:
         params.setdefault(key, Param(key, "", Element(element.type), ParamTypes.Required)).assign(element)

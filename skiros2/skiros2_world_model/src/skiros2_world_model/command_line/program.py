@@ -7,7 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import rosgraph
+
 from skiros2_common.command_line.command import (
+    OK,
     REFUSED,
     UNAVAILABLE,
     USAGE,
@@ -18,9 +21,74 @@ from skiros2_common.command_line.command import (
     screen,
     user,
 )
-from skiros2_common.command_line.layout import Screen
-from skiros2_world_model.command_line import history, reading, validating, writing
-from skiros2_world_model.command_line.connection import connect
+from skiros2_common.command_line.layout import Screen, table
+from skiros2_common.command_line.master import check_node
+from skiros2_world_model.command_line import reading, writing
+from skiros2_world_model.core.report import VIOLATION, Report
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+
+def connect(name: str, author: str, computing: bool = False) -> WorldModelAbstractInterface:
+    """Connects to a running world model node, without subscribing to its changes.
+
+    :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
+    :param author: the author of the changes.
+    :param computing: loads the server's reasoners, for relations that they compute.
+    :raises Unavailable: the node does not answer within a few seconds.
+    """
+    full = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), name)
+    check_node(full, "get", "world model")
+    import rospy  # slow to import, so only after the check
+
+    from skiros2_world_model.ros.world_model_interface import WorldModelInterface, load_reasoners
+
+    class OneShotInterface(WorldModelInterface):
+        _server = full
+
+        def _wait_for_server(self) -> None:
+            """`check_node` has found the server."""
+
+        def _follow(self) -> None:
+            """A single command needs no updates."""
+
+    if rosgraph.names.is_legal_base_name(author):
+        rospy.names._set_caller_id(f"/{author}")  # no node is started, but the server logs this name
+    if computing:
+        load_reasoners(full)
+    return OneShotInterface(author)
+
+
+def validate(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Validates the current scene against the ontologies and the shapes."""
+    report = wm.validate(arguments.context)
+    return CommandResult(_lines(report, screen), _json(report), _status(report))
+
+
+def validate_scene(_wm: None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Validates scene files without a world model: everything that loading would refuse or warn of, and the shapes."""
+    from skiros2_world_model.command_line.scene_file import validate_scene_file  # takes time, and an RDF library
+
+    folders = arguments.ontologies, arguments.workspace
+    reports = [validate_scene_file(file, *folders, arguments.context, arguments.strict) for file in arguments.files]
+    lines = [line for report in reports for line in _lines(report, screen)]
+    return CommandResult(lines, [_json(report) for report in reports], max(map(_status, reports)))
+
+
+def _status(report: Report) -> int:
+    return REFUSED if report.count(VIOLATION) else OK
+
+
+def _lines(report: Report, screen: Screen) -> list[str]:
+    rows = [(f.severity, f.element, f.property, f.text) for f in report.findings]
+    lines = table(screen, rows, ("severity", "element", "property", "what")) if rows else []
+    return [screen.fitted(f"{report.origin}: {report.summary}"), *lines]
+
+
+def _json(report: Report) -> dict[str, Any]:
+    keys = ("severity", "element", "property", "text")
+    findings = [{key: getattr(finding, key) for key in keys} for finding in report.findings]
+    return {"validated": report.origin, "violations": report.count(VIOLATION), "findings": findings}
+
 
 Command = Callable[[Any, argparse.Namespace, Screen], CommandResult]
 
@@ -38,7 +106,7 @@ def _run(name: str, given: Sequence[str]) -> int:
 
     def work() -> CommandResult:
         wm = None
-        if name != "validate_scene" and (name != "diff" or history.needs_world_model(arguments)):
+        if name != "validate_scene" and (name != "diff" or reading.needs_world_model(arguments)):
             wm = connect(arguments.wm, getattr(arguments, "author", "") or user())
         return command(wm, arguments, screen())
 
@@ -49,10 +117,12 @@ run = program(_run)
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
-    command, add_arguments, *epilog = _COMMANDS[name]
+    command, epilog = _COMMANDS[name]
     description = (command.__doc__ or "").partition("\n\n")[0]
-    parser = Parser(prog=name, description=description, epilog=" ".join([*epilog, _statuses(name)]))
-    add_arguments(parser)
+    parser = Parser(prog=name, description=description, epilog=f"{epilog} {_statuses(name)}".strip())
+    group = parser.add_mutually_exclusive_group(required=True) if name == "query" else parser
+    for names, options in _ARGUMENTS.get(name, ()):
+        group.add_argument(*names, **options)
     parser.add_argument(
         "--context",
         default="" if name == "query" else "scene",
@@ -73,75 +143,60 @@ def _statuses(name: str) -> str:
     return f"Exit status: {results}, {trouble}, {UNAVAILABLE} no master or no world model."
 
 
-def _view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", nargs="?", default="", help="show only this element and its descendants")
-    parser.add_argument("--all", action="store_true", help="all properties, relations and elements")
+def _argument(*names: str, **options: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+    return names, options
 
 
-def _get(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", help="the element")
-    parser.add_argument("property", nargs="?", help="only this property or relation, `label` or `type`: a value a line")
+_AUTHOR = _argument("--author", default=user(), metavar="NAME", help="author of the change (default: %(default)s)")
 
-
-def _set(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", help="the element")
-    parser.add_argument("name", help="a property, a relation, `label` or `type`")
-    parser.add_argument("values", nargs="*", metavar="VALUE", help="its values, or the ids of its objects")
-    parser.add_argument("--remove", action="store_true", help="remove these values or relations; without any, all")
-    _author(parser)
-
-
-def _query(parser: argparse.ArgumentParser) -> None:
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("sparql", nargs="?", help="the query; prefixes need not be declared")
-    what.add_argument("-f", "--file", help="a file with the query")
-
-
-def _load(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "file",
-        nargs="?",
-        default="",
-        metavar="FILE",
-        help="in the workspace of the world model (default: the context's own file)",
-    )
-    _author(parser)
-
-
-def _save(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="in the workspace of the world model")
-
-
-def _author(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--author", default=user(), metavar="NAME", help="author of the change (default: %(default)s)")
-
-
-def _history(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", nargs="?", default="", help="only changes of this element")
-    parser.add_argument("--at", metavar="TIME", help="show the scene or element at that time")
-    parser.add_argument("--since", metavar="TIME", help="only changes after that time")
-    parser.add_argument("--until", metavar="TIME", help="only changes up to that time")
-    parser.add_argument("--author", default="", help="only changes by this author")
-    parser.add_argument("--limit", type=int, default=20, metavar="N", help="the last N requests (default: 20; 0: all)")
-    parser.add_argument("--all", action="store_true", help="all changes of large requests; with --at, all of the scene")
-
-
-def _diff(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("old", metavar="OLD", help="a scene file, or @TIME")
-    parser.add_argument("new", nargs="?", default="", metavar="NEW", help="same as OLD (default: the current scene)")
-
-
-def _validate_scene(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="a scene file")
-    parser.add_argument(
-        "--workspace",
-        type=Path,
-        metavar="DIR",
-        help="the folder of your ontologies and shapes (default: the file's folder, if it has any)",
-    )
-    parser.add_argument("--ontologies", type=Path, metavar="DIR", help="base ontologies (default: those of skiros2)")
-    parser.add_argument("--strict", action="store_true", help="report unknown names as violations, as with ~strict")
-
+#: The arguments of the commands, beside those that all have.
+_ARGUMENTS = {
+    "view": [
+        _argument("id", nargs="?", default="", help="show only this element and its descendants"),
+        _argument("--all", action="store_true", help="all properties, relations and elements"),
+    ],
+    "get": [
+        _argument("id", help="the element"),
+        _argument("property", nargs="?", help="only this property or relation, `label` or `type`: a value a line"),
+    ],
+    "set": [
+        _argument("id", help="the element"),
+        _argument("name", help="a property, a relation, `label` or `type`"),
+        _argument("values", nargs="*", metavar="VALUE", help="its values, or the ids of its objects"),
+        _argument("--remove", action="store_true", help="remove these values or relations; without any, all"),
+        _AUTHOR,
+    ],
+    "query": [
+        _argument("sparql", nargs="?", help="the query; prefixes need not be declared"),
+        _argument("-f", "--file", help="a file with the query"),
+    ],
+    "load": [
+        _argument("file", nargs="?", default="", metavar="FILE",
+                  help="in the workspace of the world model (default: the context's own file)"),
+        _AUTHOR,
+    ],
+    "save": [_argument("file", metavar="FILE", help="in the workspace of the world model")],
+    "history": [
+        _argument("id", nargs="?", default="", help="only changes of this element"),
+        _argument("--at", metavar="TIME", help="show the scene or element at that time"),
+        _argument("--since", metavar="TIME", help="only changes after that time"),
+        _argument("--until", metavar="TIME", help="only changes up to that time"),
+        _argument("--author", default="", help="only changes by this author"),
+        _argument("--limit", type=int, default=20, metavar="N", help="the last N requests (default: 20; 0: all)"),
+        _argument("--all", action="store_true", help="all changes of large requests; with --at, all of the scene"),
+    ],
+    "diff": [
+        _argument("old", metavar="OLD", help="a scene file, or @TIME"),
+        _argument("new", nargs="?", default="", metavar="NEW", help="same as OLD (default: the current scene)"),
+    ],
+    "validate_scene": [
+        _argument("files", nargs="+", type=Path, metavar="FILE", help="a scene file"),
+        _argument("--workspace", type=Path, metavar="DIR",
+                  help="the folder of your ontologies and shapes (default: the file's folder, if it has any)"),
+        _argument("--ontologies", type=Path, metavar="DIR", help="base ontologies (default: those of skiros2)"),
+        _argument("--strict", action="store_true", help="report unknown names as violations, as with ~strict"),
+    ],
+}  # fmt: skip
 
 #: Commands that read files; their refusals are usage errors.
 _OF_FILES = ("diff", "validate_scene")
@@ -149,20 +204,16 @@ _OF_FILES = ("diff", "validate_scene")
 #: The meaning of the exit statuses 0 and 1, where it is not the usual one.
 _RESULTS = {"diff": "0 no difference, 1 differences", "validate": "0 no violations, 1 violations or refused"}
 
-#: For each command: its function, its arguments, and the epilog of its help.
-_COMMANDS: dict[str, tuple[Any, ...]] = {
-    "view": (reading.view, _view),
-    "get": (reading.get, _get),
-    "query": (reading.query, _query),
-    "set": (
-        writing.set_values,
-        _set,
-        _VALUES,
-    ),
-    "load": (writing.load, _load),
-    "save": (writing.save, _save),
-    "history": (history.history, _history, _TIMES),
-    "diff": (history.diff, _diff, _TIMES),
-    "validate": (validating.validate, lambda parser: None),
-    "validate_scene": (validating.validate_scene, _validate_scene),
+#: For each command: its function, and the epilog of its help.
+_COMMANDS: dict[str, tuple[Command, str]] = {
+    "view": (reading.view, ""),
+    "get": (reading.get, ""),
+    "query": (reading.query, ""),
+    "set": (writing.set_values, _VALUES),
+    "load": (writing.load, ""),
+    "save": (writing.save, ""),
+    "history": (reading.history, _TIMES),
+    "diff": (reading.diff, _TIMES),
+    "validate": (validate, ""),
+    "validate_scene": (validate_scene, ""),
 }

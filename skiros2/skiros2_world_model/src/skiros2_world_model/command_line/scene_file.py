@@ -10,13 +10,13 @@ import rospkg
 
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import relation_dict
-from skiros2_world_model.core.file_checks import CollectingChecks
+from skiros2_world_model.core.checks import CollectingChecks
 from skiros2_world_model.core.knowledge_base import KnowledgeBase, is_knowledge_file
 from skiros2_world_model.core.local_world_model import source_ontologies
-from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.rdf import read_triples
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene import Provenance
-from skiros2_world_model.core.scene_rdf import read_scene
+from skiros2_world_model.core.scene_rdf import SceneContent
 from skiros2_world_model.core.validation import scene_file_triples, validate
 
 
@@ -32,13 +32,14 @@ def read_scene_file(path: Path) -> list[Element]:
     try:
         knowledge_base = KnowledgeBase(_ontologies())
         checks = CollectingChecks(knowledge_base, str(path), False)
-        content = read_scene(triples, knowledge_base.index, knowledge_base.prefixes, checks, str(path), Provenance())
+        content = SceneContent(triples, checks, Provenance())
     finally:
         core.setLevel(level)
     outgoing: dict[str, list[dict[str, object]]] = {}
     for src, pred, dst in content.relations:
         outgoing.setdefault(src, []).append(relation_dict("-1", pred, dst))
-    return [Element.shared(n.type, n.label, n.id, dict(n.properties), outgoing.get(n.id, ())) for n in content.records]
+    records = content.records.values()
+    return [Element.shared(r.type, r.label, r.id, dict(r.properties), outgoing.get(r.id, ())) for r in records]
 
 
 def validate_scene_file(

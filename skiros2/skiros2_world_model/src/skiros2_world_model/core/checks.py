@@ -5,16 +5,19 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
-from skiros2_common.core.names import full_name
+from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
+from skiros2_world_model.core.report import VIOLATION, WARNING, Finding
 from skiros2_world_model.core.scene import ElementRecord
 
 log = logging.getLogger(__name__)
@@ -51,9 +54,9 @@ class Checks:
         strict: bool = False,
         warned: set[tuple[str, str, str]] | None = None,
     ) -> None:
-        self._ontology = ontology
-        self._prefixes = prefixes
-        self._origin = origin
+        self.ontology = ontology
+        self.prefixes = prefixes
+        self.origin = origin
         self._strict = strict
         self._warned = warned
         self._known: dict[str, str] = {}  # full names of known properties, by given name
@@ -65,7 +68,7 @@ class Checks:
         :raises WrongValue: the name is invalid.
         """
         name = self.name(name, "class", who)
-        if not self._ontology.has_class(name):
+        if not self.ontology.has_class(name):
             self._add_issue("class", name, who)
         return name
 
@@ -75,7 +78,7 @@ class Checks:
         :raises WrongValue: the name is invalid.
         """
         name = self.name(name, "relation", who)
-        if not self._ontology.has_relation(name):
+        if not self.ontology.has_relation(name):
             self._add_issue("relation", name, who)
         return name
 
@@ -84,7 +87,7 @@ class Checks:
 
         :param obj: None when it is not an element of the scene.
         """
-        for text in self._ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
+        for text in self.ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
             self._add_issue(MISFIT, text, who)
 
     def property_name(self, name: str, who: str) -> str:
@@ -97,8 +100,8 @@ class Checks:
             return known
         given, name = name, self.name(name, "property", who)
         if name in ("rdf:type", "rdfs:label"):
-            raise WrongValue(f"{self._origin}: {who}: {name} is written as the element's class or label")
-        if self._ontology.has_data_property(name):
+            raise WrongValue(f"{self.origin}: {who}: {name} is written as the element's class or label")
+        if self.ontology.has_data_property(name):
             self._known[given] = name
         else:
             self._add_issue("property", name, who)
@@ -112,8 +115,8 @@ class Checks:
         """
         name = self.name(name, "element", who)
         if re.search(r"-\d+$", name):
-            raise UnknownName(f"{self._origin}: {who}: there is no element {name!r}")
-        if not self._ontology.knows(name):
+            raise UnknownName(f"{self.origin}: {who}: there is no element {name!r}")
+        if not self.ontology.knows(name):
             self._add_issue("individual", name, who)
         return name
 
@@ -125,11 +128,11 @@ class Checks:
         """
         key = self.property_name(key, who)
         try:
-            checked = made_property(key, prop.values, self._ontology.value_limits(etype, key), prop.dataType())
+            checked = made_property(key, prop.values, self.ontology.value_limits(etype, key), prop.dataType())
             for value in checked.values:
                 _check_plain(value, key)
         except (WrongType, WrongValue) as error:
-            raise type(error)(f"{self._origin}: {who}: {error}") from None
+            raise type(error)(f"{self.origin}: {who}: {error}") from None
         return checked
 
     def label(self, text: str, who: str) -> str:
@@ -140,7 +143,7 @@ class Checks:
         try:
             _check_plain(str(text), "label")
         except WrongValue as error:
-            raise WrongValue(f"{self._origin}: {who}: {error}") from None
+            raise WrongValue(f"{self.origin}: {who}: {error}") from None
         return text
 
     def refuse(self, who: str, what: str, error: SkirosError, done: str = "") -> None:
@@ -161,7 +164,7 @@ class Checks:
         lines = {}
         for (kind, name), users in self._unknown.items():
             others = f" and {len(users) - 1} more" if len(users) > 1 else ""
-            lines[self._origin, kind, name] = f"{self._origin}: {issue_text(kind, name)} ({users[0]}{others})"
+            lines[self.origin, kind, name] = f"{self.origin}: {issue_text(kind, name)} ({users[0]}{others})"
         if lines and self._strict:
             error = WrongValue if all(kind == MISFIT for _, kind, _ in lines) else UnknownName
             raise error("; ".join(lines.values()))
@@ -182,16 +185,16 @@ class Checks:
             if _PLAIN_NAME.fullmatch(name):
                 return self.full(name)
             try:
-                node = ox.NamedNode(self._prefixes.iri(name) if name.strip(":") else "")
+                node = ox.NamedNode(self.prefixes.iri(name) if name.strip(":") else "")
                 if not name.endswith((":", "#")):
-                    return self._prefixes.name(node.value)
+                    return self.prefixes.name(node.value)
             except ValueError:
                 pass  # raised below
-        raise WrongValue(f"{self._origin}: {who}: {name!r} cannot be the name of a {kind}")
+        raise WrongValue(f"{self.origin}: {who}: {name!r} cannot be the name of a {kind}")
 
     def full(self, name: str) -> str:
         """The name with its prefix, for a name or an IRI."""
-        return self._prefixes.name(name) if is_iri(name) else full_name(name)
+        return self.prefixes.name(name) if is_iri(name) else full_name(name)
 
     def _add_issue(self, kind: str, name: str, who: str) -> None:
         users = self._unknown.setdefault((kind, name), [])
@@ -272,3 +275,96 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
         raise WrongType(
             f"{key}: expected text, numbers, bools, lists or dicts, got {type(value).__name__} {format_value(value)}"
         )
+
+
+KEPT = "kept"
+LEFT_OUT = "left out"
+
+
+class CollectingChecks(Checks):
+    """Checks that collect flaws instead of raising errors."""
+
+    def __init__(self, knowledge_base: KnowledgeBase, origin: str, strict: bool) -> None:
+        super().__init__(knowledge_base.index, knowledge_base.prefixes, origin, strict)
+        self.flaws: dict[Finding, str] = {}  #: each finding, and how loading handles it
+
+    def refuse(self, who: str, what: str, error: SkirosError, done: str = LEFT_OUT) -> None:
+        text = str(error).removeprefix(f"{self.origin}: ")
+        if text.startswith((f"{who}: ", f"{who} {what} ")):  # the finding names them itself
+            text = text.partition(": ")[2]
+        text = text.removeprefix(f"{what}: ")
+        self.flaws[Finding(VIOLATION, self.origin, who, what, text)] = done
+
+    def finish(self) -> None:
+        severity = VIOLATION if self._strict else WARNING
+        for (kind, name), users in self._unknown.items():
+            element, *predicate = users[0].split(" ")  # an element, or a relation
+            prop = predicate[0] if predicate else name if kind in ("property", "relation") else ""
+            others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
+            finding = Finding(severity, self.origin, element, prop, f"{issue_text(kind, name)}{others}")
+            self.flaws[finding] = KEPT
+
+
+class FileChecks(CollectingChecks):
+    """Checks of a loaded file: all flaws are logged in one warning; with `strict` they refuse the file."""
+
+    def __init__(self, knowledge_base: KnowledgeBase, path: Path, strict: bool) -> None:
+        super().__init__(knowledge_base, str(path), strict)
+        self._path = path
+
+    def finish(self) -> None:
+        """Logs all flaws in one warning.
+
+        :raises WrongValue: there are flaws, and the checks are strict; the text lists all of them.
+        """
+        super().finish()
+        if not self.flaws:
+            return
+        lines = SourceLines(self._path)
+        text = "\n    ".join(self._format(*flaw, lines) for flaw in self.flaws.items())
+        count = f"{len(self.flaws)} flaw{'s' if len(self.flaws) > 1 else ''}"
+        if self._strict:
+            raise WrongValue(f"{self._path}: refused with {count}:\n    {text}")
+        log.warning("%s: loaded with %s:\n    %s", self._path, count, text)
+
+    def _format(self, found: Finding, done: str, lines: SourceLines) -> str:
+        line = lines.find(found.element, found.property)
+        location = f"{self._path}, line {line}" if line else str(self._path)
+        what = " ".join(part for part in (found.element, found.property) if part)
+        text = ": ".join(part for part in (location, what, found.text) if part)
+        return text if self._strict else f"{text}; {done}"
+
+
+class SourceLines:
+    """Finds the lines of names in a Turtle or RDF/XML file."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._lines = path.read_text(errors="replace").splitlines()
+        except OSError:
+            self._lines = []
+
+    def find(self, element: str, prop: str = "") -> int | None:
+        """The line number (from 1) of an element's description, or of its property there; None when it is not found."""
+        if not element:
+            return None
+        name = _token(element)
+        subject = re.compile(rf"(?:^|\.)\s*(?:[\w.-]*:|<[^<>\s]*[#/]){name}|about=\"[^\"]*{name}")
+        start = next((i for i, line in enumerate(self._lines) if subject.search(line)), None)
+        if start is None or not prop:
+            return None if start is None else start + 1
+        wanted = re.compile(rf"[:#/<]{_token(prop)}")
+        for index in range(start, len(self._lines)):
+            if wanted.search(self._lines[index]):
+                return index + 1
+            if index > start and subject.pattern and _ENDS.search(self._lines[index]):
+                break
+        return start + 1
+
+
+#: The end of a description: of a Turtle statement, or of an RDF/XML element.
+_ENDS = re.compile(r"(?:^|\s)\.\s*(?:#.*)?$|^\s*</(?:\w+:)?(?:NamedIndividual|Description)>")
+
+
+def _token(name: str) -> str:
+    return re.escape(local_name(name).rpartition("#")[2]) + r"(?![\w-])"

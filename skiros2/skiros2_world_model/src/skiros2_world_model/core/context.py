@@ -9,18 +9,18 @@ from itertools import chain
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
+from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE, SPATIAL, Patch, relation_dict
+from skiros2_world_model.core.changes import ONTOLOGY, SCENE, SPATIAL, Add, Operation, Patch, Relate, relation_dict
 from skiros2_world_model.core.changeset import ChangeSet
-from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.file_checks import LEFT_OUT
+from skiros2_world_model.core.checks import LEFT_OUT, Checks
 from skiros2_world_model.core.journal import ContextState
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.queries import containment_cycle, format_cycle
-from skiros2_world_model.core.rdf_files import parse_n_triples
+from skiros2_world_model.core.rdf import parse_n_triples, python_value
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
-from skiros2_world_model.core.scene_rdf import GraphSync, element_triples, read_scene, relation_triple, scene_turtle
-from skiros2_world_model.core.templates import template_element
+from skiros2_world_model.core.scene_rdf import GraphSync, SceneContent, element_triples, relation_triple, scene_turtle
+from skiros2_world_model.core.transaction import template_element
 
 _BLANK_SCENE = "skiros:blank_scene"
 
@@ -60,7 +60,7 @@ class Context:
         return scene_turtle(self.scene, self.extras, self._knowledge_base.index, self._knowledge_base.prefixes)
 
     def read(
-        self, triples: Iterable[ox.Triple], checks: Checks, origin: str, provenance: Provenance, adds_root: bool = True
+        self, triples: Iterable[ox.Triple], checks: Checks, provenance: Provenance, adds_root: bool = True
     ) -> tuple[Scene, list[ox.Triple]]:
         """Builds a scene and its extra triples from triples. Does not change this context.
 
@@ -69,13 +69,13 @@ class Context:
         :raises SkirosError: a check refuses the content.
         """
         knowledge_base = self._knowledge_base
-        content = read_scene(triples, knowledge_base.index, knowledge_base.prefixes, checks, origin, provenance)
+        content = SceneContent(triples, checks, provenance)
         scene = Scene()
-        for record in content.records:
+        for record in content.records.values():
             scene.put(record)
         if self.name == SCENE and ROOT not in scene:
             if not adds_root:
-                raise WrongValue(f"{origin}: there is no {ROOT}, the root of a scene")
+                raise WrongValue(f"{checks.origin}: there is no {ROOT}, the root of a scene")
             self._add_root(scene)
         for src, pred, dst in content.relations:
             try:
@@ -88,7 +88,7 @@ class Context:
         spatial = knowledge_base.index.subproperties(SPATIAL)
         while cycle := containment_cycle(scene, spatial, (record.id for record in scene)):
             holder, held = cycle[1], cycle[0]
-            loop = WrongValue(f"{origin}: elements that contain themselves: {format_cycle(cycle)}")
+            loop = WrongValue(f"{checks.origin}: elements that contain themselves: {format_cycle(cycle)}")
             checks.refuse(held, "", loop, f"left out that {holder} holds {held}")
             for relation in list(scene.relations(holder, spatial, held)):
                 scene.unrelate(*relation)
@@ -165,3 +165,63 @@ class Contexts(dict[str, Context]):
             ]
             if patches:
                 yield name, patches
+
+
+#: Instances of classes of these vocabularies belong to an ontology, not to a scene.
+_META = ("owl:", "rdfs:", "rdf:")
+
+
+def element_operations(
+    knowledge_base: KnowledgeBase, scene: Scene, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
+) -> list[Operation]:
+    """The operations that have the effect of removing and adding triples.
+
+    :raises UnknownName: a triple describes an element that does not exist, and no triple gives it a class.
+    :raises WrongValue: a triple removes the class of an element.
+    """
+    prefixes = knowledge_base.prefixes
+    new: dict[str, Element] = {}
+    known: dict[str, Element] = {}
+    operations: list[Operation] = []
+    statements = [(t, False) for t in removed] + [(t, True) for t in added]
+    for triple, value in sorted(statements, key=lambda s: prefixes.name(s[0].predicate.value) != "rdf:type"):
+        item = triple.object
+        if not isinstance(triple.subject, ox.NamedNode) or not isinstance(item, (ox.NamedNode, ox.Literal)):
+            raise WrongValue(f"{triple}: elements are described without blank nodes")
+        eid, key = prefixes.name(triple.subject.value), prefixes.name(triple.predicate.value)
+        element = new.get(eid) or known.get(eid) or scene.element(eid)
+        if key == "rdf:type":
+            etype = prefixes.name(item.value)
+            if not value:
+                raise WrongValue(f"{eid}: an element has a class; remove the element instead")
+            if etype == "owl:NamedIndividual":
+                continue
+            if etype.startswith(_META):
+                raise WrongValue(f"{eid} is declared a {etype}, which belongs into the ontologies (context '')")
+            if element is None:
+                new[eid] = Element(etype, "", eid)
+                continue
+            element.type = etype
+        elif element is None:
+            raise UnknownName(f"there is no element {eid!r}, and nothing gives it a class")
+        elif isinstance(item, ox.NamedNode):
+            operations.append(Relate(eid, key, prefixes.name(item.value), value))
+        elif key == "rdfs:label":
+            element.label = item.value if value else ""
+        else:
+            _write_value(element, key, python_value(item), value)
+        if eid not in new:
+            known[eid] = element
+    adds: list[Operation] = [Add(element) for element in new.values()]
+    patches: list[Operation] = [Patch(eid, e.changes() or ElementChanges()) for eid, e in known.items() if e.changes()]
+    return [*adds, *patches, *operations]
+
+
+def _write_value(element: Element, key: str, item: object, present: bool) -> None:
+    prop = element._props.get(key)
+    values = [v for v in (prop.values if prop is not None else []) if not same_value(v, item)]
+    if present:
+        values.append(item)
+    element.removeProperty(key)
+    if values:
+        element._put(key, Property(key, values if len({type(v) for v in values}) == 1 else [str(v) for v in values]))

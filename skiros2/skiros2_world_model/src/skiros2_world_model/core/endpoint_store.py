@@ -20,8 +20,9 @@ from skiros2_world_model.core.prefixes import OWL, RDF, RDFS
 from skiros2_world_model.core.triple_store import (
     QUERY_ROWS,
     QUERY_SECONDS,
+    TRIPLE,
+    Answer,
     OxigraphStore,
-    Row,
     Term,
     check_count,
     check_query,
@@ -80,8 +81,8 @@ class EndpointConnection:
         """
         self._post(self._update_url, update, _UPDATE)
 
-    def ask(self, query: str, graph: str = "") -> Iterable[Row]:
-        """Runs a query. Returns the rows; for ASK, one row of one boolean literal; for CONSTRUCT, the triples.
+    def ask(self, query: str, graph: str = "") -> Answer:
+        """Runs a query.
 
         :param graph: the IRI of the graph to query; "": all.
         :raises SkirosError: as for `send`.
@@ -90,12 +91,12 @@ class EndpointConnection:
         content, kind = self._post(self._query_url, urllib.parse.urlencode(fields), _FORM)
         try:
             if (rdf := ox.RdfFormat.from_media_type(kind)) is not None and kind != "application/json":
-                return [tuple(quad.triple) for quad in ox.parse(content, rdf)]
+                return Answer(TRIPLE, [tuple(quad.triple) for quad in ox.parse(content, rdf)])
             results = ox.QueryResultsFormat.from_media_type(kind) or ox.QueryResultsFormat.JSON
             answer = ox.parse_query_results(content, results)
             if isinstance(answer, ox.QueryBoolean):
-                return [(ox.Literal(bool(answer)),)]
-            return [tuple(row) for row in answer]
+                return Answer([], [(ox.Literal(bool(answer)),)])
+            return Answer([name.value for name in answer.variables], [tuple(row) for row in answer])
         except (SyntaxError, ValueError, OSError) as error:
             url = without_password(self._query_url)
             raise Refused(f"SPARQL endpoint {url} did not answer with a query result ({kind}): {error}") from None
@@ -178,7 +179,7 @@ class EndpointStore:
             self.prepare()
             self._send()
             self._check_graphs()
-            self._knowledge = [ox.Triple(*row) for row in self._ask(_KNOWLEDGE)]
+            self._knowledge = [ox.Triple(*row) for row in self._ask(_KNOWLEDGE).rows]
         except SkirosError as error:
             raise ConfigurationError(str(error)) from None
 
@@ -186,7 +187,7 @@ class EndpointStore:
         """Checks that the endpoint answers and still has our graphs; otherwise starts again."""
         with self._sending:
             found = self._ask(f"SELECT ?name {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} ?name }} }}")
-            names = {row[0].value for row in found}
+            names = {row[0].value for row in found.rows}
             if self.generation and names - {self._name}:
                 raise Refused(f"SPARQL endpoint {without_password(self._url)} is used by another world model now")
             if self._lost or (self._claimed and not names):
@@ -236,14 +237,14 @@ class EndpointStore:
     def has(self, context: str, triple: ox.Triple) -> bool:
         return self._ontologies.has(context, triple)
 
-    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> list[Row]:
+    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> Answer:
         if context == ONTOLOGY:
             return self._ontologies.query(query, context, namespaces)
         check_query(query, namespaces)
         self._send()
         declared = "".join(f"PREFIX {prefix}: <{iri}>\n" for prefix, iri in namespaces.items())
-        rows = self._ask(declared + query, graph_of(context).value if context else "")
-        return [tuple(map(_read, row)) for row in rows]
+        answer = self._ask(declared + query, graph_of(context).value if context else "")
+        return Answer(answer.names, [tuple(map(_read, row)) for row in answer.rows])
 
     def _restart(self) -> None:
         """Drops all graphs of world models; the contexts must be written again."""
@@ -251,7 +252,7 @@ class EndpointStore:
         with self._lock:
             self._lost = self._claimed = False
             self.generation += 1
-            self._requests = [f"DROP SILENT GRAPH {row[0]}" for row in graphs]
+            self._requests = [f"DROP SILENT GRAPH {row[0]}" for row in graphs.rows]
             self._enqueue(f"DROP SILENT GRAPH {_SESSION}")
             self._enqueue(f'INSERT DATA {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} "{self._name}" }} }}')
             self.replace(ONTOLOGY, self._ontologies.triples(ONTOLOGY))
@@ -287,14 +288,14 @@ class EndpointStore:
                         self._lost, self._requests = True, []
                     raise
 
-    def _ask(self, query: str, graph: str = "") -> list[Row]:
+    def _ask(self, query: str, graph: str = "") -> Answer:
         """Runs a query on a graph; "": on all."""
-        rows = list(self._connection.ask(query, graph))
-        check_count(rows, self._rows, query)
-        return rows
+        answer = self._connection.ask(query, graph)
+        check_count(answer.rows, self._rows, query)
+        return answer
 
     def _is_true(self, query: str, graph: str = "") -> bool:
-        return bool(self._ask(query, graph)[0][0].value == "true")
+        return bool(self._ask(query, graph).rows[0][0].value == "true")
 
     def _check_graphs(self) -> None:
         """Checks that the endpoint supports graphs as required.

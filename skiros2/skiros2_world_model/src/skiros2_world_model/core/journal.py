@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_world_model.core.changes import ONTOLOGY
 from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Provenance, read_record, record_json
-from skiros2_world_model.core.journal_file import JournalFile, JournalTransaction, Retention, read_meta
+from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta
 from skiros2_world_model.core.scene import Scene
 
 #: When a world model recovers from its journal: after it was killed, always, or never.
@@ -109,30 +109,40 @@ class Journal:
         self._retention.stop()
         try:
             if clean:
-                with JournalTransaction(self._file) as transaction:
-                    _set_meta(transaction.db, state=_ENDED)
+                with self._file.transaction() as db:
+                    _set_meta(db, state=_ENDED)
         finally:
             self._file.close()
 
     # -- writing -----------------------------------------------------------------------------------------------
 
-    def request(self, provenance: Provenance, last: int, action: str, context: str) -> JournalWriter:
-        """Opens a transaction for one request, as a context manager.
+    @contextmanager
+    def request(self, provenance: Provenance, last: int, action: str, context: str) -> Iterator[JournalWriter]:
+        """A transaction that writes one request.
 
         :param provenance: the provenance of its first change.
         :param last: the number of its last change.
         :param action: see `HistoryEntry`.
+        :raises Refused: the journal cannot be written.
         """
         self._retention.count_request()
-        return JournalWriter(self._file, provenance, last, action, context, self._next_numbers)
+        done = False
+        try:
+            with self._file.transaction() as db:
+                yield JournalWriter(db, provenance, self._next_numbers)
+                db.execute(_REQUEST, (provenance.version, last, provenance.stamp, provenance.author, action, context))
+            done = True
+        finally:
+            if not done:
+                self._next_numbers.clear()  # the transaction was rolled back
 
     def write_file(self, context: str, file: str) -> None:
         """Records the file of a context.
 
         :raises Refused: the journal cannot be written.
         """
-        with JournalTransaction(self._file) as transaction:
-            transaction.db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
+        with self._file.transaction() as db:
+            db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
 
     # -- meta data ---------------------------------------------------------------------------------------------
 
@@ -141,8 +151,8 @@ class Journal:
 
         :raises Refused: the journal cannot be written.
         """
-        with JournalTransaction(self._file) as transaction:
-            transaction.db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (_META_PREFIX + key, text))
+        with self._file.transaction() as db:
+            db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (_META_PREFIX + key, text))
 
     def get_meta(self, key: str) -> str:
         """The text stored under a key; "" when there is none."""
@@ -266,42 +276,18 @@ _CHANGE_ELEMENT = f"UPDATE element SET since=?, made=?, stamp=?, author=?, conte
 _NEW_ELEMENT = "INSERT INTO element VALUES (?,?,?,?,?,?,?)"
 
 
-class JournalWriter(JournalTransaction):
-    """The transaction that writes one request.
+class JournalWriter:
+    """Writes the rows of one request.
 
     :param provenance: the provenance of the request's first change.
-    :param last: the number of its last change.
-    :param action: see `HistoryEntry`.
     :param next_numbers: a cache of the recorded id numbers of the contexts.
     """
 
-    def __init__(
-        self,
-        file: JournalFile,
-        provenance: Provenance,
-        last: int,
-        action: str,
-        context: str,
-        next_numbers: dict[str, int],
-    ) -> None:
-        super().__init__(file)
+    def __init__(self, db: sqlite3.Connection, provenance: Provenance, next_numbers: dict[str, int]) -> None:
+        self.db = db
         self._number = provenance.version
         self._columns = _columns(provenance)
-        self._row = provenance.version, last, provenance.stamp, provenance.author, action, context
         self._next_numbers = next_numbers
-
-    def __exit__(self, kind: type | None, error: Exception | None, trace: TracebackType | None) -> None:
-        done = False
-        try:
-            super().__exit__(kind, error, trace)
-            done = error is None
-        finally:
-            if not done:
-                self._next_numbers.clear()  # the transaction was rolled back
-
-    def _finish(self) -> None:
-        self.db.execute(_REQUEST, self._row)
-        super()._finish()
 
     def clear(self, context: str = "") -> None:
         """Moves the content of a context to the past; with "" that of all contexts, and deletes the contexts."""

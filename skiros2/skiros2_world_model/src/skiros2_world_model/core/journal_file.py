@@ -12,10 +12,10 @@ import os
 import sqlite3
 import threading
 import time
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any
 
 from skiros2_common.core.errors import ConfigurationError, Refused
 
@@ -101,6 +101,25 @@ class JournalFile:
         """Opens another connection."""
         return sqlite3.connect(self.path, isolation_level=None, check_same_thread=False)
 
+    @contextmanager
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """A transaction, which is committed at the end of the block, or rolled back on an exception.
+
+        :raises Refused: the journal cannot be written.
+        """
+        try:
+            with self.writing:
+                db = self.writer
+                db.execute("BEGIN IMMEDIATE")
+                try:
+                    yield db
+                    db.execute("COMMIT")
+                finally:
+                    if db.in_transaction:
+                        db.execute("ROLLBACK")
+        except (sqlite3.Error, UnicodeError) as error:
+            raise Refused(f"journal {self.path} cannot be written: {error}; the request is refused") from error
+
     def close(self) -> None:
         """Closes the file and releases the lock on it."""
         self.writer.close()
@@ -127,54 +146,12 @@ class JournalFile:
             db.execute("PRAGMA wal_autocheckpoint=0")  # retention checkpoints, so that no request waits for the disk
             db.execute(f"PRAGMA journal_size_limit={LOG_LIMIT}")
             if is_new:
-                record_lookup = f"PRAGMA application_id={_APPLICATION}; PRAGMA user_version={_VERSION};"
-                db.executescript(f"BEGIN; {_SCHEMA} {record_lookup} COMMIT")
+                marks = f"PRAGMA application_id={_APPLICATION}; PRAGMA user_version={_VERSION};"
+                db.executescript(f"BEGIN; {_SCHEMA} {marks} COMMIT")
         except sqlite3.Error:
             db.close()
             raise
         return db
-
-
-class JournalTransaction:
-    """A transaction as a context manager: commits the writes on `db` at its end, or rolls them back on an exception.
-
-    :raises Refused: the journal cannot be written.
-    """
-
-    def __init__(self, file: JournalFile) -> None:
-        self._file = file
-        self.db = file.writer
-
-    def __enter__(self) -> Self:
-        self._file.writing.acquire()
-        try:
-            self.db = self._file.writer
-            self.db.execute("BEGIN IMMEDIATE")
-        except sqlite3.Error as error:
-            self._file.writing.release()
-            raise self._refusal(error) from error
-        return self
-
-    def __exit__(self, kind: type | None, error: Exception | None, trace: TracebackType | None) -> None:
-        try:
-            if error is None:
-                self._finish()
-        except sqlite3.Error as failure:
-            error = failure
-        finally:
-            try:
-                if error is not None and self.db.in_transaction:
-                    self.db.execute("ROLLBACK")
-            finally:
-                self._file.writing.release()
-        if isinstance(error, (sqlite3.Error, UnicodeError)):
-            raise self._refusal(error) from error
-
-    def _finish(self) -> None:
-        self.db.execute("COMMIT")
-
-    def _refusal(self, error: Exception) -> Refused:
-        return Refused(f"journal {self._file.path} cannot be written: {error}; the request is refused")
 
 
 def read_only(path: Path) -> sqlite3.Connection:

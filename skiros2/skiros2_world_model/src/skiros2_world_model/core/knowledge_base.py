@@ -1,7 +1,8 @@
-"""The knowledge base: all graphs, the ontologies with their index, the prefixes, and queries."""
+"""The knowledge base: all graphs, the ontologies with their index, the prefixes, queries, and the advisory lock."""
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import threading
@@ -15,10 +16,8 @@ from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongVal
 from skiros2_world_model.core.changes import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
-from skiros2_world_model.core.rdf_files import read_triples
-from skiros2_world_model.core.shapes import is_shapes_file, shape_files
-from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
-from skiros2_world_model.core.triple_store import OxigraphStore, TripleStore
+from skiros2_world_model.core.rdf import RDF_TYPE, parse_term, python_value, read_triples, term_json, term_text
+from skiros2_world_model.core.triple_store import Answer, OxigraphStore, TripleStore
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +26,31 @@ _LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
 
 #: Files of the workspace whose names contain this are ontologies.
 _ONTOLOGY_INFIX = ".owl"
+
+
+def is_shapes_file(name: str) -> bool:
+    """Whether a file with this name holds shapes."""
+    return ".shapes." in name
+
+
+def shape_files(*folders: Path | None) -> list[Path]:
+    """The shape files in folders and their subfolders, without duplicates.
+
+    :raises ConfigurationError: a file does not parse.
+    """
+    found: dict[Path, Path] = {}
+    for folder in folders:
+        for parent, _, names in os.walk(folder) if folder is not None else ():
+            for name in filter(is_shapes_file, names):
+                path = Path(parent, name)
+                found.setdefault(path.resolve(), path)
+    files = sorted(found.values())
+    for path in files:
+        try:
+            read_triples(path)
+        except WrongValue as error:
+            raise ConfigurationError(f"shapes {error}") from None
+    return files
 
 
 def is_knowledge_file(name: str) -> bool:
@@ -147,6 +171,19 @@ class KnowledgeBase:
         :raises TimedOut: the query takes too long.
         :raises Refused: the store is not available.
         """
+        rows = self._answer(query, context, flush).rows
+        texts = ([term_text(term, self.prefixes, cut_prefix) for term in row] for row in rows)
+        return [row[0] if len(row) == 1 else "".join(f"{text} " for text in row) for row in texts]
+
+    def query_json(self, query: str, context: str = "", flush: Callable[[], None] = lambda: None) -> str:
+        """Answers a SPARQL query in the SPARQL JSON format; see `query`."""
+        names, rows = self._answer(query, context, flush)
+        if not names:
+            return json.dumps({"head": {}, "boolean": rows[0][0].value == "true"})
+        bindings = [{n: term_json(t) for n, t in zip(names, row, strict=True) if t is not None} for row in rows]
+        return json.dumps({"head": {"vars": names}, "results": {"bindings": bindings}})
+
+    def _answer(self, query: str, context: str, flush: Callable[[], None]) -> Answer:
         generation = None
         while generation != self.store.generation:  # the store lost its content meanwhile: flush again
             if context != ONTOLOGY:
@@ -154,9 +191,8 @@ class KnowledgeBase:
             with self.lock:
                 flush()
                 generation = self.store.generation
-            rows = self.store.query(query, context, self.prefixes.namespaces())
-        texts = ([term_text(term, self.prefixes, cut_prefix) for term in row] for row in rows)
-        return [row[0] if len(row) == 1 else "".join(f"{text} " for text in row) for row in texts]
+            answer = self.store.query(query, context, self.prefixes.namespaces())
+        return answer
 
     # -- loading -----------------------------------------------------------------------------------------------
 
@@ -239,3 +275,32 @@ def _folder(path: Path, what: str) -> Path:
     if not path.is_dir():
         raise ConfigurationError(f"{what} folder {path}: there is no such folder")
     return path
+
+
+class AdvisoryLock:
+    """A lock with one owner, which any client may release. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._free = threading.Condition()
+        self.owner: str | None = None
+
+    def acquire(self, owner: str, timeout: float | None = None) -> bool:
+        """Blocks until the lock is free and acquires it. Returns False at the timeout.
+
+        :param owner: the name of the new owner.
+        :param timeout: in s; None: no limit.
+        """
+        with self._free:
+            if not self._free.wait_for(lambda: self.owner is None, timeout):
+                return False
+            self.owner = owner
+            return True
+
+    def release(self, owner: str | None = None) -> bool:
+        """Releases the lock. Returns False when it is free, or held by another owner than `owner` (None: any)."""
+        with self._free:
+            if self.owner is None or owner not in (None, self.owner):
+                return False
+            self.owner = None
+            self._free.notify()
+            return True

@@ -12,8 +12,8 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
 
 from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import SkirosError, WrongValue
@@ -67,43 +67,30 @@ def last_will_author(owner: str) -> str:
 
 
 def last_wills_json(wills: Mapping[str, LastWill]) -> str:
-    """Serializes last wills as `[[owner, uri, pid, [[key, value, relation, below, {property: values}], ...]], ...]`.
+    """Serializes last wills.
 
     :raises WrongValue: a value has a type that cannot be written.
     """
-    written = [
-        [
-            will.owner,
-            will.process.uri,
-            will.process.pid,
-            [
-                [b.key, b.value, b.relation, b.below, {k: p.values for k, p in b.properties.items()}]
-                for b in will.actions
-            ],
-        ]
-        for will in wills.values()
-    ]
     try:
-        return json.dumps(written)
-    except (TypeError, ValueError) as error:
+        return json.dumps([asdict(will) for will in wills.values()], default=lambda prop: prop.values)
+    except (AttributeError, TypeError, ValueError) as error:
         raise WrongValue(f"the last wills of {', '.join(wills)} cannot be written: {error}") from None
 
 
 def parse_last_wills(text: str) -> dict[str, LastWill]:
     """Parses last wills, by owner. Returns none when the text is invalid."""
+    wills: dict[str, LastWill] = {}
     try:
-        return {
-            owner: LastWill(owner, NodeProcess(uri, pid), [_parse_action(*written) for written in actions])
-            for owner, uri, pid, actions in json.loads(text or "[]")
-        }
-    except (TypeError, ValueError) as error:
+        for will in json.loads(text or "[]"):
+            actions = []
+            for action in will["actions"]:
+                properties = {key: Property(key, values or str) for key, values in action.pop("properties").items()}
+                actions.append(CleanupAction(**action, properties=properties))
+            wills[will["owner"]] = LastWill(will["owner"], NodeProcess(**will["process"]), actions)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
         log.error("the last wills in the journal cannot be read and are lost: %s", error)
         return {}
-
-
-def _parse_action(key: str, value: str, relation: str, below: str, properties: dict[str, list[Any]]) -> CleanupAction:
-    written = {k: Property(k, values or str) for k, values in properties.items()}
-    return CleanupAction(key, value, relation, below, written)
+    return wills
 
 
 #: The meta key in the journal.

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
+from skiros2_common.core.property import from_text
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE, Statement
-from skiros2_world_model.core.datatypes import literal_text
+from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_text
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.prefixes import Prefixes, is_iri, prefix_of
+from skiros2_world_model.core.prefixes import Prefixes, is_iri
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 _NOT_PLAIN = re.compile(r"[^\w-]")
@@ -23,6 +27,20 @@ def _named(name: str, default_prefix: str) -> str:
     return name if is_iri(name) else full_name(name, default_prefix)
 
 
+def _cell(term: dict[str, str] | None, prefixes: Prefixes) -> Any:
+    """The name or Python value of a term in the SPARQL JSON format."""
+    if term is None:
+        return None
+    if term["type"] == "uri":
+        return prefixes.name(term["value"])
+    if term["type"] == "bnode":
+        return f"_:{term['value']}"
+    try:
+        return from_text(term["value"], PYTHON_TYPES.get(prefixes.name(term.get("datatype", "")), str))
+    except WrongValue:
+        return term["value"]
+
+
 class OntologyAbstractInterface(ABC):
     """The ontology port, built on the primitives that an adapter defines. Thread-safe.
 
@@ -31,7 +49,6 @@ class OntologyAbstractInterface(ABC):
 
     def __init__(self) -> None:
         self._default_prefix = DEFAULT_PREFIX
-        self._own_namespaces: dict[str, str] = {}
 
     # -- defined by the adapter --------------------------------------------------------------------------------
 
@@ -45,8 +62,39 @@ class OntologyAbstractInterface(ABC):
         """Answers a SPARQL query."""
 
     @abstractmethod
+    def _query_json(self, query: str, context: str) -> str:
+        """Answers a SPARQL query in the SPARQL JSON format."""
+
+    @abstractmethod
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         """Adds and removes statements, all or none."""
+
+    @abstractmethod
+    def is_connected(self) -> bool:
+        """Whether the server answers."""
+
+    @abstractmethod
+    def lock(self) -> bool:
+        """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
+
+    @abstractmethod
+    def unlock(self) -> bool:
+        """Releases the advisory lock. Returns False when it is not held."""
+
+    @abstractmethod
+    def load(self, filename: str = "", context: str = "scene") -> bool:
+        """Replaces a context with the content of a file of the server's workspace. Returns True.
+
+        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
+        :raises WmException: the file is refused; the current content stays.
+        """
+
+    @abstractmethod
+    def save(self, filename: str = "", context: str = "scene") -> bool:
+        """Writes a context to a file of the server's workspace as Turtle; `filename` as for `load`. Returns True.
+
+        :raises WmException: the file is refused.
+        """
 
     def _elements_of(self, cls: str, recursive: bool) -> list[str]:
         """The ids of the elements of the scene of a class, and with `recursive` of its subclasses."""
@@ -111,10 +159,6 @@ class OntologyAbstractInterface(ABC):
         text = uri.strip("<>")
         return text.rpartition("#" if "#" in text else ":")[2]
 
-    def declare_prefix(self, iri: str) -> None:
-        """Declares the prefix of an ontology's IRI for the calls and queries of this client."""
-        self._own_namespaces[prefix_of(iri)] = iri.rstrip("#") + "#"
-
     # -- reading -----------------------------------------------------------------------------------------------
 
     def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]:
@@ -125,6 +169,21 @@ class OntologyAbstractInterface(ABC):
         :raises WmException: the query cannot be answered.
         """
         return self._query(self._prologue() + query, cut_prefix, context)
+
+    def query_table(self, query: str, context: str = "") -> tuple[list[str], list[list[Any]]]:
+        """Answers a SPARQL query with the names of the columns and the rows.
+
+        A cell is a name, a Python value, or None where nothing is bound. An ASK query has one cell and no names.
+
+        :param context: as for `query_ontology`.
+        :raises WmException: the query cannot be answered.
+        """
+        answer = json.loads(self._query_json(self._prologue() + query, context))
+        if "boolean" in answer:
+            return [], [[answer["boolean"]]]
+        names, prefixes = answer["head"]["vars"], Prefixes()
+        bindings = answer["results"]["bindings"]
+        return names, [[_cell(row.get(name), prefixes) for name in names] for row in bindings]
 
     def get_individuals(self, parent_class: str, recursive: bool = True) -> list[str]:
         """The individuals of a class in the ontologies (templates) and the elements of the scene, sorted.
@@ -205,12 +264,8 @@ class OntologyAbstractInterface(ABC):
         return _named(name, self._default_prefix)
 
     def _term(self, name: str) -> str:
-        """A name in the server's syntax; prefixes that only this client declares are expanded."""
-        if is_iri(name):
-            return f"<{name.strip('<>')}>"
-        name = full_name(name, self._default_prefix)
-        prefix, _, local = name.partition(":")
-        return f"<{self._own_namespaces[prefix]}{local}>" if prefix in self._own_namespaces else name
+        """A name in the server's syntax."""
+        return f"<{name.strip('<>')}>" if is_iri(name) else full_name(name, self._default_prefix)
 
     def _sparql(self, text: str) -> str:
         """A name or literal in SPARQL syntax."""
@@ -220,7 +275,7 @@ class OntologyAbstractInterface(ABC):
             return f"<{text}>"
         name = full_name(text, self._default_prefix)
         prefix, _, local = name.partition(":")
-        if prefix not in self._own_namespaces and prefix not in self._ontology.prefixes():
+        if prefix not in self._ontology.prefixes():
             return f"<{self._iri(name)}>"
         return f"{prefix}:" + _NOT_PLAIN.sub(lambda match: "\\" + match.group(), local)
 
@@ -234,10 +289,7 @@ class OntologyAbstractInterface(ABC):
         return namespace.strip("<>") + local
 
     def _prologue(self) -> str:
-        lines = [f"PREFIX {prefix}: <{namespace}>\n" for prefix, namespace in self._own_namespaces.items()]
-        if self._default_prefix in self._own_namespaces:
-            lines.append(f"PREFIX : <{self._own_namespaces[self._default_prefix]}>\n")
-        elif self._default_prefix != DEFAULT_PREFIX:
-            found = self._query(f"SELECT ?x WHERE {{ BIND({self._default_prefix}: AS ?x) }}", False, ONTOLOGY)
-            lines.append(f"PREFIX : {found[0]}\n")
-        return "".join(lines)
+        if self._default_prefix == DEFAULT_PREFIX:
+            return ""
+        found = self._query(f"SELECT ?x WHERE {{ BIND({self._default_prefix}: AS ?x) }}", False, ONTOLOGY)
+        return f"PREFIX : {found[0]}\n"

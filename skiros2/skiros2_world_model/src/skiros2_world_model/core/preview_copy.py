@@ -6,19 +6,18 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.change_notifier import ChangeNotifier, PendingChange
 from skiros2_world_model.core.changes import REMOVE, UPDATE, Operation, Outcome, Statement
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
-from skiros2_world_model.core.reader import SceneReader
-from skiros2_world_model.core.scene import ElementRecord, Scene
+from skiros2_world_model.core.queries import SceneReader
+from skiros2_world_model.core.replica import scene_of
+from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.transaction import Transaction
-from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
+from skiros2_world_model.core.world_model_abstract_interface import WmException, wm_errors
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 _SCENE = "scene"
@@ -38,7 +37,7 @@ class PreviewCopy(WorldModelAbstractInterface):
         super().__init__()
         self._wm = wm
         self._lock = threading.RLock()
-        self._scene = _scene_of(wm.resolve_elements(Element()))
+        self._scene = scene_of(wm.resolve_elements(Element()))
         self._notifier = ChangeNotifier(0, "preview")
         self._warned: set[tuple[str, str, str]] = set()
         self._reader = SceneReader(self._lock, self._scenes, lambda: self._ontology)
@@ -52,11 +51,7 @@ class PreviewCopy(WorldModelAbstractInterface):
         return self._notifier.number
 
     def is_connected(self) -> bool:
-        """True: the copy is in this process."""
         return True
-
-    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
-        return self._reader.find(eid, context_id)
 
     def add_listener(self, callback: Callable[[Any], None]) -> None:
         self._notifier.add_listener(callback)
@@ -82,9 +77,9 @@ class PreviewCopy(WorldModelAbstractInterface):
         """:raises WmException: always."""
         raise WmException("a copy of a scene cannot be saved")
 
-    def history(self, eid: str = "", *, until: Point | None = None, limit: int = 0) -> list[HistoryEntry]:
-        """Returns []: a copy has no journal."""
-        return []
+    def validate(self, context_id: str = _SCENE) -> NoReturn:
+        """:raises WmException: always."""
+        raise WmException("a copy of a scene cannot be validated")
 
     def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
         """No effect: the copy ends with its process."""
@@ -95,6 +90,9 @@ class PreviewCopy(WorldModelAbstractInterface):
     def _ontology(self) -> Ontology:
         return self._wm._ontology
 
+    def _local(self, context: str) -> SceneReader:
+        return self._reader
+
     def _scenes(self, context: str) -> list[Scene]:
         return [self._scene] if context in ("", _SCENE) else []
 
@@ -103,18 +101,17 @@ class PreviewCopy(WorldModelAbstractInterface):
             raise WmException("a copy of a scene can only query the ontologies")
         return self._wm._query(query, cut_prefix, context)
 
+    def _query_json(self, query: str, context: str) -> str:
+        if context != "ontology":
+            raise WmException("a copy of a scene can only query the ontologies")
+        return self._wm._query_json(query, context)
+
     def _modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
         raise WmException("a copy of a scene cannot change the ontologies")
 
-    def _scene_now(self) -> tuple[list[Element], str]:
+    def get_scene(self) -> tuple[list[Element], str]:
         with self._lock:
             return self.get_scene_elements(), self._notifier.snapshot_id
-
-    def _matching(self, wanted: Element, context: str) -> list[Element]:
-        return self._reader.matching(wanted, context)
-
-    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
-        return self._reader.branch(eid, relation_filter, type_filter, context)
 
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
         return self._reader.related(src, pred, dst, _SCENE)
@@ -122,31 +119,20 @@ class PreviewCopy(WorldModelAbstractInterface):
     def _template(self, name: str) -> Element:
         return self._wm._template(name)
 
-    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+    def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
         with self._lock:
             # Prefixes matter only for names that are IRIs; a scene has none.
             checks = Checks(self._ontology, Prefixes(), self.author, warned=self._warned)
             transaction = Transaction(self._scene, self._ontology, checks, self.author)
             self._scene.begin()
             try:
-                ids = transaction.run(operations)
-            except Exception as error:
+                with wm_errors():
+                    ids = transaction.run(operations)
+            except Exception:
                 self._scene.roll_back()
-                if isinstance(error, SkirosError):
-                    raise refusal(str(error), error.code, error.position) from error
                 raise
             provenance = self._notifier.next(self.author)
             committed = self._scene.commit(provenance)
             changed = [eid for eid in committed.ids() if eid in self._scene]
             pending = [PendingChange(UPDATE, ids=changed), PendingChange(REMOVE, committed.removed())]
             return Outcome(ids, self._notifier.publish(pending, provenance, _SCENE, self._scene))
-
-
-def _scene_of(elements: Sequence[Element]) -> Scene:
-    scene = Scene()
-    for element in elements:
-        scene.put(ElementRecord(element.id, element.type, element.label, element._props))
-    for element in elements:
-        for relation in element.getRelations("-1"):
-            scene.relate(element.id, relation["type"], relation["dst"])
-    return scene

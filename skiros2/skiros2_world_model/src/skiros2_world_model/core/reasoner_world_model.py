@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, reasoners
 from skiros2_common.core.errors import Refused
@@ -13,7 +13,7 @@ from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import SCENE, Change, Operation, Outcome, Relate
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model import WorldModel
 
 _Closure = Callable[[str], frozenset[str]]
@@ -182,7 +182,7 @@ class ReasonerWorldModel:
         src, pred, dst = _parts(relation)
         if is_relation:
             with self._as(author) as wm:
-                wm._transact([Relate(src, pred, dst)], SCENE)
+                wm.transact([Relate(src, pred, dst)])
         else:
             element = self.get_element(src)
             element.appendProperty(pred, dst)
@@ -195,7 +195,7 @@ class ReasonerWorldModel:
             with self._as(_READER) as wm:
                 gone = wm._related(src, pred, dst)
             with self._as(author) as wm:
-                wm._transact([Relate(r["src"], r["type"], r["dst"], False) for r in gone], SCENE)
+                wm.transact([Relate(r["src"], r["type"], r["dst"], False) for r in gone])
         else:
             element = self.get_element(src)
             if element.hasProperty(pred, dst):
@@ -216,9 +216,9 @@ class ReasonerWorldModel:
     def _as(self, author: str) -> Iterator[LocalWorldModel]:
         """The world model for one call of an author: during `parse`, the one that includes the current request."""
         if author not in self._authors:
-            parse_lock = LocalWorldModel(author, self._parsing)  # type: ignore[arg-type]
-            self._authors[author] = LocalWorldModel(author, self._model), parse_lock
-        usual, parse_lock = self._authors[author]
+            parsing = LocalWorldModel(author, cast("WorldModel", self._parsing))
+            self._authors[author] = LocalWorldModel(author, self._model), parsing
+        usual, parsing = self._authors[author]
         lock, reasoning = self._model.lock, self._model.reasoning
         while True:
             if lock.acquire(timeout=_LOCK_TIMEOUT):
@@ -227,13 +227,13 @@ class ReasonerWorldModel:
                         yield usual
                     else:  # this thread is in `parse`
                         with reasoning.parse_lock:
-                            yield parse_lock
+                            yield parsing
                 finally:
                     lock.release()
                 return
             with reasoning.parse_lock:
                 if reasoning.is_parsing:
-                    yield parse_lock
+                    yield parsing
                     return
 
 

@@ -7,7 +7,7 @@ replicas use the same class.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from sys import intern
 
@@ -17,13 +17,16 @@ from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Provenance, Relation
 from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, ValueIndex
 
-__all__ = ["ROOT", "ElementRecord", "Provenance", "Removals", "Scene"]
+__all__ = ["ROOT", "ElementRecord", "Provenance", "Scene"]
 
 #: The id of the root element.
 ROOT = "skiros:Scene-0"
 
 #: Relation dicts are cached for elements with at least this number of relations.
 _CACHED_RELATIONS = 20
+
+#: The number of removed elements that a scene remembers; the oldest are dropped first.
+_MAX_REMOVALS = 10_000
 
 _NO_PROPERTIES: Mapping[str, Property] = {}
 
@@ -47,7 +50,7 @@ class Scene:
         self._pool = PropertyPool()
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
         self._changes: ChangeSet | None = None  # of the current transaction; None outside transactions
-        self.removals = Removals()
+        self._removals: dict[str, Provenance] = {}
 
     # -- elements ----------------------------------------------------------------------------------------------
 
@@ -116,10 +119,8 @@ class Scene:
 
     def drop(self, eid: str) -> None:
         """Removes an element and all its relations, in both directions."""
-        for src, pred, dst in list(self.relations(eid)):
-            self.unrelate(src, pred, dst)
-        for src, pred, dst in list(self.relations(dst=eid)):
-            self.unrelate(src, pred, dst)
+        for relation in [*self.relations(eid), *self.relations(dst=eid)]:
+            self.unrelate(*relation)
         self.replace(eid, None)
 
     def free_id(self, etype: str, desired: int = -1, others: Sequence[Scene] = ()) -> str:
@@ -156,10 +157,9 @@ class Scene:
             if found is not None:
                 for src in (found,) if isinstance(found, str) else found:
                     relations.append(relation_dict(src, pred, "-1"))
-        found_relations = tuple(relations)
-        if len(found_relations) >= _CACHED_RELATIONS:
-            self._relation_cache[eid] = found_relations
-        return found_relations
+        if len(relations) >= _CACHED_RELATIONS:
+            self._relation_cache[eid] = tuple(relations)
+        return tuple(relations)
 
     def related(self, src: str, pred: str, dst: str) -> bool:
         """Whether this relation is stated; subproperties do not count."""
@@ -265,16 +265,30 @@ class Scene:
             return ChangeSet()
         for eid in changes.ids():
             old = self._records.get(eid)
-            self.removals.record(eid, provenance if old is None else None)
+            self._record_removal(eid, provenance if old is None else None)
             if old is not None:
                 new = self._records[eid] = ElementRecord(eid, old.type, old.label, old.properties, provenance)
                 if eid in changes.records:
                     changes.records[eid] = (changes.records[eid][0], new)
         return changes
 
+    def removal(self, eid: str) -> Provenance | None:
+        """The change that removed an element; None when it exists or its removal is unknown."""
+        return self._removals.get(eid)
+
     def inherit_removals(self, before: Scene, provenance: Provenance | None) -> None:
-        """Copies the removals of a scene that this one replaces by a change (None: unknown)."""
-        self.removals.inherit_removals(before.removals, before._records, provenance, self._records.__contains__)
+        """Takes the removals of a scene that a change (None: unknown) replaces by this one."""
+        removals = {**before._removals, **dict.fromkeys(before._records, provenance)}
+        for eid, removed in removals.items():
+            self._record_removal(eid, None if eid in self else removed)
+
+    def _record_removal(self, eid: str, provenance: Provenance | None) -> None:
+        """Records that a change removed an element, or (None) that it exists or nothing is known."""
+        self._removals.pop(eid, None)
+        if provenance is not None:
+            self._removals[eid] = provenance
+            if len(self._removals) > _MAX_REMOVALS:
+                del self._removals[next(iter(self._removals))]
 
     def clear(self) -> None:
         """Removes all elements and relations."""
@@ -321,40 +335,3 @@ class Scene:
 
 def _property(record: ElementRecord | None, key: str) -> Property | None:
     return record.properties.get(key) if record is not None else None
-
-
-#: The number of removed elements that a scene remembers.
-_MAX_REMOVALS = 10_000
-
-
-class Removals:
-    """The provenance of removals, by element id, without ids that exist again; the oldest are dropped first."""
-
-    def __init__(self) -> None:
-        self._provenance: dict[str, Provenance] = {}
-
-    def get(self, eid: str) -> Provenance | None:
-        """The change that removed an element; None when it is unknown."""
-        return self._provenance.get(eid)
-
-    def record(self, eid: str, provenance: Provenance | None) -> None:
-        """Records that a change removed an element, or (None) that it exists again."""
-        self._provenance.pop(eid, None)
-        if provenance is not None:
-            self._provenance[eid] = provenance
-            if len(self._provenance) > _MAX_REMOVALS:
-                del self._provenance[next(iter(self._provenance))]
-
-    def inherit_removals(
-        self, before: Removals, ids: Iterable[str], provenance: Provenance | None, exists: Callable[[str], bool]
-    ) -> None:
-        """Copies the removals of a scene that is replaced.
-
-        :param ids: the elements of that scene; those missing from the new scene count as removed.
-        :param provenance: the change that replaced it; None: unknown.
-        :param exists: whether the new scene has an element.
-        """
-        for eid, removed in before._provenance.items():
-            self.record(eid, None if exists(eid) else removed)
-        for eid in ids:
-            self.record(eid, None if exists(eid) else provenance)

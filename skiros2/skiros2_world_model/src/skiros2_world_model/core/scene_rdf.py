@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from itertools import chain
 
 import pyoxigraph as ox
@@ -12,14 +11,12 @@ from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.changeset import ChangeSet
-from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.checks import LEFT_OUT, Checks
 from skiros2_world_model.core.datatypes import literal_parts
-from skiros2_world_model.core.file_checks import LEFT_OUT
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import OWL, RDFS, XSD, Prefixes
-from skiros2_world_model.core.rdf_files import TurtleWriter, WrittenStatement
+from skiros2_world_model.core.rdf import RDF_TYPE, TurtleWriter, WrittenStatement, literal, python_value
 from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
-from skiros2_world_model.core.terms import RDF_TYPE, literal, python_value
 from skiros2_world_model.core.triple_store import TripleStore
 
 _TYPE = RDF_TYPE.value
@@ -27,76 +24,42 @@ _LABEL = ox.NamedNode(RDFS + "label")
 _NAMED_INDIVIDUAL = ox.NamedNode(OWL + "NamedIndividual")
 
 
-@dataclass
 class SceneContent:
-    """The content of a scene file.
-
-    :param extras: triples that belong to no element, such as comments on the file; they are saved again.
-    """
-
-    records: list[ElementRecord] = field(default_factory=list)
-    relations: list[tuple[str, str, str]] = field(default_factory=list)
-    extras: list[ox.Triple] = field(default_factory=list)
-
-
-def read_scene(
-    triples: Iterable[ox.Triple],
-    ontology: Ontology,
-    prefixes: Prefixes,
-    checks: Checks,
-    origin: str,
-    provenance: Provenance,
-) -> SceneContent:
-    """Reads the elements that triples describe: individuals of a class, whether the ontologies declare it or not.
+    """The elements that triples describe: individuals of a class, whether the ontologies declare it or not.
 
     :param checks: collects unknown names and flaws.
-    :param origin: the file, for messages.
     :param provenance: the provenance of the elements.
+    :ivar extras: triples that belong to no element, such as comments on the file; they are saved again.
     :raises WrongValue, WrongType: a value cannot be read, or has another type than its property.
     """
-    content = SceneContent()
-    reader = _Reader(ontology, prefixes, checks, origin, provenance, content)
-    described: dict[str, list[ox.Triple]] = {}
-    for triple in triples:
-        subject = triple.subject
-        if isinstance(subject, ox.NamedNode):
-            described.setdefault(subject.value, []).append(triple)
-        else:
-            content.extras.append(triple)
-    for iri, statements in described.items():
-        eid = prefixes.name(iri)
-        try:
-            reader.read(eid, statements)
-        except SkirosError as error:
-            checks.refuse(eid, "", error, LEFT_OUT)
-    records = {record.id: record for record in content.records}
-    for src, relation, dst in content.relations:
-        if src in records:
-            checks.relation_ends(records[src], relation, records.get(dst), f"{src} {relation} {dst}")
-    return content
 
-
-class _Reader:
-    """Reads elements and extra triples into a `SceneContent`."""
-
-    def __init__(
-        self,
-        ontology: Ontology,
-        prefixes: Prefixes,
-        checks: Checks,
-        origin: str,
-        provenance: Provenance,
-        content: SceneContent,
-    ) -> None:
-        self._ontology = ontology
-        self._prefixes = prefixes
+    def __init__(self, triples: Iterable[ox.Triple], checks: Checks, provenance: Provenance) -> None:
+        self.records: dict[str, ElementRecord] = {}
+        self.relations: list[tuple[str, str, str]] = []
+        self.extras: list[ox.Triple] = []
+        self._ontology = checks.ontology
+        self._prefixes = checks.prefixes
         self._checks = checks
-        self._origin = origin
-        self._made = provenance
-        self._content = content
+        self._origin = checks.origin
+        self._provenance = provenance
         self._names: dict[str, str] = {}  # of predicates and classes, by IRI
+        described: dict[str, list[ox.Triple]] = {}
+        for triple in triples:
+            if isinstance(triple.subject, ox.NamedNode):
+                described.setdefault(triple.subject.value, []).append(triple)
+            else:
+                self.extras.append(triple)
+        for iri, statements in described.items():
+            eid = self._prefixes.name(iri)
+            try:
+                self._read(eid, statements)
+            except SkirosError as error:
+                checks.refuse(eid, "", error, LEFT_OUT)
+        for src, relation, dst in self.relations:
+            if src in self.records:
+                checks.relation_ends(self.records[src], relation, self.records.get(dst), f"{src} {relation} {dst}")
 
-    def read(self, eid: str, triples: list[ox.Triple]) -> None:
+    def _read(self, eid: str, triples: list[ox.Triple]) -> None:
         """Reads the triples of one subject."""
         statements = [(triple.predicate.value, triple.object, triple) for triple in triples]
         declared = [self._name(o.value) for p, o, _ in statements if p == _TYPE and isinstance(o, ox.NamedNode)]
@@ -104,7 +67,7 @@ class _Reader:
         if not types and id_number(eid) >= 0 and "owl:Ontology" not in declared:
             types = [eid.rpartition("-")[0]]  # derive the class from the id
         if not types:
-            self._content.extras += triples
+            self.extras += triples
             return
         etype = self._checks.class_name(types[0], eid)
         labels: list[str] = []
@@ -112,22 +75,19 @@ class _Reader:
         for predicate, obj, triple in statements:
             if predicate == _TYPE:
                 if not isinstance(obj, ox.NamedNode) or self._name(obj.value) not in (etype, "owl:NamedIndividual"):
-                    self._content.extras.append(triple)
+                    self.extras.append(triple)
             elif isinstance(obj, ox.NamedNode):
                 relation = self._checks.relation_name(self._name(predicate), eid)
-                self._content.relations.append((eid, relation, self._prefixes.name(obj.value)))
+                self.relations.append((eid, relation, self._prefixes.name(obj.value)))
             elif not isinstance(obj, ox.Literal):
-                self._content.extras.append(triple)
+                self.extras.append(triple)
             elif predicate == _LABEL.value:
                 labels.append(obj.value)
             else:
                 values.setdefault(self._name(predicate), []).append(obj)
-        properties: dict[str, Property] = {}
-        for key in sorted(values):
-            prop = self._property(eid, etype, key, values[key])
-            if prop is not None:
-                properties[key] = prop
-        self._content.records.append(ElementRecord(eid, etype, min(labels, default=""), properties, self._made))
+        found = {key: self._property(eid, etype, key, values[key]) for key in sorted(values)}
+        properties = {key: prop for key, prop in found.items() if prop is not None}
+        self.records[eid] = ElementRecord(eid, etype, min(labels, default=""), properties, self._provenance)
 
     def _property(self, eid: str, etype: str, key: str, literals: list[ox.Literal]) -> Property | None:
         """The property with its valid values; None when no value is valid."""

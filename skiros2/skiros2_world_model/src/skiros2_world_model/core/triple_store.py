@@ -7,21 +7,113 @@ the default; `EndpointStore` uses a SPARQL server.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+import threading
+from collections.abc import Callable, Collection, Iterable, Mapping
+from concurrent.futures import Future
 from itertools import islice, takewhile
+from queue import SimpleQueue
 from threading import Event
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_world_model.core.terms import RDF_TYPE
-from skiros2_world_model.core.time_limit import TimeLimit
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut, WrongValue
+from skiros2_world_model.core.rdf import RDF_TYPE
+
+_Result = TypeVar("_Result")
+
+#: The maximum number of abandoned calls that may still be running, to limit the processor load.
+_MAX_ABANDONED = 2
+
+
+class TimeLimit:
+    """Runs functions in background threads and abandons those that take too long.
+
+    An abandoned call runs on until it checks its event, or ends by itself. While too many are running, new calls are
+    refused. Thread-safe.
+
+    :param seconds: the timeout (s); 0: none.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._overdue: dict[Future[Any], str] = {}
+        self._lock = threading.Lock()
+
+    def run(self, work: Callable[[threading.Event], _Result], what: str) -> _Result:
+        """Runs `work` and returns its result, or raises its exception.
+
+        :param work: gets an event that is set when the call is abandoned.
+        :param what: describes the work in error messages.
+        :raises TimedOut: the work takes too long.
+        :raises Refused: too many abandoned calls are still running.
+        """
+        with self._lock:
+            if len(self._overdue) >= _MAX_ABANDONED:
+                running = "; ".join(self._overdue.values())
+                raise Refused(f"{what}: refused while abandoned calls are still running: {running}")
+        future: Future[_Result] = Future()
+        abandoned = threading.Event()
+        done = threading.Lock()  # released at the end; ten times faster than waiting for the future
+        done.acquire()
+
+        def serve() -> None:
+            try:
+                future.set_result(work(abandoned))
+            except Exception as error:
+                # Drop the frames: their variables, such as answers of Oxigraph, may have to be freed in this thread.
+                future.set_exception(error.with_traceback(None))
+            with self._lock:
+                self._overdue.pop(future, None)
+            done.release()
+
+        _in_a_thread(serve)
+        if not done.acquire(timeout=self._seconds or -1):
+            with self._lock:
+                if not future.done():
+                    self._overdue[future] = what
+                    abandoned.set()
+                    raise TimedOut(f"{what}: abandoned after {self._seconds:g} s")
+        return future.result()
+
+
+#: The inboxes of idle threads, which are reused: starting a thread takes longer than most work.
+_idle: list[SimpleQueue[Callable[[], None]]] = []
+
+
+def _in_a_thread(work: Callable[[], None]) -> None:
+    try:
+        inbox = _idle.pop()
+    except IndexError:
+        inbox = SimpleQueue()
+        threading.Thread(target=_work, args=(inbox,), name="time-limit", daemon=True).start()
+    inbox.put(work)
+
+
+def _work(inbox: SimpleQueue[Callable[[], None]]) -> None:
+    while True:
+        inbox.get()()
+        _idle.append(inbox)
+
 
 #: A term of an answer; None: unbound.
 Term = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple | None
 
 Row = tuple[Any, ...]
+
+
+class Answer(NamedTuple):
+    """The answer to a query: the names of the columns, and rows of terms (None: unbound).
+
+    ASK has one row of one boolean literal and no names; CONSTRUCT and DESCRIBE have the triples as rows.
+    """
+
+    names: list[str]
+    rows: list[Row]
+
+
+#: The names of the columns of triples.
+TRIPLE = ["subject", "predicate", "object"]
 
 #: The default limits of a query: time (s) and number of rows.
 QUERY_SECONDS = 10.0
@@ -110,10 +202,8 @@ class TripleStore(Protocol):
         """Whether the ontologies have a triple."""
         ...
 
-    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> list[Row]:
-        """Runs a SPARQL query. Returns tuples of terms (None: unbound); for ASK, one tuple of one boolean literal.
-
-        CONSTRUCT and DESCRIBE return triples.
+    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> Answer:
+        """Runs a SPARQL query.
 
         :param context: the context to query; "": all.
         :param namespaces: by prefix, for prefixes that the query does not declare.
@@ -180,26 +270,27 @@ class OxigraphStore:
     def has(self, context: str, triple: ox.Triple) -> bool:
         return ox.Quad(triple.subject, triple.predicate, triple.object, graph_of(context)) in self._store
 
-    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> list[Row]:
+    def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> Answer:
         scope: dict[str, Any] = (
             {"default_graph": graph_of(context)} if context else {"use_default_graph_as_union": True}
         )
 
-        def run_query(abandoned: Event) -> list[Row]:
-            answer = self._store.query(query, prefixes=dict(namespaces), **scope)
-            if isinstance(answer, ox.QueryBoolean):
-                return [(ox.Literal(bool(answer)),)]
-            rows = takewhile(lambda _: not abandoned.is_set(), answer)
-            return [tuple(row) for row in islice(rows, self._rows + 1)]
+        def run_query(abandoned: Event) -> Answer:
+            found = self._store.query(query, prefixes=dict(namespaces), **scope)
+            if isinstance(found, ox.QueryBoolean):
+                return Answer([], [(ox.Literal(bool(found)),)])
+            names = [name.value for name in found.variables] if isinstance(found, ox.QuerySolutions) else TRIPLE
+            rows = takewhile(lambda _: not abandoned.is_set(), found)
+            return Answer(names, [tuple(row) for row in islice(rows, self._rows + 1)])
 
         try:
-            rows = self._limit.run(run_query, f"SPARQL query: {query}")
+            answer = self._limit.run(run_query, f"SPARQL query: {query}")
         except (SyntaxError, ValueError, OSError, RuntimeError) as error:
             if isinstance(error, SkirosError):
                 raise
             raise QueryError(str(error), query) from None
-        check_count(rows, self._rows, query)
-        return rows
+        check_count(answer.rows, self._rows, query)
+        return answer
 
 
 def check_count(rows: Collection[Any], most: int, query: str) -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
+import pyoxigraph as ox
+
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
-from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_world_model.core.advisory_lock import AdvisoryLock
+from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.change_notifier import ChangeNotifier, Listener, PendingChange, pending_changes
 from skiros2_world_model.core.changes import (
     ONTOLOGY,
@@ -23,27 +25,26 @@ from skiros2_world_model.core.changes import (
     Relate,
     Statement,
 )
-from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.context import Context, Contexts
-from skiros2_world_model.core.file_checks import FileChecks
+from skiros2_world_model.core.checks import Checks, FileChecks
+from skiros2_world_model.core.context import Context, Contexts, element_operations
+from skiros2_world_model.core.history import History
 from skiros2_world_model.core.journal import Journal, JournalState, first_number
-from skiros2_world_model.core.knowledge_base import KnowledgeBase
+from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
+from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
-from skiros2_world_model.core.rdf_files import parse_n_triples, workspace_file, write_file
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
+from skiros2_world_model.core.rdf import parse_n_triples, workspace_file, write_file
 from skiros2_world_model.core.reasoning import Reasoning
 from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.scene import Provenance, Scene
-from skiros2_world_model.core.statements import element_operations
-from skiros2_world_model.core.transaction import Transaction
+from skiros2_world_model.core.transaction import Transaction, template_element
 from skiros2_world_model.core.triple_store import TripleStore
 from skiros2_world_model.core.validation import keep_refused, scene_file_triples, shape_findings
-from skiros2_world_model.core.world_model_state import WorldModelState
 
 log = logging.getLogger(__name__)
 
 
-class WorldModel(WorldModelState):
+class WorldModel:
     """The knowledge that all robots of a cell share. Thread-safe: one lock, `lock`, guards everything.
 
     :param ontologies: folder of the package's ontologies; None: none.
@@ -96,6 +97,88 @@ class WorldModel(WorldModelState):
                 journal.start(self._notifier.session, provenance, contents)
                 self._notifier.publish([PendingChange(RESET)], provenance, SCENE, self.scene())
         self._journal = journal
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    @property
+    def number(self) -> int:
+        """The number of the last change."""
+        return self._notifier.number
+
+    @property
+    def snapshot_id(self) -> str:
+        """The name of the current state."""
+        return self._notifier.snapshot_id
+
+    @property
+    def ontology(self) -> Ontology:
+        """The index of the current ontologies."""
+        return self.knowledge_base.index
+
+    def contexts(self) -> list[str]:
+        return list(self._contexts)
+
+    def scene(self, context: str = SCENE) -> Scene:
+        """The scene of a context, which is created when it does not exist. Read it under the lock.
+
+        :raises WrongValue: the name is invalid.
+        """
+        return self._contexts.named(context).scene
+
+    def scenes(self, context: str) -> list[Scene]:
+        """The scene of a context, or for "" the scenes of all contexts. Read them under the lock."""
+        return [self.scene(context)] if context else self._contexts.scenes()
+
+    def file_of(self, context: str) -> str:
+        """The file that a context was last loaded from or saved to (successfully or not); "" when there is none."""
+        return self._contexts.named(context).file
+
+    def related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
+        """The relations along a predicate and its subproperties; an empty part matches any.
+
+        Searches the context of the subject, or the scene when no subject is given.
+        """
+        with self.lock:
+            return self.reader.related(src, pred, dst, self._contexts.home(src) or SCENE)
+
+    def template(self, name: str) -> Element:
+        """Returns a template as an element without id.
+
+        :raises UnknownName: it does not exist.
+        """
+        return template_element(self.ontology, self.knowledge_base.prefixes.name(name) if is_iri(name) else name)
+
+    @property
+    def history(self) -> History:
+        """Access to past states and changes. Use it without the lock, so that no request waits for it.
+
+        :raises Refused: the world model has no journal.
+        """
+        if self._journal is None:
+            raise Refused("the world model has no journal, so its history is unknown")
+        return History(self._journal.path)
+
+    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
+        """Answers a SPARQL query with a text for each row.
+
+        :param context: the context to query; "": all, `ontology`: only the ontologies.
+        :raises WrongValue: the query cannot be answered.
+        """
+        return self.knowledge_base.query(query, context, cut_prefix, lambda: self._flush(context))
+
+    def query_json(self, query: str, context: str = "") -> str:
+        """Answers a SPARQL query in the SPARQL JSON format; see `query`."""
+        return self.knowledge_base.query_json(query, context, lambda: self._flush(context))
+
+    def _flush(self, context: str) -> None:
+        for name in [context] if context else self._contexts:
+            if name != ONTOLOGY:
+                self._contexts.named(name).flush()
+
+    def triples(self, context: str = SCENE) -> Iterator[ox.Triple]:
+        """The triples of a context in its current state, generated lazily. Iterating needs no lock."""
+        with self.lock:
+            return self._contexts.named(context).triples()
 
     # -- requests ----------------------------------------------------------------------------------------------
 
@@ -210,7 +293,7 @@ class WorldModel(WorldModelState):
             path = workspace_file(self._workspace, filename or target.file)
             checks = FileChecks(self.knowledge_base, path, self.strict)
             provenance = self._notifier.next(author)
-            scene, extras = target.read(scene_file_triples(path), checks, str(path), provenance, adds_root)
+            scene, extras = target.read(scene_file_triples(path), checks, provenance, adds_root)
             if self.strict:
                 Report(str(path), shape_findings(scene, extras, self.knowledge_base, str(path))).refuse_violations()
             if context == SCENE:
@@ -230,7 +313,7 @@ class WorldModel(WorldModelState):
             self._contexts[context] = target
             self.loaded[context] = path
             self._readable.add(path)
-            self.flaws[context] = frozenset(checks.findings)
+            self.flaws[context] = frozenset(checks.flaws)
             pending = [PendingChange(RESET if context == SCENE else UPDATE)]
             return self._notifier.publish(pending, provenance, context, scene)[0]
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from types import TracebackType
+
 from skiros2_common.core.errors import Conflict, SkirosError
 from skiros2_common.core.world_model_port import (
     OntologyPort,
     Revision,
     Revisions,
     WorldModelPort,
-    mutating,
     read_only_calls,
 )
 
@@ -19,9 +20,9 @@ __all__ = [
     "WmConflict",
     "WmException",
     "WorldModelPort",
-    "mutating",
     "read_only_calls",
     "refusal",
+    "wm_errors",
 ]
 
 
@@ -46,3 +47,22 @@ class WmConflict(WmException):
 def refusal(text: str, code: str = "refused", position: tuple[int, int] = SkirosError.position) -> WmException:
     """The exception for an error of the world model, given by its text, code and position."""
     return (WmConflict if code == Conflict.code else WmException)(text, code, position)
+
+
+class _WmErrors:
+    """Converts errors of the world model to `WmException`."""
+
+    def __enter__(self) -> None:
+        """No preparation."""
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, SkirosError) and not isinstance(error, WmException):
+            raise refusal(str(error), error.code, error.position) from error
+
+
+_WM_ERRORS = _WmErrors()  # stateless, shared by all calls
+
+
+def wm_errors() -> _WmErrors:
+    """A context manager that converts errors of the world model to `WmException`."""
+    return _WM_ERRORS

@@ -26,7 +26,6 @@ log = logging.getLogger(__name__)
 SERVER = "wm"
 
 
-
 class OntologyInterface(OntologyAbstractInterface):
     """The ontologies, and the RDF view of all contexts, of the node `wm` in this node's namespace.
 
@@ -43,6 +42,7 @@ class OntologyInterface(OntologyAbstractInterface):
         super().__init__()
         self._author_name = author_name
         self._query_service = ServicePool(f"{self._server}/ontology/query", srvs.WoQuery)
+        self._sparql_service = ServicePool(f"{self._server}/ontology/sparql", srvs.WmSparql)
         self._modify_service = ServicePool(f"{self._server}/ontology/modify", srvs.WoModify)
         self._file_service = ServicePool(f"{self._server}/load_and_save", srvs.WoLoadAndSave)
         self._lock_service = ServicePool(f"{self._server}/lock", SetBool)
@@ -54,33 +54,21 @@ class OntologyInterface(OntologyAbstractInterface):
         self._follow()
 
     def is_connected(self) -> bool:
-        """Whether the server answers."""
         return self._query_service.is_there()
 
     def lock(self) -> bool:
-        """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
         answer = self._lock_service.call(SetBoolRequest(True))
         if not answer.success:
             raise WmException(f"the world model cannot be locked: {answer.message}")
         return True
 
     def unlock(self) -> bool:
-        """Releases the advisory lock. Returns False when it is not held."""
         return bool(self._lock_service.call(SetBoolRequest(False)).success)
 
     def load(self, filename: str = "", context: str = "scene") -> bool:
-        """Replaces a context with the content of a file of the server's workspace. Returns True.
-
-        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
-        :raises WmException: the file is refused; the current content stays.
-        """
         return self._files(srvs.WoLoadAndSaveRequest.LOAD, filename, context)
 
     def save(self, filename: str = "", context: str = "scene") -> bool:
-        """Writes a context to a file of the server's workspace as Turtle; `filename` as for `load`. Returns True.
-
-        :raises WmException: the file is refused.
-        """
         return self._files(srvs.WoLoadAndSaveRequest.SAVE, filename, context)
 
     # -- the primitives of `OntologyAbstractInterface` ---------------------------------------------------------
@@ -99,6 +87,9 @@ class OntologyInterface(OntologyAbstractInterface):
     def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
         request = srvs.WoQueryRequest(query, context, cut_prefix)
         return list(self._query_service.call(request).answer)
+
+    def _query_json(self, query: str, context: str) -> str:
+        return str(self._sparql_service.call(srvs.WmSparqlRequest(query, context)).json)
 
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         request = srvs.WoModifyRequest(self._author_name, context, [makeStatementMsg(*s) for s in statements])
@@ -123,8 +114,8 @@ class OntologyInterface(OntologyAbstractInterface):
         local_revision.advance()
 
     def _fetch_ontology(self) -> Ontology:
-        rows = (row.split() for row in self._query(STRUCTURE_QUERY, True, ONTOLOGY))
-        return Ontology((row[0], row[1], row[2]) for row in rows if len(row) == 3)
+        _, rows = self.query_table(STRUCTURE_QUERY, ONTOLOGY)
+        return Ontology((subj, pred, obj) for subj, pred, obj in rows)
 
     def _files(self, action: str, filename: str, context: str) -> bool:
         return bool(self._file_service.call(srvs.WoLoadAndSaveRequest(action, filename, context), repeatable=False).ok)

@@ -1,4 +1,4 @@
-"""Converts changes and operations to and from messages."""
+"""Converts changes, operations, history and last wills to and from messages."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
 from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import (
     Add,
     Apply,
@@ -26,6 +27,7 @@ from skiros2_world_model.core.changes import (
     snapshot_number,
 )
 from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_world_model.core.history import HistoryEntry, Point
 
 _OP = msgs.WmOperation
 
@@ -171,3 +173,38 @@ def _msg2patch(msg: msgs.WmOperation) -> Patch:
 
 def _facts(relations: Sequence[RelationDict]) -> list[msgs.Relation]:
     return [relation2msg(r) for r in relations if r["state"] and not r["abstract"]]
+
+
+def history_request(
+    action: str,
+    context: str,
+    since: Point | None = None,
+    until: Point | None = None,
+    element: str = "",
+    author: str = "",
+    limit: int = 0,
+) -> srvs.WmHistoryRequest:
+    """Creates a request of `WmHistory`. None as a point: the beginning of the journal, or now."""
+    return srvs.WmHistoryRequest(action, context, element, author, *_point2msg(since), *_point2msg(until), limit)
+
+
+def entry2msg(entry: HistoryEntry) -> msgs.WmHistoryEntry:
+    """Converts an entry to a `WmHistoryEntry`."""
+    stamp, changes = genpy.Time.from_sec(entry.stamp), entry.changes.to_json()
+    return msgs.WmHistoryEntry(entry.number, stamp, entry.author, entry.action, changes)
+
+
+def msg2entry(msg: msgs.WmHistoryEntry) -> HistoryEntry:
+    """Converts a `WmHistoryEntry` to an entry."""
+    return HistoryEntry(msg.number, msg.stamp.to_sec(), msg.author, msg.action, ChangeSet.from_json(msg.change_set))
+
+
+def msg2point(number: int, time: genpy.Time) -> Point | None:
+    """The point of a request; None when neither number nor time is set."""
+    return int(number) or time.to_sec() or None
+
+
+def _point2msg(point: Point | None) -> tuple[int, genpy.Time]:
+    if isinstance(point, int):
+        return point, genpy.Time()
+    return 0, genpy.Time.from_sec(point or 0.0)

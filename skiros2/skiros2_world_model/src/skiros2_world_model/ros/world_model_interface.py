@@ -8,27 +8,26 @@ from collections.abc import Callable, Sequence
 import rospy
 
 from skiros2_common.core.discrete_reasoner import reasoners
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.ros.reasoners import available_reasoners
 from skiros2_common.ros.utils import element2msg, msg2relation
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import ONTOLOGY, Change, Operation, Outcome, Statement, snapshot_number
-from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader, describes
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.report import Finding, Report
-from skiros2_world_model.core.scene import ROOT, Provenance, Scene
-from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmConflict, WmException, refusal
+from skiros2_world_model.core.scene import ROOT, Provenance
+from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmConflict, WmException, wm_errors
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
-from skiros2_world_model.ros.history_service import history_request, msg2entry
 from skiros2_world_model.ros.last_will import last_will_request
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
-from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
+from skiros2_world_model.ros.wire import history_request, msg2change, msg2entry, msg2shared_element, operation2msg
 
 __all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
 
@@ -55,9 +54,9 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self._listeners: list[Callable[[Change], None]] = []
         self._monitor_cb: Callable[[msgs.WmMonitor], None] | None = None
         self._replica = Replica(self._fetch_scene) if make_cache else None
-        self._reader: SceneReader | None = None
         if self._replica is not None:
-            self._reader = SceneReader(self._replica.lock, self._scenes, lambda: self._ontology)
+            replica = self._replica
+            self._reader = SceneReader(replica.lock, lambda _: [replica.scene()], lambda: self._ontology)
         super().__init__(author_name)
 
     @property
@@ -83,11 +82,6 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             self._replica.reach(answer.snapshot_id)
 
     def load(self, filename: str = "", context: str = _SCENE) -> bool:
-        """Replaces a context with the content of a file of the server's workspace. Returns True when it can be read.
-
-        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
-        :raises WmException: the file is refused; the current content stays.
-        """
         loaded = super().load(filename, context)
         self.catch_up()
         return loaded
@@ -106,9 +100,8 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self._listeners = [known for known in self._listeners if known != callback]
 
     def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
-        reader = self._local(context_id)
-        if reader is not None:
-            return reader.find(eid, context_id)
+        if self._is_local(context_id):
+            return self._local(context_id).find(eid, context_id)
         try:
             return self._get(srvs.WmGetRequest.GET, context_id, msgs.WmElement(id=eid))[0]
         except WmException as error:
@@ -117,13 +110,13 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             raise
 
     def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
-        reader = self._local(context_id)
-        return self.find_element(e.id, context_id) if reader is None else reader.refreshed(e, context_id)
+        if self._is_local(context_id):
+            return self._local(context_id).refreshed(e, context_id)
+        return self.find_element(e.id, context_id)
 
     def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:
-        reader = self._local(context_id)
-        if reader is not None:
-            return reader.removal(eid, context_id)
+        if self._is_local(context_id):
+            return super().removal_of(eid, context_id)
         try:
             entries = self.history(eid, limit=1, context_id=context_id)
         except WmException:
@@ -134,8 +127,6 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
         self._last_will_service.call(last_will_request(actions))
 
-    # -- history -----------------------------------------------------------------------------------------------
-
     def history(
         self,
         eid: str = "",
@@ -145,53 +136,27 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         limit: int = 0,
         context_id: str = _SCENE,
     ) -> list[HistoryEntry]:
-        """The changes after one point and up to another: an entry for each request, oldest first.
-
-        :param eid: only changes of this element; "": all.
-        :param since: the number of a change (int) or a time (float, s since the epoch); None: the beginning.
-        :param until: the end, in the same format; None: now.
-        :param author: only changes by this author; "": all.
-        :param limit: at most this number of entries, the latest ones; 0: all.
-        :param context_id: the context; `ontology`: the statements of the ontologies.
-        :raises WmException: no journal, an unknown element or context, or a point outside the journal.
-        """
         request = history_request("changes", context_id, since, until, eid, author, limit)
         return [msg2entry(m) for m in self._history_service.call(request).entries]
 
     def scene_at(self, at: Point, context_id: str = _SCENE) -> HistoryEntry:
-        """A past state of a context: `after` has its elements, each with its outgoing relations.
-
-        :param at: as `since` in `history`. The other fields of the entry describe the change that led to this state.
-        :raises WmException: as for `history`.
-        """
         request = history_request("scene", context_id, until=at)
         return msg2entry(self._history_service.call(request).entries[0])
 
     def difference(self, since: Point, until: Point | None = None, context_id: str = _SCENE) -> HistoryEntry:
-        """The difference of a context between two points: one entry, which is false when there is none.
-
-        :param since, until: as for `history`.
-        :raises WmException: as for `history`.
-        """
         request = history_request("difference", context_id, since, until)
         return msg2entry(self._history_service.call(request).entries[0])
 
-    # -- validation --------------------------------------------------------------------------------------------
-
     def validate(self, context_id: str = _SCENE) -> Report:
-        """Validates the current state of a context against the ontologies and shapes. Takes a second or more.
-
-        :raises WmException: the context does not exist, or a shape file is invalid.
-        """
-        answer = self._validation_service.call(srvs.WmValidationRequest(context_id, False))
+        answer = self._validation_service.call(srvs.WmValidationRequest(context_id))
         findings = [Finding(m.severity, m.file, m.element, m.property, m.text) for m in answer.findings]
         return Report(f"context {context_id}", findings, answer.stamp.to_sec())
 
     # -- the primitives of `WorldModelAbstractInterface` -------------------------------------------------------
 
-    def _scene_now(self) -> tuple[list[Element], str]:
-        reader = self._local(_SCENE)
-        if reader is not None and self._replica is not None:
+    def get_scene(self) -> tuple[list[Element], str]:
+        if self._replica is not None:
+            reader = self._local(_SCENE)
             with self._replica.lock:
                 return reader.branch(ROOT, "skiros:sceneProperty", "", _SCENE), self._replica.snapshot_id
         request = srvs.WmGetRequest(
@@ -201,33 +166,35 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         return _given(answer), str(answer.snapshot_id)
 
     def _matching(self, wanted: Element, context: str) -> list[Element]:
-        reader = self._local(context)
-        if reader is not None:
-            return reader.matching(wanted, context)
+        if self._is_local(context):
+            return super()._matching(wanted, context)
         return self._get(srvs.WmGetRequest.RESOLVE, context, element2msg(wanted))
 
     def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
-        reader = self._local(context)
-        if reader is not None:
-            try:
-                return reader.branch(eid, relation_filter, type_filter, context)
-            except SkirosError as error:
-                raise refusal(str(error), error.code, error.position) from None
+        if self._is_local(context):
+            return super()._branch(eid, relation_filter, type_filter, context)
         asked = msgs.WmElement(id=eid)
         return self._get(srvs.WmGetRequest.GET_RECURSIVE, context, asked, relation_filter, type_filter)
 
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        reader = self._local(_SCENE)
-        if reader is not None and (not src or reader.has(src, _SCENE)):
-            return reader.related(src, pred, dst, _SCENE)
+        if self._is_local(_SCENE) and (not src or self._local(_SCENE).has(src, _SCENE)):
+            return self._local(_SCENE).related(src, pred, dst, _SCENE)
         request = srvs.WmQueryRelationsRequest(msgs.Relation(src, pred, dst))
         return [msg2relation(m) for m in self._relations_service.call(request).matches]
 
     def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
-        reader = self._local(_SCENE)
-        if reader is not None:
-            return reader.holds(subj, pred, obj, _SCENE)
-        return super()._holds(subj, pred, obj)
+        if self._is_local(_SCENE):
+            return super()._holds(subj, pred, obj)
+        if not subj.id and not obj.id:
+            return any(self._holds(found, pred, obj) for found in self._matching(subj, _SCENE))
+        for relation in self._related(subj.id, pred, obj.id):
+            if subj.id and obj.id:
+                return True
+            other, wanted = (relation["dst"], obj) if subj.id else (relation["src"], subj)
+            found = self.find_element(other)
+            if found is not None and describes(self._ontology, wanted, found.type, found.label, found._props):
+                return True
+        return False
 
     def _template(self, name: str) -> Element:
         return self._get(srvs.WmGetRequest.GET_TEMPLATE, _SCENE, msgs.WmElement(label=name))[0]
@@ -237,18 +204,16 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         if context not in ("", ONTOLOGY):
             self.catch_up()
 
-    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
-        try:
+    def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
+        with wm_errors():
             messages = [operation2msg(o) for o in operations]
-        except SkirosError as error:
-            raise refusal(str(error), error.code, error.position) from None
-        request = srvs.WmTransactionRequest(self._author_name, context, messages)
+        request = srvs.WmTransactionRequest(self._author_name, context_id, messages)
         try:
             response = self._transaction_service.call(request, repeatable=False)
         except WmConflict:
             self.catch_up()  # a retry must read the conflicting change
             raise
-        outcome = Outcome(list(response.ids), [msg2change(m, context) for m in response.changes])
+        outcome = Outcome(list(response.ids), [msg2change(m, context_id) for m in response.changes])
         if self._replica is not None:
             self._replica.include(outcome.changes)
         return outcome
@@ -276,16 +241,14 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     # -- reading -----------------------------------------------------------------------------------------------
 
-    def _local(self, context: str) -> SceneReader | None:
-        """The reader of the replica, after a refresh; None for contexts without a replica."""
-        if self._replica is None or context != _SCENE:
-            return None
-        self._replica.refresh()
-        return self._reader
+    def _is_local(self, context: str) -> bool:
+        """Whether a context is read from the replica."""
+        return self._replica is not None and context == _SCENE
 
-    def _scenes(self, context: str) -> list[Scene]:
-        assert self._replica is not None
-        return [self._replica.scene()]
+    def _local(self, context: str) -> SceneReader:
+        if self._replica is not None:
+            self._replica.refresh()
+        return self._reader
 
     def _fetch_scene(self) -> Snapshot:
         answer = self._snapshot_service.call(srvs.WmSnapshotRequest(_SCENE))

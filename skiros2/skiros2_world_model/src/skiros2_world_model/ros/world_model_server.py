@@ -3,37 +3,114 @@
 from __future__ import annotations
 
 import logging
+import queue
+import threading
+import time
 import weakref
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import rosgraph
 import rospy
 
-from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
+from skiros2_common.core.discrete_reasoner import reasoners
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.shutdown import spin
+from skiros2_common.ros.node import spin
+from skiros2_common.ros.reasoners import new_reasoners
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_world_model.core.changeset import Relation
 from skiros2_world_model.core.last_will import LastWillStore
-from skiros2_world_model.core.reader import no_element
+from skiros2_world_model.core.queries import no_element
+from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.scene import ElementRecord
+from skiros2_world_model.core.validation import Validator
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.change_publisher import ChangePublisher
-from skiros2_world_model.ros.errors import service_handler
-from skiros2_world_model.ros.history_service import answer_history
 from skiros2_world_model.ros.last_will import LastWillService
-from skiros2_world_model.ros.ontology_server import OntologyServices
+from skiros2_world_model.ros.ontology_server import (
+    OntologyServices,
+    ontology_folder,
+    open_journal,
+    triple_store,
+    workspace_folder,
+)
 from skiros2_world_model.ros.parameters import text_list
-from skiros2_world_model.ros.reasoners import Reasoners
-from skiros2_world_model.ros.server_parameters import ontology_folder, open_journal, triple_store, workspace_folder
-from skiros2_world_model.ros.subscribers import wait_for_subscribers
-from skiros2_world_model.ros.validation_service import ValidationService
-from skiros2_world_model.ros.wire import change2msg, msg2operation
+from skiros2_world_model.ros.service_pool import service_handler
+from skiros2_world_model.ros.wire import change2msg, entry2msg, msg2operation, msg2point
 
 log = logging.getLogger(__name__)
+
+#: The number of messages queued for a slow subscriber. A subscriber that misses some fetches the scene again.
+_QUEUE_SIZE = 1000
+
+
+class ChangePublisher:
+    """The latched topic `~monitor`. A thread sends the messages in the order of `put`.
+
+    Sending takes half as long as a request, which holds the lock of the world model while its client waits.
+    """
+
+    def __init__(self) -> None:
+        self._publisher = rospy.Publisher("~monitor", msgs.WmMonitor, latch=True, queue_size=_QUEUE_SIZE)
+        self._waiting: queue.SimpleQueue[msgs.WmMonitor] = queue.SimpleQueue()
+        threading.Thread(target=self._run, name="change publisher", daemon=True).start()
+
+    def put(self, message: msgs.WmMonitor) -> None:
+        """Queues a `WmMonitor`. Thread-safe; does not block."""
+        self._waiting.put(message)
+
+    def wait_for_subscribers(self, timeout: float = 0.5) -> None:
+        """Blocks until the registered subscribers are connected; a recorder that was started first misses nothing then.
+
+        :param timeout: in s; the master may still list killed nodes as subscribers.
+        """
+        listed: Any = rosgraph.Master(rospy.get_name()).getSystemState()[1]
+        names = {node for topic, nodes in listed if topic == self._publisher.resolved_name for node in nodes}
+        deadline = time.monotonic() + timeout
+        while self._publisher.get_num_connections() < len(names):
+            if time.monotonic() > deadline or rospy.is_shutdown():
+                log.info("not all subscribers (%s) have connected to ~monitor", ", ".join(sorted(names)))
+                return
+            time.sleep(0.005)
+
+    def _run(self) -> None:
+        while True:
+            message = self._waiting.get()
+            try:
+                self._publisher.publish(message)
+            except rospy.ROSException:
+                log.debug("change %s is not published: the node shuts down", message.snapshot_id)
+                return
+
+
+class Reasoners:
+    """The reasoners that a server runs."""
+
+    def __init__(self, model: WorldModel, packages: list[str]) -> None:
+        """Loads and starts the reasoners of some Python packages.
+
+        :raises ConfigurationError: a package does not exist.
+        """
+        self._reasoning = model.reasoning
+        wmi = ReasonerWorldModel(model)
+        for reasoner in new_reasoners(packages):
+            try:
+                reasoner.init(wmi)
+                reasoners.add(reasoner)
+            except FOREIGN_ERRORS:
+                log.exception("reasoner %s cannot be initialised and is skipped", reasoner.__class__.__name__)
+                continue
+            model.add_reasoner(reasoner)
+        self._reasoning.execute()
+        log.info("reasoners: %s", ", ".join(r.__class__.__name__ for r in self._reasoning.all()) or "none")
+
+    def stop(self) -> None:
+        """Stops all reasoners and waits for them."""
+        self._reasoning.stop()
+
 
 _Message = TypeVar("_Message")
 
@@ -52,9 +129,12 @@ class WorldModelServer:
             snapshot, stamp = model.snapshot_id, rospy.Time.now()
             self._monitor.put(msgs.WmMonitor(snapshot, snapshot, stamp, "wm", "reset", self._scene(), []))
             model.add_listener(self._on_change)
-            wait_for_subscribers(self._monitor.topic)
+            self._monitor.wait_for_subscribers()
         self._ontologies = OntologyServices(model, model.advisory_lock)
-        self._validation = ValidationService(model)  # before the services below, which use it
+        self._validator = Validator(model)
+        rospy.on_shutdown(self._validator.stop)
+        for context in model.loaded:
+            self._validate_file(context)
         self._services = [
             rospy.Service("~modify", srvs.WmModify, service_handler(self._on_modify)),
             rospy.Service("~transaction", srvs.WmTransaction, service_handler(self._on_transaction)),
@@ -64,6 +144,7 @@ class WorldModelServer:
             rospy.Service("~load_and_save", srvs.WoLoadAndSave, service_handler(self._on_load_and_save)),
             rospy.Service("~get", srvs.WmGet, service_handler(self._on_get)),
             rospy.Service("~history", srvs.WmHistory, service_handler(self._on_history)),
+            rospy.Service("~validation", srvs.WmValidation, service_handler(self._on_validation)),
         ]
 
     # -- reading -----------------------------------------------------------------------------------------------
@@ -102,7 +183,28 @@ class WorldModelServer:
         return srvs.WmQueryRelationsResponse([relation2msg(r) for r in found])
 
     def _on_history(self, request: srvs.WmHistoryRequest) -> srvs.WmHistoryResponse:
-        return answer_history(self._model.history, request)
+        history, context = self._model.history, request.context or SCENE
+        since, until = msg2point(request.since_number, request.since), msg2point(request.until_number, request.until)
+        if request.action == request.CHANGES:
+            entries = history.changes(request.element, since, until, request.author, request.limit, context)
+        elif request.action == request.DIFFERENCE:
+            entries = [history.difference(since, until, context)]
+        elif request.action == request.SCENE:
+            entries = [history.scene_at(until, context)]
+        else:
+            known = ", ".join((request.SCENE, request.CHANGES, request.DIFFERENCE))
+            raise WrongValue(f"unknown action {request.action!r}; known: {known}")
+        return srvs.WmHistoryResponse([entry2msg(entry) for entry in entries])
+
+    def _on_validation(self, request: srvs.WmValidationRequest) -> srvs.WmValidationResponse:
+        report = self._validator.validate_context(request.context or SCENE)
+        findings = [msgs.WmFinding(f.severity, f.element, f.property, f.file, f.text) for f in report.findings]
+        return srvs.WmValidationResponse(rospy.Time.from_sec(report.stamp), findings)
+
+    def _validate_file(self, context: str) -> None:
+        """Validates the file that was loaded into a context, unless the parameter `~validate` is false."""
+        if rospy.get_param("~validate", True):
+            self._validator.file_loaded(context)
 
     # -- writing -----------------------------------------------------------------------------------------------
 
@@ -146,7 +248,7 @@ class WorldModelServer:
         context = request.context or SCENE
         if request.action == request.LOAD:
             self._model.load(request.filename, author, context)
-            self._validation.file_loaded(context)
+            self._validate_file(context)
             log.info("%s loaded context %s from %s", author, context, request.filename)
         elif request.action == request.SAVE:
             path = self._model.save(request.filename, context)

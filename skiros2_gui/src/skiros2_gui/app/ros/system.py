@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
+import http.client
 import logging
 import threading
 import time
 import weakref
+import xmlrpc.client
+from typing import Any
 
 import rosgraph
 
-from skiros2_gui.app.event_queue import EventQueue
-from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, NodeShutdown
-from skiros2_gui.app.ros.master import master_answers
+from skiros2_common.command_line.master import XMLRPC_ERRORS
+from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
 from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
-from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+#: s.
+TIMEOUT = 2.0
+
+
+class _Transport(xmlrpc.client.Transport):
+    """An XML-RPC transport with a timeout."""
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = TIMEOUT
+        return connection
+
+
+def master_answers() -> bool:
+    """Returns whether the master at `ROS_MASTER_URI` answers within `TIMEOUT` (name resolution not included)."""
+    try:
+        with xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport()) as master:
+            return bool(master.getPid("/skiros_gui")[0] == 1)
+    except (*XMLRPC_ERRORS, TypeError, IndexError):  # the last two: not a master
+        return False
+
 
 log = logging.getLogger(__name__)
 
@@ -58,11 +81,6 @@ class RosSystem:
     def scene(self) -> SceneReader | None:
         world = self._connections.world.world if self._connections is not None else None
         return world.known_scene if world is not None else None
-
-    @property
-    def ontology(self) -> Ontology | None:
-        world = self._connections.world.world if self._connections is not None else None
-        return world.known_ontology if world is not None else None
 
     @property
     def managers(self) -> dict[str, Manager]:
@@ -136,8 +154,7 @@ class _Connections:
 
     def __init__(self, author: str, event_queue: EventQueue) -> None:
         # Imported here: importing rospy takes 0.25 s, and the window is drawn first.
-        from skiros2_gui.app.ros.managers import ManagerConnections
-        from skiros2_gui.app.ros.task_manager import TaskManagerConnection
+        from skiros2_gui.app.ros.connections import ManagerConnections, TaskManagerConnection
         from skiros2_gui.app.ros.world import WorldModelConnection
         from skiros2_gui.view3d.ros.markers import MarkerConnection
 
@@ -177,9 +194,8 @@ def become_node(name: str) -> str:
     """Creates the node of this process, unless it has one. Any thread. Returns the node name."""
     import rospy
 
-    from skiros2_common.ros.inbound_connections import handshake_in_threads
     from skiros2_common.ros.master_watch import watch_master
-    from skiros2_common.ros.node import bridge_logging
+    from skiros2_common.ros.node import bridge_logging, handshake_in_threads
 
     if not rospy.core.is_initialized():
         rospy.init_node(name, anonymous=True, disable_signals=True)

@@ -15,7 +15,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.replica import Snapshot
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.ros.ontology_interface import SERVER

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import gc
 import logging
+import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
-from python_qt_binding.QtCore import QEvent, QObject, Qt
+from python_qt_binding.QtCore import QEvent, QObject, Qt, QTimer, Signal
 from python_qt_binding.QtGui import QKeySequence
 from python_qt_binding.QtWidgets import (
     QAbstractButton,
@@ -16,10 +17,8 @@ from python_qt_binding.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
     QComboBox,
-    QLabel,
     QLineEdit,
     QPlainTextEdit,
-    QPushButton,
     QShortcut,
     QTabWidget,
     QTextEdit,
@@ -28,10 +27,10 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_gui.app.event_queue import EventQueue
 from skiros2_gui.app.events import (
     ConnectionChanged,
     ElementSelected,
+    EventQueue,
     ManagersChanged,
     NodeShutdown,
     ProblemReported,
@@ -39,19 +38,116 @@ from skiros2_gui.app.events import (
     TaskStarted,
     WorldChanged,
 )
-from skiros2_gui.app.health import missing
-from skiros2_gui.app.problems import ExceptHook
-from skiros2_gui.app.system import System
-from skiros2_gui.app.widgets.bridge import Bridge
-from skiros2_gui.app.widgets.error_bar import ErrorBar
-from skiros2_gui.app.widgets.focus_tracker import SPACE_TOGGLES, FocusTracker
-from skiros2_gui.app.widgets.status_line import StatusLine
+from skiros2_gui.app.jobs import Jobs
+from skiros2_gui.app.problems import ExceptHook, Problems
+from skiros2_gui.app.system import System, missing
+from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, push_button, text_label
+from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_gui.skills.widgets.tab import SkillsTab
 from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
 from skiros2_gui.world.widgets.tab import WorldTab
+
+#: The least time between two batches of events (ms): 25 Hz.
+EVENT_PERIOD = 40
+
+#: The time after which a batch yields to user input (s); the rest follows in the next iteration.
+EVENT_BUDGET = 0.02
+
+
+class Bridge(QObject):
+    """The event queue and the jobs of one window. Idle while there are no events.
+
+    It has no parent and is referenced by the queue and the jobs: other threads may use them after the window was
+    closed.
+    """
+
+    _ended = Signal()
+    _event_posted = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.problems = Problems()
+        self.jobs = Jobs(self.problems, lambda: self._ended.emit())
+        self.event_queue = EventQueue(lambda: self._event_posted.emit())
+        self._window: Window | None = None
+        self._last = 0.0
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setTimerType(Qt.PreciseTimer)
+        self._timer.timeout.connect(self._take)
+        self._ended.connect(self.jobs.deliver, Qt.QueuedConnection)
+        self._event_posted.connect(self._soon, Qt.QueuedConnection)
+
+    def attach(self, window: Window) -> None:
+        """Delivers events to `window`, including those queued so far."""
+        self._window = window
+        self._soon()
+
+    def close(self) -> None:
+        """Stops the delivery. Other threads may still post events."""
+        self._timer.stop()
+        self._window = None
+        self.jobs.close()
+
+    def _soon(self) -> None:
+        if self._window is not None and not self._timer.isActive():
+            passed = (time.monotonic() - self._last) * 1000.0
+            self._timer.start(max(0, int(EVENT_PERIOD - passed)))
+
+    def _take(self) -> None:
+        self._last = time.monotonic()
+        if self._window is not None and self._window.process_events(EVENT_BUDGET):
+            self._timer.start(0)
+
+
+#: The user moved the focus.
+_CHOSEN = (Qt.MouseFocusReason, Qt.ShortcutFocusReason)
+
+#: The focus returns to the widget that had it.
+_RETURNED = (Qt.ActiveWindowFocusReason, Qt.PopupFocusReason, Qt.MenuBarFocusReason)
+
+_TAB_KEYS = (Qt.Key_Tab, Qt.Key_Backtab)
+
+
+class FocusTracker:
+    """Follows the events of the application.
+
+    When the focus widget is disabled or hidden, Qt moves the focus to the next widget, where the user does not expect
+    to write. A widget counts as entered after a click into it, after the Tab key or a shortcut that led to it, when it
+    edits a cell of a list, and as soon as a key other than the space bar is pressed in it.
+
+    :ivar is_entered: whether the user entered the focus widget.
+    """
+
+    def __init__(self) -> None:
+        self.is_entered = False
+        self._is_tab_down = False
+
+    def track(self, watched: QObject, event: QEvent) -> None:
+        """Processes an event before `watched` gets it."""
+        kind = event.type()
+        if kind == QEvent.KeyPress:
+            self._is_tab_down = event.key() in _TAB_KEYS
+            if event.key() != Qt.Key_Space and watched is QApplication.focusWidget():
+                self.is_entered = True
+        elif kind == QEvent.KeyRelease:
+            self._is_tab_down = False
+        elif kind == QEvent.FocusIn and isinstance(watched, QWidget):
+            if event.reason() not in _RETURNED:
+                self.is_entered = event.reason() in _CHOSEN or self._is_tab_down or _edits_cell(watched)
+        elif kind == QEvent.MouseButtonPress and isinstance(watched, QWidget):
+            focus = QApplication.focusWidget()
+            if focus is not None and (focus is watched or focus.isAncestorOf(watched)):
+                self.is_entered = True
+
+
+def _edits_cell(widget: QWidget) -> bool:
+    viewport = widget.parentWidget()
+    return viewport is not None and isinstance(viewport.parentWidget(), QAbstractItemView)
+
 
 log = logging.getLogger(__name__)
 
@@ -114,10 +210,12 @@ class MainWidget(QWidget):
             self.tabs.addTab(page, page.tab.title)
             self.tabs.setTabToolTip(number, f"{page.tab.title} (Alt+{number + 1})")
             self._on_keys(QKeySequence(f"Alt+{number + 1}"), partial(self.tabs.setCurrentIndex, number))
-        self.stop = QPushButton("■ Stop all")
-        self.stop.setObjectName("stopAllButton")
-        self.stop.setToolTip("Stops all tasks of all robots, and the goal  (Ctrl+.)")
-        self.stop.clicked.connect(lambda: self.shared.publish(StopRequested()))
+        self.stop = push_button(
+            "■ Stop all",
+            "stopAllButton",
+            lambda: self.shared.publish(StopRequested()),
+            "Stops all tasks of all robots, and the goal  (Ctrl+.)",
+        )
         self.tabs.setCornerWidget(self.stop)
         self._on_keys(QKeySequence("Ctrl+."), self.stop.click)
         self._on_keys(QKeySequence(QKeySequence.Find), lambda: self.tab.find())
@@ -222,10 +320,7 @@ class _Page(QWidget):
         super().__init__()
         self.tab = tab
         self._window = window
-        self.banner = QLabel()
-        self.banner.setObjectName("banner")
-        self.banner.setTextFormat(Qt.PlainText)
-        self.banner.setWordWrap(True)
+        self.banner = text_label("banner", is_selectable=False)
         self.banner.setMargin(6)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)

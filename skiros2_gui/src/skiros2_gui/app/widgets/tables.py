@@ -55,8 +55,14 @@ class RowsModel(QAbstractTableModel):
         self._can_write = can_write
 
     def show_rows(self, rows: Sequence[Row], headers: Sequence[str] | None = None) -> None:
-        """Replaces the rows. If the first column is unchanged, the selection is kept."""
+        """Replaces the rows. The selection is kept if the first column is unchanged, or rows were appended only."""
         rows, headers = tuple(rows), self.headers if headers is None else tuple(headers)
+        known = len(self.rows)
+        if headers == self.headers and 0 < known < len(rows) and rows[:known] == self.rows:
+            self.beginInsertRows(_NOWHERE, known, len(rows) - 1)
+            self.rows = rows
+            self.endInsertRows()
+            return
         if headers != self.headers or [r.cells[:1] for r in rows] != [r.cells[:1] for r in self.rows]:
             self.beginResetModel()
             self.rows, self.headers = rows, headers

@@ -13,14 +13,13 @@ from python_qt_binding.QtWidgets import (
     QComboBox,
     QHBoxLayout,
     QLabel,
-    QPushButton,
     QScrollArea,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
 from skiros2_common.core.names import local_name
+from skiros2_gui.app.widgets.controls import push_button, text_label, tool_button
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.goal.completion import PROPERTY, Completion, Vocabulary
 from skiros2_gui.goal.lines import EVERY, HOLDS, OPERATORS, SOME, Line, Term, number_text, value_of
@@ -42,10 +41,12 @@ class GoalLines(QWidget):
         self.note = QLabel()
         self.note.setObjectName("goalLinesNote")
         self.note.setWordWrap(True)
-        self.add = QPushButton("+ Add a condition")
-        self.add.setObjectName("addConditionButton")
-        self.add.setToolTip("Adds a line: a relation between two elements, or a value of a property")
-        self.add.clicked.connect(lambda: goals.edit_lines([*(goals.lines or ()), Line()]))
+        self.add = push_button(
+            "+ Add a condition",
+            "addConditionButton",
+            lambda: goals.edit_lines([*(goals.lines or ()), Line()]),
+            "Adds a line: a relation between two elements, or a value of a property",
+        )
         inside = QWidget()
         self._column = QVBoxLayout(inside)
         self._column.setContentsMargins(0, 0, 4, 0)
@@ -182,15 +183,9 @@ class _LineRow(QWidget):
         self.value.setInsertPolicy(QComboBox.NoInsert)
         self.value.addItems(choices.values)
         self.value.lineEdit().setPlaceholderText("value")
-        self.text = QLabel()
-        self.text.setTextFormat(Qt.PlainText)
-        self.text.setWordWrap(True)
+        self.text = text_label("", is_selectable=False)
         self.text.setToolTip("Lists cannot express this condition; edit it in the text of the goal")
-        remove = QToolButton()
-        remove.setObjectName(f"removeCondition_{number}")
-        remove.setText("✕")
-        remove.setToolTip("Removes this condition")
-        remove.clicked.connect(lambda: edit(None))
+        remove = tool_button("✕", f"removeCondition_{number}", lambda: edit(None), "Removes this condition")
         self.subject.chosen.connect(lambda row: self._change(subject=self._term(row)))
         self.object.chosen.connect(lambda row: self._change(object=self._term(row)))
         self.predicate.chosen.connect(self._predicate_chosen)

@@ -1,16 +1,19 @@
-"""The goal bar, and the view of plan and execution."""
+"""The goal line with completion, its buttons, and the view of plan and execution."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
-from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtCore import QEvent, QModelIndex, QRect, Qt
+from python_qt_binding.QtGui import QKeyEvent, QStandardItem, QStandardItemModel
 from python_qt_binding.QtWidgets import (
+    QCompleter,
     QHBoxLayout,
     QLabel,
+    QLineEdit,
     QMenu,
     QPlainTextEdit,
-    QPushButton,
     QSizePolicy,
     QSplitter,
     QTabWidget,
@@ -19,12 +22,121 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_gui.app.widgets.controls import push_button, text_label
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import STATE_COLOURS, colour_label
-from skiros2_gui.goal.execution import GoalExecution, StepRow
-from skiros2_gui.goal.plan import GoalPlan
+from skiros2_gui.goal.completion import KEYWORD, Completion
+from skiros2_gui.goal.plan import GoalExecution, GoalPlan, StepRow
 from skiros2_gui.goal.presenter import GoalPresenter
-from skiros2_gui.goal.widgets.line import GoalLine
+
+_TEXT = Qt.UserRole
+_REST_OF_WORD = re.compile(r'^[^\s(),";]+')
+
+
+class GoalLine(QLineEdit):
+    """Ctrl+space completes an empty completion too.
+
+    Tab and Enter insert the selected completion. In a complete goal Enter inserts a completion only if it was selected
+    with the arrow keys; otherwise it plans.
+
+    :param below: a label below the line, which the popup does not cover.
+    """
+
+    def __init__(self, goals: GoalPresenter, below: QLabel, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._goals = goals
+        self._below = below
+        self._start = 0
+        self.setObjectName("goalLine")
+        self.setAccessibleName("Goal")
+        self.setPlaceholderText("Goal, such as (skiros:contain box product)    Ctrl+space: completion")
+        self.setToolTip(
+            "The state to reach: (relation element element), (not (…)), (forall (?x - class) (…)).\n"
+            "Several goals are separated by commas. Words are completed as you type; Enter plans."
+        )
+        self.setClearButtonEnabled(True)
+        self._model = QStandardItemModel(self)
+        self._completer = QCompleter(self._model, self)
+        self._completer.setWidget(self)
+        self.popup = self._completer.popup()
+        self._completer.setCompletionMode(QCompleter.UnfilteredPopupCompletion)
+        self._completer.setMaxVisibleItems(12)
+        self._completer.activated[QModelIndex].connect(self._insert)
+        self.textChanged.connect(goals.write)
+        self.textEdited.connect(self._edited)
+        self.cursorPositionChanged.connect(lambda *_: self.popup.isVisible() and self.show_completions())
+
+    def _edited(self, text: str) -> None:
+        self._goals.write(text)  # `textEdited` comes before `textChanged`
+        self.show_completions()
+
+    def show_completions(self, even_if_empty: bool = False) -> None:
+        """Shows the completions at the cursor."""
+        found = self._goals.completions(self.cursorPosition())
+        typed = self.text()[found.start : self.cursorPosition()]
+        completions = [completion for completion in found.items if completion.text != typed]
+        if not completions or not (typed or even_if_empty or self.text()[: self.cursorPosition()].endswith("(")):
+            self.popup.hide()
+            return
+        self._start = found.start
+        self._model.clear()
+        for completion in completions:
+            self._model.appendRow(_item(completion))
+        self._completer.complete(self._area())
+        self.popup.setCurrentIndex(self._model.index(0, 0))
+
+    def move_popup(self) -> None:
+        """Moves the popup, if it is visible, below the label."""
+        if self.popup.isVisible():
+            self._completer.complete(self._area())
+
+    def _area(self) -> QRect:
+        """Returns the rectangle from the cursor to the end of the label; the popup is shown below it."""
+        width = self.popup.sizeHintForColumn(0) + self.popup.verticalScrollBar().sizeHint().width() + 12
+        area = self.cursorRect()
+        area.setWidth(min(max(width, 160), max(self.width(), 160)))
+        label = max(self._below.heightForWidth(self._below.width()), self.fontMetrics().lineSpacing())
+        area.setBottom(self.height() + label + self.fontMetrics().lineSpacing() // 2)
+        return area
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.KeyPress and event.key() == Qt.Key_Tab and self.popup.isVisible():
+            self._insert(self.popup.currentIndex())
+            return True
+        return super().event(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() == Qt.Key_Space and event.modifiers() == Qt.ControlModifier:
+            self.show_completions(even_if_empty=True)
+        elif event.key() not in (Qt.Key_Return, Qt.Key_Enter) or not self.popup.isVisible():
+            super().keyPressEvent(event)
+        elif self._goals.is_complete and self.popup.currentIndex().row() == 0:
+            self.popup.hide()
+            super().keyPressEvent(event)
+            event.accept()
+        else:
+            event.ignore()  # handled by the completer
+
+    def _insert(self, index: QModelIndex) -> None:
+        """Replaces the word at the cursor with a completion."""
+        completion = str(index.data(_TEXT))
+        self.popup.hide()
+        text, cursor = self.text(), self.cursorPosition()
+        after = text[cursor:] if self._start == cursor else _REST_OF_WORD.sub("", text[cursor:], count=1)
+        gap = "" if completion == "(" or after.startswith((" ", ")")) else " "
+        self.setText(f"{text[: self._start]}{completion}{gap}{after}")
+        self.setCursorPosition(self._start + len(completion) + len(gap))
+
+
+def _item(completion: Completion) -> QStandardItem:
+    more = "" if completion.kind == KEYWORD else f"   {completion.kind}"
+    if more and completion.text != completion.label:
+        more += f" {completion.text}"
+    item = QStandardItem(f"{completion.label}{more}")
+    item.setData(completion.text, _TEXT)
+    item.setEditable(False)
+    return item
+
 
 _HEADS = ("Step", "State", "Start", "End", "Robot", "Skill", "After", "With")
 _STATE = 1
@@ -37,10 +149,7 @@ class GoalBar(QWidget):
     def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._goals = goals
-        self.mistake = QLabel()
-        self.mistake.setObjectName("goalMistake")
-        self.mistake.setTextFormat(Qt.PlainText)
-        self.mistake.setWordWrap(True)
+        self.mistake = text_label("goalMistake", is_selectable=False)
         self.mistake.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self.line = GoalLine(goals, self.mistake)
         self.line.returnPressed.connect(goals.make_plan)
@@ -51,16 +160,9 @@ class GoalBar(QWidget):
         self._menu = QMenu(self)
         self._menu.aboutToShow.connect(self._fill_menu)
         self.earlier.setMenu(self._menu)
-        self.plan = QPushButton("Plan")
-        self.plan.setObjectName("planButton")
-        self.plan.clicked.connect(goals.make_plan)
-        self.achieve = QPushButton("▶ Achieve")
-        self.achieve.setObjectName("achieveButton")
-        self.achieve.clicked.connect(goals.achieve)
-        self.cancel = QPushButton("■ Cancel")
-        self.cancel.setObjectName("cancelGoalButton")
-        self.cancel.setToolTip("Cancels planning or execution")
-        self.cancel.clicked.connect(goals.cancel)
+        self.plan = push_button("Plan", "planButton", goals.make_plan)
+        self.achieve = push_button("▶ Achieve", "achieveButton", goals.achieve)
+        self.cancel = push_button("■ Cancel", "cancelGoalButton", goals.cancel, "Cancels planning or execution")
         heading = QLabel("Goal")
         font = heading.font()
         font.setBold(True)
@@ -112,11 +214,7 @@ class GoalView(QWidget):
         super().__init__(parent)
         self._goals = goals
         self._shown: GoalPlan | GoalExecution | None = None
-        self.head = QLabel()
-        self.head.setObjectName("planHead")
-        self.head.setTextFormat(Qt.PlainText)
-        self.head.setWordWrap(True)
-        self.head.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.head = text_label("planHead")
         self.head.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self.steps = RowsView(RowsModel(_HEADS), len(_HEADS) - 1, wraps=True)
         self.steps.setObjectName("planView")
@@ -138,11 +236,6 @@ class GoalView(QWidget):
         column.addWidget(self.head)
         column.addWidget(self.across, 1)
         self.show_goal()
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is nothing to show."""
-        return self._goals.plan is None and self._goals.execution is None and not self._goals.is_busy
 
     def show_goal(self) -> None:
         """Shows the presenter's plan or execution."""

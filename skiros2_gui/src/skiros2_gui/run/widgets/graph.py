@@ -13,8 +13,8 @@ from python_qt_binding.QtGui import QColor, QFontMetricsF, QPainter, QPalette, Q
 from python_qt_binding.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
 
 from skiros2_gui.app.widgets.theme import role_colour
-from skiros2_gui.run.drawing import Column, Drawing
-from skiros2_gui.run.node_text import short_duration
+from skiros2_gui.run.node import short_duration
+from skiros2_gui.run.tree import Column, Drawing
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.states import RUNNING, style_of
 
@@ -219,7 +219,8 @@ class TreeItem(QGraphicsItem):
     def _paint_boxes(self, painter: QPainter, seen: QRectF, is_readable: bool) -> None:
         painter.setFont(self._font)
         text = self._palette.color(QPalette.Text)
-        row = self._drawing.row  # type: ignore[union-attr]
+        assert self._drawing is not None
+        row = self._drawing.row
         for depth, index in self._seen(seen):
             state = int(self._states[index])
             strong, tint = self._colours(state)

@@ -6,26 +6,24 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
-from python_qt_binding.QtWidgets import (
-    QLabel,
-    QSplitter,
-    QTabWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from python_qt_binding.QtCore import QByteArray, QEvent, Qt
+from python_qt_binding.QtWidgets import QFileDialog, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ElementSelected
+from skiros2_gui.app.widgets.controls import push_button, text_label, timer
+from skiros2_gui.app.widgets.task_table import TaskTable
+from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import Redraw, RunPresenter
-from skiros2_gui.run.widgets.banner import TaskBanner
-from skiros2_gui.run.widgets.breakpoints import BreakpointPanel
-from skiros2_gui.run.widgets.details import NodeDetails
-from skiros2_gui.run.widgets.history_bar import HistoryBar
-from skiros2_gui.run.widgets.lists import MessageList, TimeList
-from skiros2_gui.run.widgets.tasks import TaskPanel
-from skiros2_gui.run.widgets.tool_bar import TreeBar
+from skiros2_gui.run.widgets.bars import HistoryBar, TreeBar
+from skiros2_gui.run.widgets.side_tabs import BreakpointPanel, MessageList, NodeDetails, TimeList
 from skiros2_gui.run.widgets.view import TreeView
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.states import FAILURE
+from skiros2_skill.core.runtime.history import one_line
+
+#: The most characters shown in the banner (of the first line), and in its tooltip.
+_LONGEST, _LONGEST_TIP = 240, 2000
 
 #: The delay after an event before drawing the tree, and the side tabs (ms). Events come at up to 25 Hz.
 _PERIOD, _SLOW_PERIOD = 15, 400
@@ -44,26 +42,26 @@ class RunTab(QWidget):
         super().__init__(parent)
         self.presenter = RunPresenter(window)
         self.view = TreeView(self.presenter)
-        self._tasks = TaskPanel(self.presenter)
+        self._folder = ""
+        self._tasks = TaskTable(window, "taskChoice", lambda: self.presenter.runs, lambda: self.presenter.run)
+        self._tasks.picked.connect(self.presenter.pick)
         self._details = NodeDetails()
         self._messages = MessageList()
         self._times = TimeList()
         self._breakpoints = BreakpointPanel(self.presenter)
         self._history = HistoryBar(self.presenter)
-        self._banner = TaskBanner()
         self._bar = TreeBar(self.presenter)
         self._followed = -1
         self._lay_out()
         self._stale = Redraw.ALL
         self._slow_stale = True
-        self._timer = _timer(self, _PERIOD, self._draw)
-        self._slow_timer = _timer(self, _SLOW_PERIOD, self._draw_side_tabs)
-        self._watch = QTimer(self)
-        self._watch.timeout.connect(lambda: self.presenter.check(time.time()))
-        self._watch.start(_WATCH_PERIOD)
+        self._timer = timer(self, _PERIOD, self._draw)
+        self._slow_timer = timer(self, _SLOW_PERIOD, self._draw_side_tabs)
+        self._watch = timer(self, _WATCH_PERIOD, lambda: window.tasks.check(time.time()), repeats=True)
+        self._watch.start()
         self.presenter.on_change = self._on_change
-        self._messages.chosen.connect(self._on_message)
-        self._times.chosen.connect(lambda node: self._go_to_node(node))
+        self._messages.picked.connect(self._on_message)
+        self._times.picked.connect(self._go_to_node)
         self._details.element.connect(lambda eid: window.publish(ElementSelected(eid, self)))
         self.view.moved.connect(lambda: self._bar.follow.setChecked(False))
         self._bar.reveal_requested.connect(self._go_to)
@@ -78,7 +76,7 @@ class RunTab(QWidget):
             "sizes": bytes(self._splitter.saveState().toBase64()).decode(),
             "follow": self.presenter.follows,
             "beside": self._side_tabs.currentIndex(),
-            "folder": self._tasks.folder,
+            "folder": self._folder,
         }
 
     def restore(self, settings: Mapping[str, Any]) -> None:
@@ -89,7 +87,7 @@ class RunTab(QWidget):
         if isinstance(beside := settings.get("beside"), int):
             self._side_tabs.setCurrentIndex(beside)
         if isinstance(folder := settings.get("folder"), str):
-            self._tasks.folder = folder
+            self._folder = folder
 
     def find(self) -> None:
         self._bar.focus()
@@ -101,6 +99,7 @@ class RunTab(QWidget):
         self._timer.stop()
         self._slow_timer.stop()
         self._watch.stop()
+        self._tasks.close_timers()
         self.presenter.on_change = lambda part: None
 
     # -- drawing -----------------------------------------------------------------------------------------------------
@@ -135,6 +134,7 @@ class RunTab(QWidget):
         stale, self._stale = self._stale, Redraw(0)
         frame = self.presenter.frame
         if stale & Redraw.TASKS:
+            self._show_source()
             self._tasks.show_tasks()
         if stale & Redraw.BREAKPOINTS:
             self._breakpoints.show_breakpoints()
@@ -145,7 +145,7 @@ class RunTab(QWidget):
             self.view.show_states()
         if stale & (Redraw.STATES | Redraw.TREE):
             self._history.show_history()
-            self._banner.show_task(frame)
+            self._show_banner(frame)
             self._follow_running()
         if stale & Redraw.NODE:
             self._show_node()
@@ -181,6 +181,26 @@ class RunTab(QWidget):
                 self._followed = running[-1]
                 self.view.reveal(running[-1])
 
+    def _show_banner(self, frame: Frame | None) -> None:
+        """Shows the message of the root while the task is paused or after it has failed."""
+        whole = frame.message(0).strip() if frame is not None and len(frame.shape) else ""
+        line = one_line(whole)
+        has_failed = frame is not None and bool(line) and frame.state(0) == FAILURE
+        if frame is not None and frame.has_ended and not has_failed:
+            line = ""
+        text = line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+        if text != self._banner.text():
+            self._banner.setText(text)
+            self._banner.setToolTip(whole[:_LONGEST_TIP] if text != whole else "")
+        tint(self._banner, background="error" if has_failed else "notice", dark=is_dark(self))
+        self._banner.setVisible(bool(text))
+
+    def _show_source(self) -> None:
+        bag = self.presenter.bag
+        self._source.setText(f"Tasks of {bag.path.rpartition('/')[2]}" if bag is not None else "Tasks of all robots")
+        self._source.setToolTip(bag.path if bag is not None else "")
+        self._bag_button.setText("Close bag" if bag is not None else "Open bag…")
+
     # -- what the user does ------------------------------------------------------------------------------------------
 
     def _go_to_node(self, node: int) -> None:
@@ -195,6 +215,15 @@ class RunTab(QWidget):
         self.presenter.go_to_time(line.time)
         self._draw()
         self._go_to_node(line.node)
+
+    def _on_bag(self) -> None:
+        if self.presenter.bag is not None:
+            self.presenter.close_bag()
+            return
+        path, _ = QFileDialog.getOpenFileName(self, "Open a recorded run", self._folder, "Bags (*.bag);;All files (*)")
+        if path:
+            self._folder = path.rpartition("/")[0]
+            self.presenter.open_bag(path)
 
     def _fit(self) -> None:
         self._draw()
@@ -211,6 +240,17 @@ class RunTab(QWidget):
         self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
+        self._source = text_label("", is_selectable=False)
+        self._bag_button = push_button("", "openBag", self._on_bag, "show the tasks of a recorded run")
+        left = QWidget()
+        column = QVBoxLayout(left)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.addWidget(self._source)
+        column.addWidget(self._tasks, 1)
+        column.addWidget(self._bag_button, 0, Qt.AlignLeft)
+        self._banner = text_label("taskNote")
+        self._banner.setMargin(6)
+        self._banner.hide()
         middle = QWidget()
         column = QVBoxLayout(middle)
         column.setContentsMargins(0, 0, 0, 0)
@@ -231,7 +271,7 @@ class RunTab(QWidget):
             self._side_tabs.addTab(widget, title)
         self._side_tabs.currentChanged.connect(lambda _: self._on_side_tab())
         self._splitter = QSplitter(Qt.Horizontal)
-        for widget, stretch, least in ((self._tasks, 0, 110), (middle, 1, 240), (self._side_tabs, 0, 160)):
+        for widget, stretch, least in ((left, 0, 110), (middle, 1, 240), (self._side_tabs, 0, 160)):
             widget.setMinimumWidth(least)
             self._splitter.addWidget(widget)
             self._splitter.setStretchFactor(self._splitter.count() - 1, stretch)
@@ -248,12 +288,3 @@ class RunTab(QWidget):
         self._draw_side_tabs()
         if self._side_tabs.currentWidget() is self._breakpoints:
             self.presenter.breakpoints.ask(self.presenter.robot)
-
-
-def _timer(parent: QWidget, period: int, call: Any) -> QTimer:
-    """Returns a single-shot timer (ms)."""
-    timer = QTimer(parent)
-    timer.setSingleShot(True)
-    timer.setInterval(period)
-    timer.timeout.connect(call)
-    return timer

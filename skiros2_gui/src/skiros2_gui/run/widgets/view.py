@@ -6,9 +6,9 @@ from python_qt_binding.QtCore import QEvent, QPoint, QPointF, Qt, Signal
 from python_qt_binding.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QWheelEvent
 from python_qt_binding.QtWidgets import QGraphicsScene, QGraphicsView, QMenu, QToolTip, QWidget
 
-from skiros2_gui.run.node_text import CHOSEN_LATER, duration_text, processor_text
+from skiros2_gui.run.node import CHOSEN_LATER, duration_text, processor_text
 from skiros2_gui.run.presenter import RunPresenter
-from skiros2_gui.run.tree import RunTree
+from skiros2_gui.run.widgets.bars import FOLDS
 from skiros2_gui.run.widgets.graph import TreeItem
 from skiros2_runs.core.states import style_of
 from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START
@@ -232,8 +232,8 @@ class TreeView(QGraphicsView):
                         lambda _, when=when: presenter.breakpoints.toggle(run.robot, frame.shape, index, when)
                     )
             menu.addSeparator()
-        menu.addAction("Fold idle and succeeded", lambda: presenter.change_folds(RunTree.fold_quiet))
-        menu.addAction("Unfold all", lambda: presenter.change_folds(lambda tree, _: tree.unfold_all()))
+        for text, change in FOLDS:
+            menu.addAction(text, lambda change=change: presenter.change_folds(change))
         menu.addAction("Fit in the window", self.fit)
         return menu
 

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TypeVar
 
-from python_qt_binding.QtCore import QEvent, QObject, QSignalBlocker, Qt
-from python_qt_binding.QtGui import QFontDatabase, QKeyEvent
+from python_qt_binding.QtCore import QEvent, QObject, QSignalBlocker
+from python_qt_binding.QtGui import QFontDatabase
 from python_qt_binding.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.widgets.search_box import SearchBox
-from skiros2_gui.skills.fields import Editor, ElementChoice, Field, ValueMode
+from skiros2_gui.skills.form import Editor, ElementChoice, Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
 
 E = TypeVar("E", bound="FieldEditor")
@@ -86,8 +86,8 @@ class TextEditor(FieldEditor):
     def accepts(cls, field: Field) -> bool:
         return True
 
-    def __init__(self, field: Field, skills: SkillsPresenter, line: QLineEdit | None = None) -> None:
-        self.line = line or QLineEdit()
+    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+        self.line = QLineEdit()
         super().__init__(field, skills, self.line)
         self.line.setText(field.text)
         if ValueMode.UNSET in field.modes:
@@ -97,44 +97,18 @@ class TextEditor(FieldEditor):
 
 @register_editor
 class NumberEditor(TextEditor):
-    """A line edit for numbers, with arrow keys."""
+    """A line edit for numbers, with their unit."""
 
     @classmethod
     def accepts(cls, field: Field) -> bool:
         return field.editor is Editor.NUMBER
 
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
-        super().__init__(field, skills, _NumberLine(field))
-        hints = [field.declared.description or field.key, field.limits.text, "up and down change it"]
+        super().__init__(field, skills)
+        hints = [field.declared.description or field.key, field.limits.text]
         self.line.setToolTip("\n".join(hint for hint in hints if hint))
         if field.limits.unit:
             self.row.addWidget(QLabel(field.limits.unit))
-
-
-class _NumberLine(QLineEdit):
-    def __init__(self, field: Field) -> None:
-        super().__init__()
-        self._field = field
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        steps = {Qt.Key_Up: 1, Qt.Key_Down: -1, Qt.Key_PageUp: 10, Qt.Key_PageDown: -10}.get(event.key())
-        text = self._stepped(steps) if steps is not None else None
-        if text is None:
-            super().keyPressEvent(event)
-            return
-        self.setText(text)
-        self.textEdited.emit(text)
-
-    def _stepped(self, steps: int) -> str | None:
-        """Returns the number changed by some steps, within its limits; None if the text is no number."""
-        least, most = self._field.limits.lowest, self._field.limits.highest
-        try:
-            value = float(self.text() or 0.0)
-        except ValueError:
-            return None
-        if self._field.declared.wire_type == "int":
-            return str(int(min(max(value + steps, least), most)))
-        return f"{min(max(value + steps * 0.1, least), most):.10g}"
 
 
 @register_editor

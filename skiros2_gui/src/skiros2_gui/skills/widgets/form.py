@@ -9,7 +9,6 @@ from python_qt_binding.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPlainTextEdit,
-    QPushButton,
     QScrollArea,
     QSizePolicy,
     QToolButton,
@@ -17,9 +16,9 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.focus_tracker import SPACE_TOGGLES
+from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, push_button, text_label
 from skiros2_gui.app.widgets.theme import colour_label
-from skiros2_gui.skills.fields import Field, ValueMode
+from skiros2_gui.skills.form import Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
 from skiros2_gui.skills.start_status import READY, REFUSED, start_status
 from skiros2_gui.skills.widgets.editors import FieldEditor, editor_of
@@ -79,11 +78,7 @@ class SkillForm(QWidget):
         frame = QFrame()
         frame.setFrameShape(QFrame.StyledPanel)
         self.sign = QLabel()
-        self.why_not = QLabel()
-        self.why_not.setObjectName("whyNot")
-        self.why_not.setTextFormat(Qt.PlainText)
-        self.why_not.setWordWrap(True)
-        self.why_not.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.why_not = text_label("whyNot")
         self.why_not.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self.more = QToolButton()
         self.more.setObjectName("whyNotMore")
@@ -106,14 +101,18 @@ class SkillForm(QWidget):
         return frame
 
     def _buttons(self) -> QHBoxLayout:
-        self.start = QPushButton("▶ Start")
-        self.start.setObjectName("startButton")
-        self.start.setToolTip("Starts the skill as a task of its own  (space; again: stops it)")
-        self.start.clicked.connect(lambda: self._skills.start())
-        self.step = QPushButton("Start paused")
-        self.step.setObjectName("startPausedButton")
-        self.step.setToolTip("Starts the skill, ticks it once and pauses it")
-        self.step.clicked.connect(lambda: self._skills.start(ticks_once=True))
+        self.start = push_button(
+            "▶ Start",
+            "startButton",
+            lambda: self._skills.start(),
+            "Starts the skill as a task of its own  (space; again: stops it)",
+        )
+        self.step = push_button(
+            "Start paused",
+            "startPausedButton",
+            lambda: self._skills.start(ticks_once=True),
+            "Starts the skill, ticks it once and pauses it",
+        )
         for button in (self.start, self.step):
             button.setProperty(SPACE_TOGGLES, True)
         row = QHBoxLayout()
@@ -179,9 +178,7 @@ class SkillForm(QWidget):
 
     def _field(self, field: Field) -> QWidget:
         editor = editor_of(field, self._skills)
-        error = QLabel()
-        error.setTextFormat(Qt.PlainText)
-        error.setWordWrap(True)
+        error = text_label("", is_selectable=False)
         error.hide()
         self._editors[field.key], self._errors[field.key] = editor, error
         holder = QWidget()

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import QByteArray, Qt, QTimer
-from python_qt_binding.QtWidgets import QSplitter, QTabWidget, QVBoxLayout, QWidget
+from python_qt_binding.QtCore import QByteArray, QEvent, Qt
+from python_qt_binding.QtWidgets import QPlainTextEdit, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
-from skiros2_gui.app.events import TaskStarted
+from skiros2_gui.app.events import FailureExplained, TaskStarted
 from skiros2_gui.app.system import MANAGER
+from skiros2_gui.app.widgets.controls import timer
+from skiros2_gui.app.widgets.task_table import TaskTable
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_gui.goal.widgets.lines import GoalLines
 from skiros2_gui.goal.widgets.panel import GoalBar, GoalView
 from skiros2_gui.skills.presenter import SkillsPresenter
 from skiros2_gui.skills.widgets.form import SkillForm
-from skiros2_gui.skills.widgets.tasks import TaskTable
 from skiros2_gui.skills.widgets.tree import SkillTree
 
 #: The period of preview refreshes (ms).
@@ -34,7 +35,12 @@ class SkillsTab(QWidget):
         self.skills = SkillsPresenter(window)
         self.tree = SkillTree(self.skills)
         self.form = SkillForm(self.skills)
-        self.tasks = TaskTable(window)
+        self.tasks = TaskTable(window, "taskList", lambda: window.tasks.runs)
+        self.why = QPlainTextEdit()
+        self.why.setObjectName("taskWhy")
+        self.why.setReadOnly(True)
+        self.why.hide()
+        self._fit_text()
         self.across = QSplitter(Qt.Horizontal)
         self.across.addWidget(self.tree)
         self.across.addWidget(self.form)
@@ -48,6 +54,7 @@ class SkillsTab(QWidget):
         self.goals.on_goal = self._show_goal
         self.below = QTabWidget()
         self.below.setDocumentMode(True)
+        self.tasks.layout().addWidget(self.why)
         self.below.addTab(self.tasks, "Tasks")
         self.below.addTab(self.goal_lines, "Goal")
         self.below.addTab(self.goal_view, "Plan")
@@ -62,11 +69,12 @@ class SkillsTab(QWidget):
         column.setContentsMargins(6, 6, 6, 6)
         column.addWidget(self.down)
         self._was_busy = False
+        self._task_list = window.tasks
+        self.tasks.picked.connect(window.tasks.ask_why)
+        window.subscribe(FailureExplained, lambda _: self._show_why())
         window.subscribe(TaskStarted, lambda _: self.below.setCurrentWidget(self.tasks))
         self._show_goal()
-        self._refresh_timer = QTimer(self)
-        self._refresh_timer.setInterval(_REFRESH_PERIOD)
-        self._refresh_timer.timeout.connect(self._refresh)
+        self._refresh_timer = timer(self, _REFRESH_PERIOD, self._refresh, repeats=True)
         self._refresh_timer.start()
 
     def _with_goal_bar(self, below: QWidget) -> QWidget:
@@ -85,16 +93,27 @@ class SkillsTab(QWidget):
         if self._was_busy and not was_busy:
             self.below.setCurrentWidget(self.goal_view)
 
+    def _show_why(self) -> None:
+        self.why.setPlainText("\n".join(self._task_list.why))
+        self.why.setVisible(bool(self._task_list.why))
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._fit_text()
+
+    def _fit_text(self) -> None:
+        """Follows the text size."""
+        self.why.setMaximumHeight(self.fontMetrics().lineSpacing() * 8)
+
     def settings(self) -> dict[str, Any]:
         return {
-            **self.skills.settings(),
             **self.goals.settings(),
             "across": _text(self.across.saveState()),
             "down": _text(self.down.saveState()),
         }
 
     def restore(self, settings: Mapping[str, Any]) -> None:
-        self.skills.restore(settings)
         self.goals.restore(settings)
         for splitter, name in ((self.across, "across"), (self.down, "down")):
             state = settings.get(name)
@@ -107,7 +126,7 @@ class SkillsTab(QWidget):
 
     def toggle(self) -> None:
         if self.tasks.list.hasFocus():
-            self.tasks.toggle()
+            self.tasks.stop_selected()
         else:
             self.skills.toggle()
 

@@ -53,9 +53,9 @@ class SkillTree(QWidget):
                 top = _item(robot.manager.lstrip("/"), robot.manager, f"Robot {robot.manager}")
                 self.tree.addTopLevelItem(top)
                 for row in robot.skills:
-                    item = _skill_item(row.offer, self._skills)
+                    item = _skill_item(row.offer)
                     top.addChild(item)
-                    item.addChildren([_skill_item(offer, self._skills) for offer in row.children])
+                    item.addChildren([_skill_item(offer) for offer in row.children])
                     self._unfold(item)
                 self._unfold(top)
             if not rows:
@@ -107,8 +107,6 @@ def _item(text: str, key: Any, tip: str) -> QTreeWidgetItem:
     return item
 
 
-def _skill_item(offer: Offer, skills: SkillsPresenter) -> QTreeWidgetItem:
-    count = skills.uses.get(offer.use, 0)
-    started = f"\nstarted {count} time{'s' if count != 1 else ''}" if count else ""
+def _skill_item(offer: Offer) -> QTreeWidgetItem:
     which = "any implementation, as the robot chooses" if not offer.label else f"implementation {offer.label}"
-    return _item(offer.name, offer.key, f"{offer.type}, {which}{started}")
+    return _item(offer.name, offer.key, f"{offer.type}, {which}")

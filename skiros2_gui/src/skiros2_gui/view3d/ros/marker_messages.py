@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import io
-import struct
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import Point, Vector3
 from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker, MarkerArray
+from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker
 
-from skiros2_gui.view3d.markers import AXES, BOX, MESH, TEXT_HEIGHT, ElementMarker, Visual
-from skiros2_gui.view3d.robot_model import CYLINDER, SPHERE, RobotPart
+from skiros2_gui.view3d.markers import AXES, BOX, CYLINDER, MESH, SPHERE, TEXT_HEIGHT, ElementMarker, RobotPart, Visual
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 
 #: The suffix of the namespace of text markers.
@@ -29,7 +24,6 @@ _AXES = (
 )
 _SMALLEST_HANDLES = 0.4  # m; smaller handles are hard to grab
 _TEXT_COLOUR = (1.0, 1.0, 1.0, 1.0)
-_POSE = struct.Struct("<7d")
 _ROBOT_SHAPES = {BOX: Marker.CUBE, CYLINDER: Marker.CYLINDER, SPHERE: Marker.SPHERE, MESH: Marker.MESH_RESOURCE}
 
 
@@ -80,15 +74,31 @@ def robot_marker(part: RobotPart, group: str, number: int) -> Any:
     return marker
 
 
-def text_marker(visual: Visual) -> Any:
-    """Returns the marker of the text; see `shape_marker`."""
-    marker = Marker(ns=visual.group + TEXTS, id=visual.number, action=Marker.ADD, frame_locked=True)
-    marker.type = Marker.TEXT_VIEW_FACING
-    marker.pose = pose_message(IDENTITY)
-    marker.color = ColorRGBA(*_TEXT_COLOUR)
-    marker.scale.z = TEXT_HEIGHT
-    marker.text = visual.text
-    return marker
+def element_markers(marker: ElementMarker) -> list[Any]:
+    """Returns the markers of an element: its shape and its text, or the deletion of a hidden text."""
+    visual = marker.visual
+    shape = shape_marker(visual)
+    shape.header.frame_id = marker.frame
+    shape.pose = pose_message(marker.pose)
+    if marker.lift is None:
+        return [shape, _deletion(visual.group + TEXTS, visual.number)]
+    text = Marker(ns=visual.group + TEXTS, id=visual.number, action=Marker.ADD, frame_locked=True)
+    text.header.frame_id = marker.frame
+    text.type = Marker.TEXT_VIEW_FACING
+    text.pose = pose_message(Pose(marker.text_position, IDENTITY.orientation))
+    text.color = ColorRGBA(*_TEXT_COLOUR)
+    text.scale.z = TEXT_HEIGHT
+    text.text = visual.text
+    return [shape, text]
+
+
+def deletions(visual: Visual) -> list[Any]:
+    """Returns the deletions of the markers of an element."""
+    return [_deletion(group, visual.number) for group in (visual.group, visual.group + TEXTS)]
+
+
+def _deletion(group: str, number: int) -> Any:
+    return Marker(ns=group, id=number, action=Marker.DELETE)
 
 
 def interactive_marker(name: str, marker: ElementMarker) -> Any:
@@ -132,90 +142,5 @@ def interactive_marker(name: str, marker: ElementMarker) -> Any:
 def _turned_to(direction: Vector) -> Any:
     """Returns the orientation of a control along a direction."""
     half = 0.5**0.5
-    return pose_message(Pose((0.0, 0.0, 0.0), (*(half * c for c in direction), half))).orientation  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True)
-class _Packed:
-    """The two serialised markers of an element, split before and after the pose."""
-
-    frame: str
-    visual: Visual
-    shape: tuple[bytes, bytes]
-    text: tuple[bytes, bytes]
-
-    def at(self, marker: ElementMarker) -> tuple[bytes, ...]:
-        (before, after), (text_before, text_after) = self.shape, self.text
-        shape = (before, _POSE.pack(*marker.pose.position, *marker.pose.orientation), after)
-        if marker.lift is None:
-            return (*shape, _delete_marker(marker.visual.group + TEXTS, marker.visual.number))
-        return (*shape, text_before, _POSE.pack(*marker.text_position, *IDENTITY.orientation), text_after)
-
-
-class PackedMarkers:
-    """Serialises the markers of elements. Used by one thread.
-
-    Building a thousand messages takes longer than one frame of a view. A marker is serialised when its visual changes;
-    otherwise only its pose is replaced.
-    """
-
-    def __init__(self) -> None:
-        self._packed: dict[str, _Packed] = {}
-
-    def message(self, changed: Sequence[ElementMarker], removed: Sequence[ElementMarker] = ()) -> PackedMarkerArray:
-        """Returns a message that adds or changes some markers and deletes others."""
-        parts: list[bytes] = [struct.pack("<I", 2 * (len(changed) + len(removed)))]
-        for marker in removed:
-            parts += _delete_markers(marker.visual)
-        self.forget(removed)
-        for marker in changed:
-            packed = self._packed.get(marker.id)
-            if packed is None or packed.frame != marker.frame or packed.visual != marker.visual:
-                packed = self._packed[marker.id] = _Packed(
-                    marker.frame,
-                    marker.visual,
-                    _halves(shape_marker(marker.visual), marker.frame),
-                    _halves(text_marker(marker.visual), marker.frame),
-                )
-            parts += packed.at(marker)
-        return PackedMarkerArray(b"".join(parts))
-
-    def forget(self, removed: Iterable[ElementMarker]) -> None:
-        """Drops the cache of removed elements."""
-        for marker in removed:
-            self._packed.pop(marker.id, None)
-
-
-class PackedMarkerArray(MarkerArray):
-    """A `MarkerArray` that is serialised already; for publishing only."""
-
-    def __init__(self, content: bytes) -> None:
-        super().__init__()
-        self.content = content
-
-    def serialize(self, buff: Any) -> None:
-        buff.write(self.content)
-
-
-def _delete_markers(visual: Visual) -> Iterable[bytes]:
-    for group in (visual.group, visual.group + TEXTS):
-        yield _delete_marker(group, visual.number)
-
-
-def _delete_marker(group: str, number: int) -> bytes:
-    return _bytes(Marker(ns=group, id=number, action=Marker.DELETE))
-
-
-def _halves(marker: Any, frame: str) -> tuple[bytes, bytes]:
-    """Returns the bytes of a marker before and after its pose."""
-    marker.header.frame_id = frame
-    content = _bytes(marker)
-    # header: number and time, frame; then namespace; then id, type and action
-    at = 12 + 4 + len(frame.encode()) + 4 + len(marker.ns.encode()) + 12
-    return content[:at], content[at + _POSE.size :]
-
-
-def _bytes(marker: Any) -> bytes:
-    buffer = io.BytesIO()
-    marker.serialize(buffer)
-    return buffer.getvalue()
+    x, y, z = (half * c for c in direction)
+    return pose_message(Pose((0.0, 0.0, 0.0), (x, y, z, half))).orientation

@@ -16,14 +16,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.shutdown import spin
+from skiros2_common.ros.node import spin
 from skiros2_gui.app.events import ProblemReported
+from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
-from skiros2_gui.app.throttle import Throttle
 from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet, MarkerUpdate
-from skiros2_gui.view3d.markers import ElementMarker, MarkerFactory
-from skiros2_gui.view3d.robot_model import read_robot
-from skiros2_gui.view3d.ros.marker_messages import PackedMarkers, robot_marker
+from skiros2_gui.view3d.markers import MarkerFactory, read_robot
+from skiros2_gui.view3d.ros.marker_messages import deletions, element_markers, robot_marker
 from skiros2_gui.view3d.ros.selected_marker import OnProblem, SelectedMarker
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
@@ -61,7 +60,6 @@ class Markers:
         self._changed = ChangedElements()
         self._factory = MarkerFactory(world.is_subclass, folders)
         self._markers = MarkerSet(self._factory.make)
-        self._packed = PackedMarkers()
         self._send_lock = threading.Lock()  # guards the marker set and what was sent of it
         self._are_labels_stale = False
         self._ending = threading.Event()
@@ -164,20 +162,17 @@ class Markers:
 
     def _send(self, update: MarkerUpdate) -> None:
         if update and self._publisher.get_num_connections():
-            self._publisher.publish(self._packed.message(update.changed, update.removed))
-        else:
-            self._packed.forget(update.removed)
+            removed = [message for marker in update.removed for message in deletions(marker.visual)]
+            changed = [message for marker in update.changed for message in element_markers(marker)]
+            self._publisher.publish(MarkerArray([*removed, *changed]))
 
     # -- in the thread of a new subscriber -----------------------------------------------------------------------
 
     def publish_all(self, publish: Any) -> None:
         """Sends all markers to a new subscriber."""
         with self._send_lock:
-            everything: list[ElementMarker] = list(self._markers.all)
-            if everything:
-                publish(self._packed.message(everything))
-            if self._robots.all:
-                publish(MarkerArray(self._robots.all))
+            markers = [message for marker in self._markers.all for message in element_markers(marker)]
+            publish(MarkerArray([*markers, *self._robots.all]))
         self._wanted.set()
 
 

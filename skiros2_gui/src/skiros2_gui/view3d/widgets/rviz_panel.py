@@ -11,10 +11,11 @@ from typing import Any
 
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtGui import QGuiApplication, QHideEvent, QShowEvent
-from python_qt_binding.QtWidgets import QDockWidget, QLabel, QPushButton, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QDockWidget, QLabel, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ConnectionChanged
 from skiros2_gui.app.system import MASTER, part_of
+from skiros2_gui.app.widgets.controls import push_button
 from skiros2_gui.app.window import Window
 
 log = logging.getLogger(__name__)
@@ -56,10 +57,7 @@ class RvizPanel(QWidget):
         self._message.setObjectName("rvizSaid")
         self._message.setWordWrap(True)
         self._message.setAlignment(Qt.AlignCenter)
-        self._start = QPushButton("Open rviz here")
-        self._start.setObjectName("rvizOpen")
-        self._start.setToolTip("It stays until the window is closed")
-        self._start.clicked.connect(self.open)
+        self._start = push_button("Open rviz here", "rvizOpen", self.open, "It stays until the window is closed")
         self._column.addStretch(1)
         self._column.addWidget(self._message)
         self._column.addWidget(self._start, 0, Qt.AlignHCenter)

@@ -1,13 +1,16 @@
-"""The panel of the selected element: label, properties, relations."""
+"""The panel of the selected element: label, pose, properties, relations."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from python_qt_binding.QtCore import QEvent, Qt
-from python_qt_binding.QtGui import QKeySequence
+from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt
+from python_qt_binding.QtGui import QKeySequence, QWheelEvent
 from python_qt_binding.QtWidgets import (
     QComboBox,
+    QDoubleSpinBox,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLineEdit,
@@ -20,12 +23,120 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
+from skiros2_gui.app.widgets.controls import push_button, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
-from skiros2_gui.world.details import Details, PropertyRow, RelationRow
+from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, RelationRow
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.widgets.dialogs import PropertyDialog, RelationDialog, ValuesDialog
-from skiros2_gui.world.widgets.pose import PoseEditor
 from skiros2_world_model.core.formatting import format_time
+
+_NUMBERS = ("x", "y", "z", "Roll", "Pitch", "Yaw")
+_ANGLE_TIPS = ("The rotation about x", "The rotation about y, after roll", "The rotation about z, after roll and pitch")
+
+#: The delay that combines several steps of a number into one change (ms).
+_WRITE_DELAY = 300
+
+_IDENTITY = PoseDetails((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+
+
+class PoseEditor(QWidget):
+    """Six numbers, written when they have been edited. A pose being edited is not updated.
+
+    :param write: called with position (m) and angles (degrees), three numbers each.
+    :param remove: called to remove the pose.
+    """
+
+    def __init__(self, write: Callable[[list[float], list[float]], None], remove: Callable[[], None]) -> None:
+        super().__init__()
+        self._write = write
+        self._shown = _IDENTITY
+        self.frame = QLabel()
+        self.frame.setTextFormat(Qt.PlainText)
+        self.add = push_button(
+            "Add a pose",
+            "addPoseButton",
+            lambda: write([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+            "Gives it a pose at the origin of its parent",
+        )
+        self.remove = push_button("Remove the pose", "removePoseButton", lambda: remove())
+        self._timer = timer(self, _WRITE_DELAY, self.flush)
+        self.boxes = [_SpinBox(" m", 1e6, 0.01, 4) for _ in range(3)] + [_SpinBox("°", 360.0, 5.0, 3) for _ in range(3)]
+        self._labels = [QLabel(name) for name in _NUMBERS]
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.addWidget(self.frame, 0, 0, 1, 5)
+        grid.addWidget(self.add, 0, 5, 1, 2, Qt.AlignRight)
+        grid.addWidget(self.remove, 0, 5, 1, 2, Qt.AlignRight)
+        for index, (label, box) in enumerate(zip(self._labels, self.boxes, strict=True)):
+            row, column = 1 + index // 3, 2 * (index % 3)
+            label.setAlignment(Qt.AlignRight | Qt.AlignVCenter)
+            grid.addWidget(label, row, column)
+            grid.addWidget(box, row, column + 1, 1, 2 if column == 4 else 1)
+            grid.setColumnStretch(column + 1, 1)
+            box.setObjectName(f"pose{_NUMBERS[index]}")
+            box.setToolTip(_ANGLE_TIPS[index - 3] if index >= 3 else "In the frame of its parent")
+            box.valueChanged.connect(lambda _: self._timer.start())
+            box.editingFinished.connect(self.flush)
+
+    def show_pose(self, pose: PoseDetails | None) -> None:
+        """Shows a pose; None: the element has none."""
+        if self._timer.isActive() or any(box.is_edited for box in self.boxes):
+            return
+        self._shown = pose or _IDENTITY
+        self.frame.setText(f"Pose in {pose.frame}" if pose and pose.frame else "Pose" if pose else "No pose")
+        self.add.setVisible(pose is None)
+        self.remove.setVisible(pose is not None)
+        for label, box, number in zip(self._labels, self.boxes, self._numbers, strict=True):
+            label.setVisible(pose is not None)
+            box.setVisible(pose is not None)
+            with QSignalBlocker(box):
+                box.setValue(number)
+
+    def flush(self) -> None:
+        """Writes numbers that were edited and have not been written."""
+        self._timer.stop()
+        pairs = zip(self.boxes, self._numbers, strict=True)
+        # Unchanged numbers are not rounded.
+        numbers = [old if box.value() == round(old, box.decimals()) else box.value() for box, old in pairs]
+        if numbers != self._numbers:
+            x, y, z, roll, pitch, yaw = numbers
+            self._shown = PoseDetails((x, y, z), (roll, pitch, yaw), self._shown.frame)
+            self._write(numbers[:3], numbers[3:])
+
+    @property
+    def _numbers(self) -> Sequence[float]:
+        return [*self._shown.position, *self._shown.angles]
+
+
+class _SpinBox(QDoubleSpinBox):
+    """The wheel scrolls what is around the box unless it has the focus."""
+
+    def __init__(self, unit: str, most: float, step: float, decimals: int) -> None:
+        super().__init__()
+        self.setDecimals(decimals)
+        self.setRange(-most, most)
+        self.setSingleStep(step)
+        self.setSuffix(unit)
+        self.setAccelerated(True)
+        self.setKeyboardTracking(False)
+        self.setFocusPolicy(Qt.StrongFocus)
+
+    @property
+    def is_edited(self) -> bool:
+        """Whether the user is typing a number."""
+        return bool(self.hasFocus() and self.lineEdit().isModified())
+
+    def textFromValue(self, value: float) -> str:
+        text = super().textFromValue(value)
+        point = self.locale().decimalPoint()
+        return text.rstrip("0").rstrip(point) if point in text else text
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        if self.hasFocus():
+            super().wheelEvent(event)
+        else:
+            event.ignore()
+
 
 _VALUE = 1
 
@@ -48,7 +159,7 @@ class ElementPanel(QWidget):
         self.label_edit.setPlaceholderText("no label")
         self.label_edit.setToolTip("The label: the template it was made from, or a free name. Enter writes it")
         self.label_edit.editingFinished.connect(self._write_label)
-        self.pose = PoseEditor(self._write_pose)
+        self.pose = PoseEditor(self._write_pose, self._remove_pose)
         self.properties = RowsView(
             RowsModel(("Property", "Value", "Unit"), _VALUE, self._write_value, lambda row: _in_place(row)), _VALUE
         )
@@ -70,16 +181,18 @@ class ElementPanel(QWidget):
         self.show_details()
 
     def _lay_out(self) -> None:
-        self.add_property_button = _button("Add property…", "Adds a property", self.add_property)
-        self.remove_property_button = _button(
-            "Remove property", "Removes the selected property (Delete)", self.remove_property
+        self.add_property_button = push_button(
+            "Add property…", "addPropertyButton", self.add_property, "Adds a property"
         )
-        self.add_relation_button = _button("Add relation…", "Adds a relation to another element", self.add_relation)
-        self.remove_relation_button = _button(
-            "Remove relation", "Removes the selected relation (Delete)", self.remove_relation
+        self.remove_property_button = push_button(
+            "Remove property", "removePropertyButton", self.remove_property, "Removes the selected property (Delete)"
         )
-        self.add_property_button.setObjectName("addPropertyButton")
-        self.add_relation_button.setObjectName("addRelationButton")
+        self.add_relation_button = push_button(
+            "Add relation…", "addRelationButton", self.add_relation, "Adds a relation to another element"
+        )
+        self.remove_relation_button = push_button(
+            "Remove relation", "removeRelationButton", self.remove_relation, "Removes the selected relation (Delete)"
+        )
         top = QVBoxLayout()
         top.addWidget(self.heading)
         top.addWidget(self.about)
@@ -174,6 +287,11 @@ class ElementPanel(QWidget):
         if details is not None:
             what = f"pose of {local_name(details.id)}"
             self._presenter.change(what, lambda r: r.set_pose(details.id, position, angles))
+
+    def _remove_pose(self) -> None:
+        details = self._shown
+        if details is not None:
+            self._presenter.change(f"remove pose of {local_name(details.id)}", lambda r: r.remove_pose(details.id))
 
     def _write_value(self, row: PropertyRow, text: str) -> None:
         self._write_values(row.key, [text] if text or row.kind is str else [])
@@ -288,13 +406,6 @@ def _about(details: Details, own: str) -> str:
         who = "this window" if details.author == own else details.author.strip("/")
         words += f"  ·  last changed by {who}, {format_time(details.stamp)}"
     return words
-
-
-def _button(text: str, tip: str, clicked: Any) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.clicked.connect(lambda: clicked())
-    return button
 
 
 def _with_buttons(view: QWidget, *buttons: QPushButton) -> QWidget:

@@ -1,17 +1,151 @@
-"""The validation report, and the history of the selected element."""
+"""SPARQL queries, the validation report, and the history of the selected element."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from python_qt_binding.QtCore import QModelIndex, Qt
+from python_qt_binding.QtGui import QColor, QKeySequence, QTextCursor, QTextFormat
+from python_qt_binding.QtWidgets import (
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QPlainTextEdit,
+    QPushButton,
+    QShortcut,
+    QSplitter,
+    QTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
+from skiros2_gui.app.widgets import theme
+from skiros2_gui.app.widgets.controls import push_button
+from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView, fixed_font
 from skiros2_gui.world.presenter import WorldPresenter
-from skiros2_gui.world.queries import WorldQueries
-from skiros2_world_model.core.formatting import format_time
+from skiros2_gui.world.queries import CONTEXTS, WorldQueries
+from skiros2_world_model.core.formatting import format_time, format_value
+from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.core.report import VIOLATION, WARNING
+
+_CONTEXT_TEXTS = ("the scene and the ontologies", "the scene", "the ontologies")
+_EXAMPLES = (
+    ("All elements of a class", "SELECT ?element ?label WHERE {\n  ?element a skiros:Location .\n"
+     "  OPTIONAL { ?element rdfs:label ?label }\n}"),
+    ("What contains what", "SELECT ?container ?thing WHERE {\n  ?container skiros:contain ?thing\n}"),
+    ("Where things are (m)", "SELECT ?element ?x ?y ?z WHERE {\n  ?element skiros:PositionX ?x ; skiros:PositionY ?y ;"
+     " skiros:PositionZ ?z\n}"),
+    ("How many of each class", "SELECT ?class (COUNT(?element) AS ?number) WHERE {\n  ?element a ?class\n}"
+     " GROUP BY ?class ORDER BY DESC(?number)"),
+)  # fmt: skip
+
+
+class QueryPanel(QWidget):
+    """Executes queries with Ctrl+Enter. A double click on an element in the result selects it."""
+
+    def __init__(self, presenter: WorldPresenter, queries: WorldQueries, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._queries = queries
+        self.box = QPlainTextEdit()
+        self.box.setObjectName("sparqlBox")
+        self.box.setFont(fixed_font())
+        self.box.setTabChangesFocus(True)
+        self.box.setPlaceholderText("SELECT ?element WHERE { ?element a skiros:Location }")
+        self.box.setPlainText(_EXAMPLES[0][1])
+        self.examples = QComboBox()
+        self.examples.setToolTip("Examples and earlier queries")
+        self.examples.activated.connect(self._take_example)
+        self.context = QComboBox()
+        self.context.addItems(_CONTEXT_TEXTS)
+        self.context.setToolTip("The context of the query")
+        self.run = push_button("Run", "sparqlRun", lambda: self.ask(), "Executes the query (Ctrl+Enter)")
+        for key in (Qt.Key_Return, Qt.Key_Enter):
+            QShortcut(QKeySequence(Qt.CTRL + key), self, self.ask, context=Qt.WidgetWithChildrenShortcut)
+        self.table = RowsView(RowsModel(()))
+        self.table.setObjectName("sparqlResult")
+        self.table.doubleClicked.connect(self._go_to)
+        self.message = QLabel()
+        self.message.setObjectName("sparqlSaid")
+        self.message.setWordWrap(True)
+        self.message.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        row = QHBoxLayout()
+        row.addWidget(self.examples, 1)
+        row.addWidget(QLabel("of"))
+        row.addWidget(self.context)
+        row.addWidget(self.run)
+        top = QWidget()
+        above = QVBoxLayout(top)
+        above.setContentsMargins(0, 0, 0, 0)
+        above.addWidget(self.box, 1)
+        above.addLayout(row)
+        above.addWidget(self.message)
+        splitter = QSplitter(Qt.Vertical)
+        splitter.addWidget(top)
+        splitter.addWidget(self.table)
+        splitter.setStretchFactor(1, 2)
+        column = QVBoxLayout(self)
+        column.addWidget(splitter)
+        queries.on_answer = self._show
+        self._fill_examples()
+
+    def ask(self) -> None:
+        """Executes the query."""
+        text = self.box.toPlainText()
+        if text.strip():
+            self.message.setText("Executing…")
+            self._queries.ask(text, CONTEXTS[self.context.currentIndex()])
+
+    def _show(self) -> None:
+        answer, diagnostic = self._queries.answer, self._queries.diagnostic
+        rows = () if answer is None else answer.rows
+        self.table.rows.show_rows(
+            [Row(tuple("" if v is None else format_value(v) for v in row), "", row) for row in rows],
+            answer.names if answer is not None else (),
+        )
+        self.table.resizeColumnsToContents()
+        self._highlight_line(diagnostic.line if diagnostic is not None else 0)
+        if diagnostic is not None:
+            self.message.setText(f"⚠ {diagnostic.text}")
+        else:
+            self.message.setText("1 row" if len(rows) == 1 else f"{len(rows)} rows" if rows else "No rows")
+        self._fill_examples()
+
+    def _highlight_line(self, line: int) -> None:
+        highlights = []
+        block = self.box.document().findBlockByNumber(line - 1) if line else None
+        if block is not None and block.isValid():
+            selection = QTextEdit.ExtraSelection()
+            colour = QColor(theme.role_colour("failure", self))
+            colour.setAlpha(50)
+            selection.format.setBackground(colour)
+            selection.format.setProperty(QTextFormat.FullWidthSelection, True)
+            selection.cursor = QTextCursor(block)
+            highlights.append(selection)
+        self.box.setExtraSelections(highlights)
+
+    def _go_to(self, index: QModelIndex) -> None:
+        cell = self.table.rows.rows[index.row()].item[index.column()]
+        hierarchy = self._presenter.hierarchy
+        if hierarchy is not None and isinstance(cell, str) and cell in hierarchy.scene:
+            self._presenter.select(cell)
+
+    def _fill_examples(self) -> None:
+        self.examples.clear()
+        self.examples.addItem("Examples and earlier queries")
+        for name, text in _EXAMPLES:
+            self.examples.addItem(name, text)
+        for text in self._queries.queries:
+            self.examples.addItem(" ".join(text.split())[:80], text)
+
+    def _take_example(self, row: int) -> None:
+        text = self.examples.itemData(row)
+        if text:
+            self.box.setPlainText(text)
+            self.box.setFocus(Qt.ShortcutFocusReason)
+        self.examples.setCurrentIndex(0)
+
 
 _COLOURS = {VIOLATION: "failure", WARNING: "paused"}
 
@@ -26,20 +160,17 @@ class ReportPanel(QWidget):
         self.message = QLabel("Not validated yet.")
         self.message.setObjectName("validationSaid")
         self.message.setWordWrap(True)
-        self.again = QPushButton("Validate")
-        self.again.setObjectName("validateButton")
-        self.again.setToolTip("Validates the scene against ontologies and shapes")
-        self.again.clicked.connect(lambda: queries.validate())
+        self.again = push_button(
+            "Validate",
+            "validateButton",
+            lambda: queries.validate(),
+            "Validates the scene against ontologies and shapes",
+        )
         self.table = RowsView(RowsModel(("Severity", "Element", "Property", "Message")))
         self.table.setObjectName("validationTable")
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._go_to())
-        row = QHBoxLayout()
-        row.addWidget(self.message, 1)
-        row.addWidget(self.again)
-        column = QVBoxLayout(self)
-        column.addLayout(row)
-        column.addWidget(self.table, 1)
-        queries.hooks.report.append(self._show)
+        _lay_out(self, self.message, self.again, self.table)
+        queries.on_report = self._show
 
     def _show(self) -> None:
         report = self._queries.report
@@ -82,13 +213,8 @@ class HistoryPanel(QWidget):
         self.again.clicked.connect(lambda: self.show_element(is_changed=True))
         self.table = RowsView(RowsModel(("Time", "Author", "Changes")))
         self.table.setObjectName("historyTable")
-        row = QHBoxLayout()
-        row.addWidget(self.message, 1)
-        row.addWidget(self.again)
-        column = QVBoxLayout(self)
-        column.addLayout(row)
-        column.addWidget(self.table, 1)
-        queries.hooks.history.append(self._show)
+        _lay_out(self, self.message, self.again, self.table)
+        queries.on_history = self._show
 
     def showEvent(self, event: Any) -> None:
         super().showEvent(event)
@@ -116,7 +242,8 @@ class HistoryPanel(QWidget):
             self.message.setText(f"{name}: {len(past.entries)} changes, the newest first")
         rows = []
         for entry in past.entries or ():
-            own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]
+            lines = [*([] if entry.action == "change" else [entry.action]), *changed_lines(entry)]
+            own = [line.replace(f"~ {past.eid} ", "~ ") for line in lines]
             author = "this window" if entry.author == self._presenter.author() else entry.author.strip("/")
             tip = "\n".join([f"{format_time(entry.stamp)}, {entry.author}", *own])
             rows.append(Row((format_time(entry.stamp), author, "   ".join(own)), tip, entry.number))
@@ -125,3 +252,12 @@ class HistoryPanel(QWidget):
         most = self.table.fontMetrics().averageCharWidth() * 24
         self.table.setColumnWidth(1, min(self.table.columnWidth(1), most))
         self.table.horizontalHeader().setStretchLastSection(True)
+
+
+def _lay_out(panel: QWidget, message: QLabel, button: QPushButton, table: RowsView) -> None:
+    row = QHBoxLayout()
+    row.addWidget(message, 1)
+    row.addWidget(button)
+    column = QVBoxLayout(panel)
+    column.addLayout(row)
+    column.addWidget(table, 1)

@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtGui import QKeySequence
 from python_qt_binding.QtWidgets import (
     QHBoxLayout,
+    QInputDialog,
     QMenu,
     QShortcut,
     QSplitter,
     QTabWidget,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.system import WORLD_MODEL
+from skiros2_gui.app.widgets.controls import timer, tool_button
 from skiros2_gui.app.window import Window
-from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.presenter import Redraw, WorldPresenter
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED
-from skiros2_gui.world.widgets.dialogs import AddDialog, ClassDialog, FileDialog, RemoveDialog
+from skiros2_gui.world.widgets.dialogs import AddDialog, ClassDialog, RemoveDialog
 from skiros2_gui.world.widgets.element import ElementPanel
-from skiros2_gui.world.widgets.query import QueryPanel
-from skiros2_gui.world.widgets.reports import HistoryPanel, ReportPanel
-from skiros2_gui.world.widgets.scene_model import SceneModel
-from skiros2_gui.world.widgets.scene_tree import ElementFinder, SceneTree
+from skiros2_gui.world.widgets.reports import HistoryPanel, QueryPanel, ReportPanel
+from skiros2_gui.world.widgets.scene_tree import ElementFinder, SceneModel, SceneTree
 from skiros2_world_model.core.scene import ROOT
 
 #: The period of checks for old highlights (ms).
@@ -70,23 +69,16 @@ class WorldTab(QWidget):
         ):
             self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
         self._lay_out()
-        self._highlight_timer = QTimer(self)
-        self._highlight_timer.setInterval(_HIGHLIGHT_PERIOD)
-        self._highlight_timer.timeout.connect(self._expire_highlights)
-        self.presenter.view = self
-        self.show_scene()
-        self.show_undo()
+        self._highlight_timer = timer(self, _HIGHLIGHT_PERIOD, self._expire_highlights, repeats=True)
+        self.presenter.on_change = self._on_change
+        self._on_change(Redraw.SCENE | Redraw.UNDO)
 
     def _lay_out(self) -> None:
-        self.add_button = _tool("Add…", "addButton", "Adds an element under the selected one (Insert)", self.add)
-        self.remove_button = _tool("Remove…", "removeButton", "Removes the selected elements (Delete)", self.remove)
-        self.undo_button = _tool("Undo", "undoButton", "", self.presenter.undo)
-        self.redo_button = _tool("Redo", "redoButton", "", self.presenter.redo)
-        self.file_button = QToolButton()
-        self.file_button.setObjectName("fileButton")
-        self.file_button.setText("Scene")
-        self.file_button.setToolTip("Loads and saves the scene, and validates it")
-        self.file_button.setPopupMode(QToolButton.InstantPopup)
+        self.add_button = tool_button("Add…", "addButton", self.add, "Adds an element under the selected one (Insert)")
+        self.remove_button = tool_button("Remove…", "removeButton", self.remove, "Removes the selected ones (Delete)")
+        self.undo_button = tool_button("Undo", "undoButton", self.presenter.undo)
+        self.redo_button = tool_button("Redo", "redoButton", self.presenter.redo)
+        self.file_button = tool_button("Scene", "fileButton", tip="Loads and saves the scene, and validates it")
         menu = QMenu(self.file_button)
         for text, name, call in (
             ("Load…", "loadAction", self.load),
@@ -159,18 +151,25 @@ class WorldTab(QWidget):
         self.finder.close_finder()
         self._highlight_timer.stop()
 
-    # -- WorldView --------------------------------------------------------------------------------------------
+    # -- showing ----------------------------------------------------------------------------------------------
 
-    def show_scene(self) -> None:
-        self.tree.show_scene()
-        self.show_selection()
-        self.finder.search()
+    def _on_change(self, part: Redraw) -> None:
+        if part & Redraw.SCENE:
+            self.tree.show_scene()
+            self.finder.search()
+        if part & Redraw.DETAILS:
+            self.element.show_details()
+            self.history.show_element()
+        if part & (Redraw.SCENE | Redraw.SELECTION):
+            self._show_selection()
+        if part & Redraw.UNDO:
+            self._show_undo()
+        if part & Redraw.HIGHLIGHTS:
+            self.model.redrawn.emit()
+            if self.presenter.highlights and not self._highlight_timer.isActive():
+                self._highlight_timer.start()
 
-    def show_details(self) -> None:
-        self.element.show_details()
-        self.history.show_element()
-
-    def show_selection(self) -> None:
+    def _show_selection(self) -> None:
         index = self.model.index_of(self.presenter.selected)
         self._is_following = True
         if index.isValid():
@@ -180,7 +179,7 @@ class WorldTab(QWidget):
             self.tree.clearSelection()
         self._is_following = False
 
-    def show_undo(self) -> None:
+    def _show_undo(self) -> None:
         undo_stack = self.presenter.undo_stack
         for button, text, name, keys in (
             (self.undo_button, undo_stack.undo_text, "Undo", "Ctrl+Z"),
@@ -188,12 +187,6 @@ class WorldTab(QWidget):
         ):
             button.setEnabled(bool(text))
             button.setToolTip(f"{name}: {text} ({keys})" if text else f"Nothing to {name.lower()} ({keys})")
-
-    def show_highlights(self, ids: Sequence[str]) -> None:
-        if ids:
-            self.model.redrawn.emit()
-        if self.presenter.highlights and not self._highlight_timer.isActive():
-            self._highlight_timer.start()
 
     def _expire_highlights(self) -> None:
         self.presenter.expire_highlights()
@@ -205,7 +198,7 @@ class WorldTab(QWidget):
     def _select(self) -> None:
         if not self._is_following:
             eid = self.model.element(self.tree.currentIndex())
-            self.presenter.select("" if eid in (TOP, UNPLACED) else eid, self)
+            self.presenter.select("" if eid in (TOP, UNPLACED) else eid, in_tree=True)
 
     def chosen(self) -> list[str]:
         """Returns the selected elements."""
@@ -252,25 +245,33 @@ class WorldTab(QWidget):
 
     def load(self) -> None:
         """Opens the dialog that loads a scene."""
-        note = "⚠ The current scene is replaced for all robots; this cannot be undone. The file is in the workspace"
-        self._open_file(FileDialog("Load a scene", "Load", f"{note} of the world model.", self._file, self), "load")
+        self._ask_file(
+            "Load a scene",
+            "⚠ The current scene is replaced for all robots; this cannot be undone.\nFile in the workspace",
+            self.queries.load,
+        )
 
     def save(self) -> None:
         """Opens the dialog that saves the scene."""
-        note = "The file is written in the workspace of the world model."
-        self._open_file(FileDialog("Save the scene", "Save", note, self._file, self), "save")
+        self._ask_file("Save the scene", "File in the workspace", self.queries.save)
 
     def validate(self) -> None:
         """Validates the scene."""
         self.pages.setCurrentWidget(self.report)
         self.queries.validate()
 
-    def _open_file(self, dialog: FileDialog, what: str) -> None:
-        def chosen(name: str) -> None:
-            self._file = name
-            (self.queries.load if what == "load" else self.queries.save)(name)
+    def _ask_file(self, title: str, label: str, use: Callable[[str], None]) -> None:
+        """Asks for a file in the workspace of the world model, which may be on another machine."""
 
-        dialog.chosen.connect(chosen)
+        def chosen(name: str) -> None:
+            self._file = name.strip()
+            use(self._file)
+
+        dialog = QInputDialog(self)
+        dialog.setWindowTitle(title)
+        dialog.setLabelText(f"{label} of the world model (empty: the last one used)")
+        dialog.setTextValue(self._file)
+        dialog.textValueSelected.connect(chosen)
         self._open(dialog)
 
     def _open(self, dialog: Any) -> None:
@@ -293,12 +294,3 @@ class WorldTab(QWidget):
             menu.addAction(text, call).setEnabled(bool(is_there))
         menu.setAttribute(Qt.WA_DeleteOnClose)
         menu.popup(self.tree.viewport().mapToGlobal(at))
-
-
-def _tool(text: str, name: str, tip: str, clicked: Any) -> QToolButton:
-    button = QToolButton()
-    button.setText(text)
-    button.setObjectName(name)
-    button.setToolTip(tip)
-    button.clicked.connect(lambda: clicked())
-    return button

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from skiros2_bags.command_line import diff_command, run_commands, world_commands
+from skiros2_bags.command_line import commands
 from skiros2_bags.core.run import Run
 from skiros2_common.command_line.command import USAGE, CommandResult, Parser, program, run_command, screen
 from skiros2_common.command_line.layout import Screen
@@ -15,8 +15,8 @@ from skiros2_common.command_line.layout import Screen
 Command = Callable[[Run, argparse.Namespace, Screen], CommandResult]
 
 _TIMES = (
-    "A TIME is 12.5 (s after the start of the bag), -3 (before its end; write --at=-3), 14:05:30, "
-    "'2026-11-21 14:05:30', or s since the epoch."
+    "A TIME is 12.5 (s after the start of the bag), -3 (before its end; write --at=-3), '2026-11-21 14:05:30', or "
+    "s since the epoch."
 )
 
 
@@ -39,10 +39,6 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
     return command, parser
-
-
-def _no_options(parser: argparse.ArgumentParser) -> None:
-    pass
 
 
 def _show(parser: argparse.ArgumentParser) -> None:
@@ -99,16 +95,16 @@ def _restore(parser: argparse.ArgumentParser) -> None:
 
 #: Function, options and help epilogue of each command.
 _COMMANDS: dict[str, tuple[Any, ...]] = {
-    "show": (run_commands.show, _show),
-    "check": (run_commands.check_bag, _no_options, "Status 1: something is missing."),
-    "tasks": (run_commands.tasks, _tasks),
-    "skills": (run_commands.skills, _skills),
-    "world": (world_commands.world, _world, _TIMES),
-    "changes": (world_commands.changes, _changes, _TIMES),
-    "diff": (diff_command.diff, _diff, "Status 1: there are differences."),
-    "plot": (run_commands.plot, _plot),
+    "show": (commands.show, _show),
+    "check": (commands.check_bag, lambda parser: None, "Status 1: something is missing."),
+    "tasks": (commands.tasks, _tasks),
+    "skills": (commands.skills, _skills),
+    "world": (commands.world, _world, _TIMES),
+    "changes": (commands.changes, _changes, _TIMES),
+    "diff": (commands.diff, _diff, "Status 1: there are differences."),
+    "plot": (commands.plot, _plot),
     "restore": (
-        world_commands.restore,
+        commands.restore,
         _restore,
         _TIMES,
         "Status 2: also if the world model rejects the scene; 3: it is not running.",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_bags.core.message import Message
+from skiros2_bags.core.bag_file import Message
 
 #: Names of the goal states of actionlib, by number.
 STATUS = ("pending", "active", "preempted", "succeeded", "aborted", "rejected", "preempting", "recalling", "recalled",

@@ -3,27 +3,30 @@
 Runs are matched by order: the n-th task of a robot with the n-th task of that robot, the n-th change by an author with
 the n-th change by that author. The order between robots is not compared. A sequence is compared up to its first
 difference, since one missing entry shifts the rest. Pose updates are not compared one by one, only the final poses.
+
+Time stamps are not compared, measured numbers within a tolerance, and names of skill managers without the leading
+slash.
 """
 
 from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
-from skiros2_bags.core.message import MONITOR, PROGRESS
+from skiros2_bags.core.bag_file import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.world_diff import diff_changes, diff_elements, summary
 from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.core.names import id_order
 from skiros2_common.core.world_element import Element
 from skiros2_runs.core.compare import compare_task_runs
 from skiros2_runs.core.task_run import TaskRun
-from skiros2_runs.core.tolerance import NARROW, Tolerance
-from skiros2_world_model.core.apply_change import apply_change
+from skiros2_runs.core.tolerance import NARROW, Tolerance, same_values
 from skiros2_world_model.core.changes import UPDATE, Change
+from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 
 _NOTHING = "nothing more"
@@ -206,16 +209,72 @@ def _only_moves(scene: Scene, change: Change) -> bool:
 
 def _is_moved(before: Element | None, after: Element) -> bool:
     """Whether two versions of an element differ in nothing but the pose."""
-    if before is None or (before.type, before.label) != (after.type, after.label) or _facts(before) != _facts(after):
+    if before is None or (before.type, before.label) != (after.type, after.label):
+        return False
+    if _facts(before._rels) != _facts(after._rels):
         return False
     keys = {*before._props, *after._props}
     return all(_POSE.fullmatch(key) for key in keys if _values(before, key) != _values(after, key))
 
 
-def _facts(element: Element) -> set[tuple[str, ...]]:
-    return {(r["src"], r["type"], r["dst"]) for r in element._rels}
-
-
 def _values(element: Element, key: str) -> list[object] | None:
     prop = element._props.get(key)
     return prop.values if prop is not None else None
+
+
+#: The property with the name of a robot's skill manager; with a leading slash in older bags.
+_MANAGER = "skiros:SkillMgr"
+
+#: Properties that differ in every run.
+STAMPS = frozenset({"skiros:TfTimeStamp"})
+
+
+def diff_elements(
+    expected: Element, got: Element, tolerance: Tolerance, ignored: Collection[str] = STAMPS
+) -> list[str]:
+    """Returns the differences between two elements, one line each.
+
+    :param ignored: keys of properties that are not compared.
+    """
+    lines = []
+    if (expected.type, expected.label) != (got.type, got.label):
+        lines.append(f"is {got.type} {got.label!r}, expected {expected.type} {expected.label!r}")
+    for key in sorted({*expected._props, *got._props} - set(ignored)):
+        wanted, found = (e._props[key].values if key in e._props else [] for e in (expected, got))
+        if key == _MANAGER:
+            wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
+        if not same_values(wanted, found, tolerance):
+            lines.append(f"{key} is {_format_values(found)}, expected {_format_values(wanted)}")
+    wanted_relations, found_relations = _relations(expected), _relations(got)
+    lines += [f"lacks {' '.join(relation)}" for relation in sorted(wanted_relations - found_relations)]
+    return lines + [f"has {' '.join(relation)}" for relation in sorted(found_relations - wanted_relations)]
+
+
+def diff_changes(expected: Change, got: Change, tolerance: Tolerance) -> list[str]:
+    """Returns the differences between two changes, one line each."""
+    wanted, found = {e.id: e for e in expected.elements}, {e.id: e for e in got.elements}
+    if (expected.action, wanted.keys()) != (got.action, found.keys()):
+        return [f"{summary(got)}, expected {summary(expected)}"]
+    lines = [f"{eid} {line}" for eid in wanted for line in diff_elements(wanted[eid], found[eid], tolerance)]
+    if _facts(expected.relations) != _facts(got.relations):
+        lines.append(f"{summary(got)}, expected {summary(expected)}")
+    return lines
+
+
+def summary(change: Change) -> str:
+    """Returns the action of a change and the ids of its elements, in one line."""
+    parts = [e.id for e in change.elements] + [" ".join(fact) for fact in sorted(_facts(change.relations))]
+    return f"{change.action} {', '.join(parts) or 'of the ontologies'}"
+
+
+def _relations(element: Element) -> set[tuple[str, str, str]]:
+    facts = _facts(element._rels)
+    return {tuple(element.id if end == "-1" else end for end in fact) for fact in facts}  # type: ignore[misc]
+
+
+def _facts(relations: Sequence[Any]) -> set[tuple[str, str, str]]:
+    return {(r["src"], r["type"], r["dst"]) for r in relations}
+
+
+def _format_values(values: Sequence[Any]) -> str:
+    return ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values) or "not there"

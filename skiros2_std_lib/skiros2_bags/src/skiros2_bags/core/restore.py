@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add, Operation, Relate, Remove, Update
 from skiros2_world_model.core.scene import ROOT, Scene
+
+
+class SceneEditor(Protocol):
+    """The calls of a world model's client that restoring uses."""
+
+    def resolve_elements(self, description: Element, /) -> Sequence[Element]: ...
+    def transact(self, operations: Sequence[Operation], /) -> object: ...
 
 
 @dataclass(frozen=True)
@@ -21,12 +28,11 @@ class Restored:
     removed: int
 
 
-def restore(wm: Any, scene: Scene) -> Restored:
+def restore(wm: SceneEditor, scene: Scene) -> Restored:
     """Replaces the scene of a world model, in one transaction.
 
     Elements keep their ids. The skills that running skill managers have registered are replaced too.
 
-    :param wm: a `WorldModelAbstractInterface`.
     :raises WmException: the world model does not answer, or rejects the scene: a name is not in its ontologies, for
         example.
     """

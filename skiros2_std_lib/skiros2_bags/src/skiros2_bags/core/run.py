@@ -1,8 +1,9 @@
-"""A recorded run: world model, tasks, skills, actions and goals."""
+"""A recorded run: world model, tasks, skills, actions and goals; and whether its bag is complete."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -15,9 +16,7 @@ from skiros2_bags.core.action_call import (
     action_topics,
     planning_goals,
 )
-from skiros2_bags.core.bag_file import BagFile
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.message import MONITOR, PROGRESS, Message
+from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, BagFile, Message
 from skiros2_bags.core.world_history import TimedChange, timed_changes, world_at
 from skiros2_runs.core.history import SkillRun, skill_runs
 from skiros2_runs.core.runs import Runs
@@ -161,3 +160,72 @@ def add_progress(runs: Runs, message: Message) -> Recorded | None:
         begin = f"begins with node {nodes[0].id}, expected its root"
         raise BagError(f"{message.location}: the progress of task {nodes[0].task_id} {begin}")
     return runs.record(nodes[0].robot or message.topic.removesuffix("/monitor") if nodes else "", nodes, message.time)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The result of one check.
+
+    :param holds: whether the check passed.
+    :param text: for people.
+    """
+
+    holds: bool
+    text: str
+
+
+def check(run: Run) -> list[Finding]:
+    """Checks the file, the continuity of the world model's changes, the tasks and the goals of actions."""
+    findings = [Finding(False, run.damage) if run.damage else Finding(True, "the file is whole")]
+    for check_part in (_check_world, _check_tasks, _check_actions):
+        try:
+            findings += check_part(run)
+        except BagError as error:
+            findings.append(Finding(False, str(error)))
+    return findings
+
+
+def _check_world(run: Run) -> Iterator[Finding]:
+    if MONITOR not in run.topics.values():
+        yield Finding(False, "no change of a world model was recorded")
+        return
+    changes = run.changes()
+    gaps = [timed for timed in changes if timed.gap]
+    yield from (Finding(False, f"at {_time(run, timed.time)} {timed.gap}") for timed in gaps)
+    if not gaps:
+        elements = len(changes[0].change.elements) if changes else 0
+        yield Finding(
+            True, f"{len(changes)} changes follow one another without a gap, from a scene of {elements} elements"
+        )
+
+
+def _check_tasks(run: Run) -> Iterator[Finding]:
+    if PROGRESS not in run.topics.values():
+        yield Finding(True, "no task was run")
+        return
+    tasks = run.tasks()
+    late = [task for task in tasks if not task.is_complete]
+    for task in late:
+        yield Finding(False, f"{task.robot}, task {task.task_id}: it was running before {_time(run, task.start)}")
+    if not late:
+        running = [f"task {task.task_id} of {task.robot}" for task in tasks if not task.latest.has_ended]
+        ended = f"; not ended: {', '.join(running)}" if running else ""
+        yield Finding(True, f"{len(tasks)} tasks are complete from their start{ended}")
+
+
+def _check_actions(run: Run) -> Iterator[Finding]:
+    calls = run.actions()
+    bad = 0
+    for call in calls:
+        if call.goal is None:
+            bad += 1
+            yield Finding(False, f"{call.name}: the goal {call.goal_id!r} was sent before the recorder subscribed")
+        elif call.status is None:
+            bad += 1
+            yield Finding(False, f"{call.name}: no answer to the goal sent at {_time(run, call.goal.time)}")
+    if not bad:
+        yield Finding(True, f"{len(calls)} goals of actions are complete, each with an answer")
+
+
+def _time(run: Run, time: float) -> str:
+    return f"{time - run.start:.3f} s"

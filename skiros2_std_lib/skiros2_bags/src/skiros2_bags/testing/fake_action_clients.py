@@ -14,13 +14,11 @@ from skiros2_bags.testing.recording import ActionMessage, Recording, TaskProgres
 from skiros2_runs.core.frame import NodeProgress
 from skiros2_runs.core.states import ENDS, RUNNING, SUCCESS
 from skiros2_runs.core.tolerance import Tolerance, same_text
+from skiros2_std_skills.action_client_primitive import GOAL_SENT, WAITING
 
 #: Largest time in the bag between a message of an action and the progress message of its tick (s). Recorders and nodes
 #: on a busy machine lag; the progress of the node determines the tick.
 LAG = 0.25
-
-#: Messages of a primitive in the tick in which it sends a goal, and in the ticks before.
-GOAL_SENT, WAITING = "Goal sent", "Waiting for the action server"
 
 #: Returns the recorded nodes of a skill before and after a tick.
 StatesOf = Callable[[Any], tuple[NodeProgress | None, NodeProgress | None]]

@@ -8,11 +8,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from skiros2_bags.core.world_history import world_at
-from skiros2_bags.testing.recording import Recording, WorldChange
+from skiros2_bags.testing.recording import Recording
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges, RelationDict
 from skiros2_common.ros.reasoners import new_reasoners
-from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import (
     ADD,
     REMOVE,
@@ -29,7 +28,8 @@ from skiros2_world_model.core.changes import (
 )
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
-from skiros2_world_model.core.scene import ROOT, Scene
+from skiros2_world_model.core.replica import apply_change
+from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model import WorldModel
 
 #: A property of skills.
@@ -61,7 +61,10 @@ def world_model_with(scene: Scene, workspace: Path | None) -> WorldModel:
     declaring = LocalWorldModel(AUTHOR, model)
     for name in sorted({node.type for node in scene if _MODULE in node.properties}):
         declaring.add_class(name, "skiros:Skill")  # declared by the manager, not in a file
-    model.transact(scene_operations(scene, model.scene()), AUTHOR)
+    empty, elements = model.scene(), [element for node in scene if (element := scene.element(node.id)) is not None]
+    bare = [Element.shared(e.type, e.label, e.id, e._props, ()).copy() for e in elements]
+    operations: list[Operation] = [Update(e) if e.id in empty else Add(e) for e in bare]
+    model.transact([*operations, *(Relate(*relation) for relation in scene.relations())], AUTHOR)
     model.scene().reserve(scene.next_number)
     return model
 
@@ -121,26 +124,6 @@ def _relations_of(element: Element) -> set[tuple[str, str, str]]:
         (element.id if r["src"] == "-1" else r["src"], r["type"], element.id if r["dst"] == "-1" else r["dst"])
         for r in element._rels
     }
-
-
-def group_requests(events: Sequence[WorldChange]) -> list[list[WorldChange]]:
-    """Groups consecutive changes with the same author and stamp: they are from one request."""
-    requests: list[list[WorldChange]] = []
-    for event in events:
-        last = requests[-1][-1].change if requests else None
-        if last is not None and (last.author, last.stamp) == (event.change.author, event.change.stamp):
-            requests[-1].append(event)
-        else:
-            requests.append([event])
-    return requests
-
-
-def scene_operations(scene: Scene, empty: Scene) -> list[Operation]:
-    """Returns the operations that create a scene in a scene with at most a root."""
-    elements = [scene.element(node.id) for node in scene]
-    bare = [Element.shared(e.type, e.label, e.id, e._props, ()) for e in elements if e is not None]
-    operations: list[Operation] = [Update(e.copy()) if e.id in empty or e.id == ROOT else Add(e.copy()) for e in bare]
-    return [*operations, *(Relate(*relation) for relation in scene.relations())]
 
 
 def _writable(element: Element) -> Element:

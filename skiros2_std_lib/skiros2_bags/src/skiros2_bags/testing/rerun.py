@@ -23,20 +23,28 @@ from types import TracebackType
 import actionlib
 import rospy
 
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.world_diff import diff_changes, summary
+from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.diff import diff_changes, summary
 from skiros2_bags.testing.fake_action_clients import RecordedActions
-from skiros2_bags.testing.recorded_task import RecordedTask, recorded_tasks, task_changes, tick_times
 from skiros2_bags.testing.recorded_world import add_reasoners, input_operations, scene_before, world_model_with
-from skiros2_bags.testing.recording import ActionMessage, ClockTick, Event, Recording, TaskProgress, WorldChange
-from skiros2_bags.testing.replay_settings import ReplayResult, Settings
-from skiros2_bags.testing.rerun_manager import RerunManager
-from skiros2_bags.testing.rerun_task import RerunTask
-from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_bags.testing.recording import (
+    ActionMessage,
+    ClockTick,
+    Event,
+    RecordedTask,
+    Recording,
+    TaskProgress,
+    WorldChange,
+    recorded_tasks,
+    task_changes,
+    tick_times,
+)
+from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
+from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
-from skiros2_runs.core.tolerance import Tolerance
+from skiros2_runs.core.tolerance import NARROW, Tolerance
 from skiros2_skill.testing.fake_clock import FakeClock
-from skiros2_skill.testing.replace import replaced
+from skiros2_skill.testing.faults import replaced
 from skiros2_world_model.core.changes import Change
 
 #: Messages closer than this in the bag may have arrived in another order (s).
@@ -44,6 +52,45 @@ WINDOW = 0.02
 
 #: Uncertainty of the time of a tick (s); plus one clock step in simulated time.
 JITTER = 0.005
+
+
+#: The most event orders tried by default. Each takes at most as long as the first pass. The five recorded runs in
+#: tests/bags need 1 each.
+MAX_ORDERS = 20
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a re-run.
+
+    :param workspace: folder of additional ontologies for the scene; None for the recorded parameter `workspace_dir` of
+        the world model.
+    :param played: labels of primitives that are replaced by their recorded progress. Primitives that call services are
+        always replaced, since bags do not contain answers of services.
+    :param tolerance: of measured numbers.
+    :param max_orders: the most orders of nearly simultaneous events to try.
+    """
+
+    workspace: Path | None = None
+    played: frozenset[str] = frozenset()
+    tolerance: Tolerance = NARROW
+    max_orders: int = MAX_ORDERS
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """The result of a re-run.
+
+    :param divergence: the first one; None without one.
+    :param orders: the number of event orders that were tried.
+    """
+
+    divergence: Divergence | None
+    orders: int = 1
+
+    def __str__(self) -> str:
+        text = "as recorded" if self.divergence is None else str(self.divergence)
+        return text if self.orders == 1 else f"{text}\n{self.orders} event orders were tried"
 
 
 @dataclass(frozen=True)
@@ -56,6 +103,19 @@ class Ordering:
 
     orders: tuple[tuple[int, float], ...] = ()
     time_shifts: tuple[tuple[int, float], ...] = ()
+
+
+def replay(bag: Path, settings: Settings) -> ReplayResult:
+    """Re-runs all tasks of a bag.
+
+    :raises BagError: the bag lacks required messages.
+    :raises SkirosError: the re-run fails.
+    """
+    recording = Recording(bag)
+    if settings.workspace is None:
+        folder = str(recording.parameters.get("/wm/workspace_dir", ""))
+        settings = replace(settings, workspace=Path(folder) if folder and Path(folder).is_dir() else None)
+    return rerun(recording, settings)
 
 
 def rerun(recording: Recording, settings: Settings) -> ReplayResult:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from skiros2_sim.core.bullet import Bullet
+from skiros2_sim.core.bullet import Bullet, Joint, finite
 from skiros2_sim.core.gripper import Gripper
-from skiros2_sim.core.joint import Joint, finite
 from skiros2_sim.core.robot_model import ArmModel
 from skiros2_std_reasoners.core.geometry import Pose, Vector, conjugated, rotated
 

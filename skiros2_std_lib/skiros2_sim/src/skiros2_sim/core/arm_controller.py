@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.arm_kinematics import ArmKinematics, ChainJoint, difference
-from skiros2_sim.core.joint import finite
+from skiros2_sim.core.bullet import finite
 from skiros2_sim.core.motion import Outcome
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import PyKDL
 
-from skiros2_sim.core.computation import Pieces, complete
+from skiros2_sim.core.motion import Pieces, complete
 from skiros2_std_reasoners.core.geometry import Pose, angle_between, normalized
 
 Array = npt.NDArray[np.float64]

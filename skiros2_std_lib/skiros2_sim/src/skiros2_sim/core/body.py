@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.load_test import load_error
-from skiros2_sim.core.model_files import MESHES, find_model
 from skiros2_sim.core.robot import load_urdf, place_root, root_pose
 from skiros2_sim.core.scene_spec import BodySpec, Colour
-from skiros2_sim.core.urdf import read_urdf
+from skiros2_sim.core.urdf import MESHES, find_model, read_urdf
 from skiros2_std_reasoners.core.geometry import Pose, Vector
 
 _DENSITY = 600.0  # kg/m3, of wood

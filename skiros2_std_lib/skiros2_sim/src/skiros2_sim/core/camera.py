@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_sim.core.box_fit import quaternion_of
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, rotated
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Quaternion, composed, rotated
 
 #: Near and far clipping plane (m).
 NEAR = 0.02
@@ -174,6 +174,12 @@ def looking_at(eye: Sequence[float], target: Sequence[float]) -> Pose:
     x = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array((1.0, 0.0, 0.0))
     position = (float(eye[0]), float(eye[1]), float(eye[2]))
     return Pose(position, quaternion_of(np.stack((x, np.cross(z, x), z), axis=1)))
+
+
+def quaternion_of(rotation: npt.NDArray[np.float64]) -> Quaternion:
+    """Converts a rotation matrix to a quaternion with w >= 0."""
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
+    return float(x), float(y), float(z), float(w)
 
 
 def _segments(bodies: npt.NDArray[np.int32], world: World) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:

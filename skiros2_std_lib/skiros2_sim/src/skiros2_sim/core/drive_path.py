@@ -1,15 +1,17 @@
 """Plans a path for a mobile base around obstacles on the floor.
 
 The base is a rectangle that turns in place and drives forward or backward. Between two poses it is planned as its
-circumscribed circle, so that it can turn everywhere. Near start and goal, where it stands at a workstation, it is
-planned as the rectangle and drives straight in and out.
+circumscribed circle, so that it can turn everywhere: the shortest path in the visibility graph of the obstacles,
+which are enlarged by the circle's radius (T. Lozano-Perez and M. Wesley, "An algorithm for planning collision-free
+paths among polyhedral obstacles", 1979). Near start and goal, where it stands at a workstation, it is planned as the
+rectangle and drives straight in and out.
 
-A path is planned in pieces (`computation`). The longest piece is SciPy's search in the grid map: 13 ms for the largest
-map, of 12.5 m, where a search in Python would take 0.4 s.
+A path is planned in pieces (`motion.Pieces`) of at most about 1 ms.
 """
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,29 +19,20 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from skiros2_common.core.errors import Refused
-from skiros2_sim.core.computation import Pieces, complete
+from skiros2_sim.core.motion import Pieces, complete
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.integer]
 
-#: Cell size of the grid map (m), and its border around the relevant area (m).
-_CELL = 0.05
-_AROUND = 2.0
-#: Maximum number of cells per side; larger maps have larger cells.
-_MAX_CELLS = 250
-#: Maximum length of a straight exit from a narrow pose (m).
-_WAY_OUT = 2.0
+#: Period of the tried lengths of a straight exit from a narrow pose, and its maximum (m).
+_STEP, _WAY_OUT = 0.05, 2.0
 #: Clearance to obstacles on the path (m), and in narrow poses.
 _MARGIN = 0.05
 _TIGHT = 0.01
-#: Number of rows of the grid map in one piece of the search.
-_ROWS = 25
-#: Part of the clearance that a straight line between cells may use (m).
-_CUT = 0.04
+#: Distance of a path's corners from the enlarged obstacles (m).
+_BESIDE = 0.005
 
 
 class Pose2D(NamedTuple):
@@ -69,6 +62,15 @@ class Obstacle:
         outside_y = np.maximum(np.abs(c * dy - s * dx) - self.half_y, 0.0)
         distance: Array = np.hypot(outside_x, outside_y)
         return distance
+
+    def octagon(self, radius: float) -> tuple[Array, Array]:
+        """Returns the octagon around all points closer than a radius (m): outward normals (8 x 2), counterclockwise,
+        and the distances of its edges from the origin."""
+        half = self.half_x, self.half_y
+        angles = np.arange(8) * (math.pi / 4)
+        normals = np.stack((np.cos(angles + self.yaw), np.sin(angles + self.yaw)), axis=1)
+        reach = np.abs(np.cos(angles)) * half[0] + np.abs(np.sin(angles)) * half[1] + radius
+        return normals, reach + normals @ (self.x, self.y)
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,10 @@ class Floor:
     def __init__(self, footprint: Footprint, obstacles: Sequence[Obstacle]) -> None:
         self._outline = footprint.outline()
         self._obstacles = tuple(obstacles)
-        self._free_radius = footprint.radius + _MARGIN
+        octagons = [o.octagon(footprint.radius + _MARGIN) for o in obstacles]
+        #: Where the base cannot turn: normals (n x 8 x 2) and distances from the origin (n x 8) of the octagons' edges.
+        self._normals = np.array([normals for normals, _ in octagons]).reshape(-1, 8, 2)
+        self._reach = np.array([reach for _, reach in octagons]).reshape(-1, 8)
 
     def collision_at(self, pose: Pose2D) -> str | None:
         """Returns the id of the obstacle that the base collides with at a pose; None without one."""
@@ -149,8 +154,7 @@ class Floor:
         out = yield from self._way_out(start, "start")
         into = yield from self._way_out(goal, "goal")
         # exit from the start, path to the exit of the goal, and the exit of the goal in reverse
-        grid = _Grid(self._obstacles, out.pose, into.pose, self._free_radius)
-        points = yield from grid.search(out.pose, into.pose)
+        points = yield from self._search(out.pose, into.pose)
         legs = [Leg(out.pose.x, out.pose.y, out.backward)] if out.length else []
         legs += [Leg(x, y, False) for x, y in points]
         if into.length:
@@ -182,9 +186,9 @@ class Floor:
         """Returns the nearest pose straight ahead or behind where the base can turn."""
         blocking = None
         others = self._not_touched(pose)
-        for step in range(int(_WAY_OUT / _CELL) + 1):
+        for step in range(int(_WAY_OUT / _STEP) + 1):
             for backward in (True, False):
-                length = step * _CELL
+                length = step * _STEP
                 sign = -length if backward else length
                 free = Pose2D(pose.x + sign * math.cos(pose.yaw), pose.y + sign * math.sin(pose.yaw), pose.yaw)
                 if self._near(free.x, free.y) is not None:
@@ -198,11 +202,68 @@ class Floor:
 
     def _near(self, x: float, y: float) -> str | None:
         """Returns the id of an obstacle that prevents a turn at a point; None without one."""
-        at = np.array([x]), np.array([y])
-        for obstacle in self._obstacles:
-            if obstacle.distance(*at)[0] < self._free_radius:
-                return obstacle.id
-        return None
+        near = np.flatnonzero((self._normals @ (x, y) < self._reach).all(axis=1))
+        return self._obstacles[near[0]].id if len(near) else None
+
+    def _search(self, start: Pose2D, goal: Pose2D) -> Pieces[list[tuple[float, float]]]:
+        """Returns the corners of the shortest path of the circle, without the start (Dijkstra's algorithm).
+
+        :raises Refused: there is none.
+        """
+        points = np.vstack(((start.x, start.y), (goal.x, goal.y), self._corners()))
+        lengths, before, closed = {0: 0.0}, {0: 0}, set()
+        waiting = [(0.0, 0)]
+        blocking = np.zeros(len(self._obstacles), dtype=bool)
+        while waiting:
+            length, here = heapq.heappop(waiting)
+            if here in closed:
+                continue
+            closed.add(here)
+            if here == 1:
+                path = [here]
+                while before[path[-1]] != 0:
+                    path.append(before[path[-1]])
+                return [(float(points[k, 0]), float(points[k, 1])) for k in reversed(path)]
+            blocked = self._blocked(points[here], points)
+            blocking |= blocked.any(axis=0)
+            distances = np.hypot(*(points - points[here]).T)
+            for there in np.flatnonzero(~blocked.any(axis=1)).tolist():
+                further = length + float(distances[there])
+                if further < lengths.get(there, math.inf):
+                    lengths[there], before[there] = further, here
+                    heapq.heappush(waiting, (further, there))
+            yield
+        raise Refused(f"no path to the goal: {self._names(np.flatnonzero(blocking), goal)} in the way")
+
+    def _corners(self) -> Array:
+        """Returns the corners of all octagons where the base can turn (n x 2)."""
+        reach = self._reach + _BESIDE
+        # the intersection of an edge with the next one, which is turned by an eighth
+        along = (np.roll(reach, -1, axis=1) - reach * math.cos(math.pi / 4)) / math.sin(math.pi / 4)
+        tangents = np.stack((-self._normals[..., 1], self._normals[..., 0]), axis=-1)
+        corners = (reach[..., None] * self._normals + along[..., None] * tangents).reshape(-1, 2)
+        inside = (np.einsum("oek,ck->coe", self._normals, corners) < self._reach).all(axis=2).any(axis=1)
+        free: Array = corners[~inside]
+        return free
+
+    def _blocked(self, start: Array, ends: Array) -> npt.NDArray[np.bool_]:
+        """Returns which octagons (columns) block the straight lines from a point to others (rows)."""
+        ahead = self._reach - self._normals @ start  # distance to each edge's line, o x e; negative outside
+        speed = np.einsum("oek,ck->coe", self._normals, ends - start)  # towards it
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = ahead / speed
+        entry = np.where(speed < 0, crossing, np.where((speed == 0) & (ahead <= 0), np.inf, -np.inf)).max(axis=2)
+        leaving = np.where(speed > 0, crossing, np.inf).min(axis=2)
+        blocked: npt.NDArray[np.bool_] = np.maximum(entry, 0.0) < np.minimum(leaving, 1.0)
+        return blocked
+
+    def _names(self, indices: Indices, goal: Pose2D) -> str:
+        """Names obstacles, the nearest to the goal first."""
+        at = np.array([goal.x]), np.array([goal.y])
+        found = sorted((self._obstacles[k] for k in indices), key=lambda o: float(o.distance(*at)[0]))
+        names = [repr(obstacle.id) for obstacle in found]
+        rest = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        return f"{', '.join(names[:3])}{rest} {'is' if len(names) == 1 else 'are'}"
 
     def _not_touched(self, pose: Pose2D) -> list[Obstacle]:
         """Returns the obstacles that the base does not touch at a pose."""
@@ -213,131 +274,6 @@ class _WayOut(NamedTuple):
     pose: Pose2D
     backward: bool
     length: float
-
-
-class _Grid:
-    """A grid map around start, goal and obstacles."""
-
-    def __init__(self, obstacles: Sequence[Obstacle], start: Pose2D, goal: Pose2D, radius: float) -> None:
-        reach = _AROUND + radius
-        near = [o for o in obstacles if _is_near(o, start, goal)]
-        spread = [math.hypot(o.half_x, o.half_y) for o in near]
-        xs = [start.x, goal.x, *(o.x - r for o, r in zip(near, spread, strict=True))]
-        xs += [o.x + r for o, r in zip(near, spread, strict=True)]
-        ys = [start.y, goal.y, *(o.y - r for o, r in zip(near, spread, strict=True))]
-        ys += [o.y + r for o, r in zip(near, spread, strict=True)]
-        self._x0, self._y0 = min(xs) - reach, min(ys) - reach
-        width, height = max(xs) + reach - self._x0, max(ys) + reach - self._y0
-        self._cell = max(_CELL, width / _MAX_CELLS, height / _MAX_CELLS)
-        self._columns, self._rows = math.ceil(width / self._cell) + 1, math.ceil(height / self._cell) + 1
-        self._blocked = np.zeros((self._rows, self._columns), dtype=bool)
-        self._obstacles, self._radius = tuple(obstacles), radius
-
-    def search(self, start: Pose2D, goal: Pose2D) -> Pieces[list[tuple[float, float]]]:
-        """Returns the corners of the shortest path of the circle, without the start.
-
-        :raises Refused: there is none.
-        """
-        for obstacle in self._obstacles:
-            self._block(obstacle)
-            yield
-        first, last = self._square(start), self._square(goal)
-        for square in (first, last):
-            # the pose is free, its cell may not be
-            self._blocked[square] = False
-        if self._sees((start.x, start.y), (goal.x, goal.y)):
-            return [(goal.x, goal.y)]
-        graph = yield from self._graph()
-        source, target = self._node(first), self._node(last)
-        lengths, before = dijkstra(graph, indices=source, return_predecessors=True)
-        yield
-        if not math.isfinite(lengths[target]):
-            reached = np.flatnonzero(np.isfinite(lengths))
-            raise Refused(f"no path to the goal: {self._enclosing(reached, goal)} in the way")
-        nodes = [target]
-        while nodes[-1] != source:
-            nodes.append(int(before[nodes[-1]]))
-        corners = [a for a, b, c in zip(nodes[1:], nodes, nodes[2:], strict=False) if a - b != c - a]
-        xs, ys = self._points(np.array([source, *corners[::-1], target]))
-        points = list(zip(xs.tolist(), ys.tolist(), strict=True))
-        points[0], points[-1] = (start.x, start.y), (goal.x, goal.y)
-        return (yield from self._cut(points))
-
-    def _block(self, obstacle: Obstacle) -> None:
-        """Marks the cells near an obstacle."""
-        # no obstacle fits between neighbouring free cells: coarse maps need more clearance
-        cell, clearance = self._cell, self._radius + self._cell - _CELL
-        reach = math.hypot(obstacle.half_x, obstacle.half_y) + clearance
-        rows, columns = (
-            slice(max(0, math.floor((at - reach - low) / cell)), max(0, math.ceil((at + reach - low) / cell) + 1))
-            for at, low in ((obstacle.y, self._y0), (obstacle.x, self._x0))
-        )
-        x = self._x0 + np.arange(self._columns, dtype=np.float64)[None, columns] * cell
-        y = self._y0 + np.arange(self._rows, dtype=np.float64)[rows, None] * cell
-        self._blocked[rows, columns] |= obstacle.distance(x, y) < clearance
-
-    def _graph(self) -> Pieces[csr_array]:
-        """Returns the steps between free cells as a graph, in pieces of some rows. A border of blocked cells makes all
-        neighbours exist."""
-        free = np.pad(~self._blocked, ((1, 2), (1, 1))).ravel()
-        width = self._columns + 2
-        ways = [(dr, dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if (dr, dc) != (0, 0)]
-        offsets = np.array([dr * width + dc for dr, dc in ways])
-        lengths = np.array([math.hypot(*way) for way in ways])
-        counts = [np.zeros(width + 1, dtype=np.int64)]
-        neighbours, weights = [], []
-        for row in range(1, self._rows + 1, _ROWS):
-            nodes = np.arange(row * width, min(row + _ROWS, self._rows + 1) * width)
-            around = nodes[:, None] + offsets
-            are_steps = free[nodes, None] & free[around]
-            counts.append(are_steps.sum(axis=1))
-            neighbours.append(around[are_steps])
-            weights.append(np.broadcast_to(lengths, around.shape)[are_steps])
-            yield
-        counts.append(np.zeros(2 * width, dtype=np.int64))
-        ends = np.cumsum(np.concatenate(counts))
-        return csr_array((np.concatenate(weights), np.concatenate(neighbours), ends), shape=(len(free), len(free)))
-
-    def _enclosing(self, seen: Indices, goal: Pose2D) -> str:
-        """Names the obstacles around the reachable cells, the nearest to the goal first."""
-        x, y = self._points(seen)
-        reach = self._radius + 2 * self._cell
-        around = [o for o in self._obstacles if o.distance(x, y).min() < reach]
-        at = np.array([goal.x]), np.array([goal.y])
-        names = [repr(o.id) for o in sorted(around, key=lambda o: float(o.distance(*at)[0]))]
-        rest = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        return f"{', '.join(names[:3])}{rest} {'is' if len(names) == 1 else 'are'}"
-
-    def _cut(self, points: list[tuple[float, float]]) -> Pieces[list[tuple[float, float]]]:
-        """Removes corners that are not needed: connects each one to the last visible one. Returns all but the first."""
-        kept = [points[0]]
-        i = 0
-        while i < len(points) - 1:
-            j = len(points) - 1
-            while j > i + 1 and not self._sees(points[i], points[j]):
-                j -= 1
-                yield
-            kept.append(points[j])
-            i = j
-        return kept[1:]
-
-    def _sees(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Whether the straight line between two points is free."""
-        n = max(2, math.ceil(math.dist(a, b) / (self._cell / 2)) + 1)
-        x, y = np.linspace(a[0], b[0], n), np.linspace(a[1], b[1], n)
-        return all(float(o.distance(x, y).min()) > self._radius - _CUT for o in self._obstacles)
-
-    def _square(self, pose: Pose2D) -> tuple[int, int]:
-        return round((pose.y - self._y0) / self._cell), round((pose.x - self._x0) / self._cell)
-
-    def _node(self, square: tuple[int, int]) -> int:
-        """Returns the index of a cell in the graph."""
-        return (square[0] + 1) * (self._columns + 2) + square[1] + 1
-
-    def _points(self, nodes: Indices) -> tuple[Array, Array]:
-        """Returns the positions of cells, by their indices in the graph."""
-        rows, columns = np.divmod(nodes, self._columns + 2)
-        return self._x0 + (columns - 1) * self._cell, self._y0 + (rows - 1) * self._cell
 
 
 def _hit(outline: tuple[Array, Array], obstacles: Sequence[Obstacle], poses: Sequence[Pose2D]) -> str | None:
@@ -354,12 +290,6 @@ def _hit(outline: tuple[Array, Array], obstacles: Sequence[Obstacle], poses: Seq
         if len(touched) and (first is None or touched[0] < first[0]):
             first = int(touched[0]), obstacle.id
     return first[1] if first else None
-
-
-def _is_near(obstacle: Obstacle, start: Pose2D, goal: Pose2D) -> bool:
-    """Whether an obstacle may affect the path: not if it is farther away than the path's length plus 10 m."""
-    reach = math.hypot(goal.x - start.x, goal.y - start.y) + 10.0
-    return math.hypot(obstacle.x - start.x, obstacle.y - start.y) < reach
 
 
 def heading(here: Pose2D, leg: Leg) -> float:

@@ -1,15 +1,55 @@
-"""Faults of robots, injected for tests."""
+"""Disturbances of the simulated world: external forces for a limited time, and faults of robots, injected for tests."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING
 
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.scene_spec import BodySpec
-from skiros2_std_reasoners.core.geometry import Pose, rotated
+from skiros2_std_reasoners.core.geometry import Pose, Vector, rotated
+
+
+@dataclass
+class _Push:
+    body: int
+    link: int
+    force: Vector
+    torque: Vector
+    steps: int
+
+
+class Pushes:
+    """The active pushes."""
+
+    def __init__(self, bullet: Bullet) -> None:
+        self._bullet = bullet
+        self._active: list[_Push] = []
+
+    def add(self, body: int, link: int, force: Vector, torque: Vector, steps: int) -> None:
+        """Applies a force (N) and a torque (Nm), in the map, at the centre of a link for a number of steps."""
+        self._active.append(_Push(body, link, force, torque, steps))
+
+    def remove(self, body: int) -> None:
+        """Removes all pushes of a body."""
+        self._active = [push for push in self._active if push.body != body]
+
+    def update(self) -> None:
+        """Applies the forces for the next step."""
+        bullet = self._bullet
+        for push in self._active:
+            if push.link < 0:
+                at = bullet.getBasePositionAndOrientation(push.body)[0]
+            else:
+                at = bullet.getLinkState(push.body, push.link)[0]
+            bullet.applyExternalForce(push.body, push.link, push.force, at, bullet.WORLD_FRAME)
+            bullet.applyExternalTorque(push.body, push.link, push.torque, bullet.WORLD_FRAME)
+            push.steps -= 1
+        self._active = [push for push in self._active if push.steps > 0]
+
 
 if TYPE_CHECKING:
     from skiros2_sim.core.world import World
@@ -24,8 +64,6 @@ _MAX_LAG = 60.0  # s
 _MAX_DISTANCE = 20.0  # m
 _MAX_DURATION = 1e6  # s
 _SPEED = 0.02  # m/s, under which a robot stands
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -173,25 +211,3 @@ class Faults:
 def obstacle_of(robot: str) -> str:
     """Returns the id of the body that blocks the path of a robot."""
     return f"obstacle of {robot}"
-
-
-class DelayLine(Generic[T]):
-    """Delays the measurements of a sensor. Without delay, each is returned immediately."""
-
-    def __init__(self) -> None:
-        self._waiting: list[tuple[float, T]] = []
-
-    def put(self, time: float, item: T) -> None:
-        """Adds a measurement with its time (s), in ascending order."""
-        self._waiting.append((time, item))
-
-    def due(self, now: float, lag: float) -> list[T]:
-        """Returns and removes the measurements to publish now, oldest first.
-
-        :param lag: delay of the sensor (s).
-        """
-        count = 0
-        while count < len(self._waiting) and self._waiting[count][0] <= now - lag:
-            count += 1
-        given, self._waiting = self._waiting[:count], self._waiting[count:]
-        return [item for _, item in given]

@@ -3,13 +3,17 @@
 A motion is a state machine: the owner of the world calls `update` before each step, until the motion has an `outcome`.
 An invalid goal is not an exception: the motion has the outcome `REJECTED` immediately. All calls are made by the
 stepping thread.
+
+That thread also publishes clock and tf and moves all robots: a long computation must not hold it up. So a motion
+computes a fixed number of pieces in each step. The result is there at a simulated time that does not depend on the
+speed of the machine: runs from one seed are identical.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 
 class State(IntEnum):
@@ -91,3 +95,30 @@ class MotionList:
             finally:
                 if not active:
                     self.remove(motion)
+
+
+T = TypeVar("T")
+
+#: Yields after each piece of work; returns the result.
+Pieces = Generator[None, None, T]
+
+
+def advance(computation: Pieces[T], pieces: int) -> T | None:
+    """Computes at most `pieces` pieces. Returns the result when it is there, else None; errors propagate."""
+    for _ in range(pieces):
+        try:
+            next(computation)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+    return None
+
+
+def complete(computation: Pieces[T]) -> T:
+    """Computes all remaining pieces. Returns the result; errors propagate."""
+    while True:
+        try:
+            next(computation)
+        except StopIteration as end:
+            result: T = end.value
+            return result

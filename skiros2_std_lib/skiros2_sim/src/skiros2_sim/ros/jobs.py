@@ -24,9 +24,8 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import INVALID_GOAL, CartesianGoal, CartesianMotion
-from skiros2_sim.core.gripper_motion import GripperMotion
-from skiros2_sim.core.joint_motion import JointMotion, JointState
-from skiros2_sim.core.joint_path import JointGoal, JointPoint, JointTolerance
+from skiros2_sim.core.gripper import GripperMotion
+from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint, JointState, JointTolerance
 from skiros2_sim.core.motion import Outcome
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
@@ -219,12 +218,11 @@ def _point(message: JointTrajectoryPoint) -> JointPoint:
         tuple(message.positions),
         tuple(message.velocities),
         tuple(message.accelerations),
-        tuple(message.effort),
     )
 
 
 def _tolerances(messages: Sequence[JointToleranceMessage]) -> dict[str, JointTolerance]:
-    return {m.name: JointTolerance(m.position, m.velocity, m.acceleration) for m in messages}
+    return {m.name: JointTolerance(m.position, m.velocity) for m in messages}
 
 
 def _state(state: JointState) -> JointTrajectoryPoint:

@@ -1,7 +1,8 @@
-"""Publishes the state of the simulated world: clock, tf, joints, odometry, wrenches, contacts."""
+"""Publishes the state of the simulated world: clock, tf, joints, odometry, wrenches, contacts, images."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 
 import rospy
@@ -9,17 +10,18 @@ from genpy import Message
 from geometry_msgs.msg import Point, WrenchStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from skiros2_sim.core.faults import DelayLine
+from skiros2_sim.core.camera import Picture, picture_of
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.robot_model import BASE_LINK
+from skiros2_sim.core.scene_spec import CameraSpec
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import RATE, World
 from skiros2_sim.ros.frames import ODOM, Frames
-from skiros2_sim.ros.messages import pose_message, twist_message, wrench_message
+from skiros2_sim.ros.messages import camera_info, colour_image, depth_image, pose_message, twist_message, wrench_message
 from skiros2_sim_msgs.msg import Contact, Contacts
 from skiros2_std_reasoners.ros.packed_transforms import PackedTransforms
 
@@ -58,7 +60,7 @@ class LateTopic:
     def __init__(self, name: str, kind: type[Message], targets: Iterable[str], queue_size: int = 10) -> None:
         self._publisher = rospy.Publisher(name, kind, queue_size=queue_size)
         self._targets = tuple(targets)
-        self._line: DelayLine[Message] = DelayLine()
+        self._waiting: deque[tuple[float, Message]] = deque()  # measurements with their times (s)
 
     @property
     def has_subscribers(self) -> bool:
@@ -66,16 +68,15 @@ class LateTopic:
 
     def put(self, world: World, message: Message) -> None:
         """Adds a measurement with the current time."""
-        self._line.put(world.time, message)
+        self._waiting.append((world.time, message))
 
     def send(self, world: World) -> None:
-        """Publishes the measurements that are due."""
-        for message in self._line.due(world.time, max(map(world.faults.lag, self._targets), default=0.0)):
-            self._publisher.publish(message)
-
-    def clear(self) -> None:
-        """Discards unpublished measurements, after a reset of the world."""
-        self._line = DelayLine()
+        """Publishes the measurements that are due. Discards those from before a reset of the world."""
+        lag = max(map(world.faults.lag, self._targets), default=0.0)
+        while self._waiting and not world.time - lag < self._waiting[0][0] <= world.time:
+            time, message = self._waiting.popleft()
+            if time <= world.time:
+                self._publisher.publish(message)
 
 
 class StatePublisher:
@@ -113,11 +114,6 @@ class StatePublisher:
         self._clock_topic.publish(self._clock.now)
         self._publish_state()
         self._publish_contacts()
-
-    def clear(self) -> None:
-        """Discards delayed measurements, after a reset of the world."""
-        for topic, _ in self._sensors:
-            topic.clear()
 
     def _add_sensors(self, robot: Robot) -> None:
         base = robot.spec.base
@@ -186,3 +182,41 @@ class StatePublisher:
                 [Contact(c.first, c.second, Point(*c.position), c.force) for c in contacts],
             )
         )
+
+
+class Cameras:
+    """Publishes images in the stepping thread, while there are subscribers.
+
+    :param rate: Hz of simulated time; 0 for never.
+    """
+
+    def __init__(self, world: World, stepper: Stepper, clock: SimulatedClock, frames: Frames, rate: float) -> None:
+        self._world = world
+        self._stepper = stepper
+        self._clock = clock
+        self._frames = frames
+        self._period = max(1, round(RATE / rate)) if rate else 0
+        self._topics = {camera.id: _camera_topics(camera) for camera in world.cameras.values()} if rate else {}
+
+    def after_step(self) -> None:
+        """Publishes what is due."""
+        if not self._period or self._stepper.count % self._period:
+            return
+        for camera, topics in self._topics.items():
+            if any(topic.has_subscribers for topic, _ in topics):
+                picture = picture_of(self._world, camera)
+                header = Header(stamp=self._clock.now, frame_id=self._frames.camera(camera))
+                for topic, message in topics:
+                    topic.put(self._world, message(picture, header))
+            for topic, _ in topics:
+                topic.send(self._world)
+
+
+def _camera_topics(camera: CameraSpec) -> list[tuple[LateTopic, Callable[[Picture, Header], Message]]]:
+    """Returns the topics of a camera with the functions that make their messages: colour, depth, and a camera_info
+    beside each."""
+    folders = sorted({topic.rpartition("/")[0] or "/" for topic in (camera.rgb_topic, camera.depth_topic)})
+    infos = [(rospy.names.ns_join(folder, "camera_info"), CameraInfo, camera_info) for folder in folders]
+    topics = [(camera.rgb_topic, Image, colour_image), (camera.depth_topic, Image, depth_image), *infos]
+    # images are large: a slow subscriber gets the newest one
+    return [(LateTopic(name, kind, (camera.id,), queue_size=2), message) for name, kind, message in topics]

@@ -10,26 +10,25 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
 from skiros2_common.core.errors import Refused
-from skiros2_common.ros.shutdown import spin
+from skiros2_common.ros.node import spin
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
 from skiros2_sim.core.scene_spec import SceneSpec
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
-from skiros2_sim.ros.cameras import Cameras
 from skiros2_sim.ros.controllers import Controllers
 from skiros2_sim.ros.device_server import Device, DeviceServer
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.jobs import BaseJob, CartesianJob, GripperJob, JointJob, refused_motion, refused_trajectory
 from skiros2_sim.ros.options import Options, read_options
-from skiros2_sim.ros.publishers import SimulatedClock, StatePublisher
+from skiros2_sim.ros.publishers import Cameras, SimulatedClock, StatePublisher
 from skiros2_sim.ros.services import Services
 from skiros2_sim_msgs.msg import CartesianMotionAction
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.server_parameters import ontology_folder
+from skiros2_world_model.ros.ontology_server import ontology_folder
 
 log = logging.getLogger(__name__)
 
@@ -153,8 +152,6 @@ class Simulator:
             server.abandon("the simulated world was reset")
         world.reset(seed)
         self._make_controllers(world)
-        self._state_publisher.clear()
-        self._cameras.clear()
         self._stepper.recover()
         self._state_publisher.publish_all()
         log.info("the simulated world was reset, seed %d", world.seed)

@@ -5,9 +5,7 @@ Default names follow the rules of `skiros2_sim.core.names`.
 
 from __future__ import annotations
 
-import functools
 import json
-import logging
 import math
 from typing import TypeGuard, TypeVar
 
@@ -30,8 +28,6 @@ POSTURES = "skiros:Postures"
 _EARLIER_NAMES = {JOINT_NAMES: "demo:JointNames", OPENING: "demo:Opening", POSTURES: "demo:Postures"}
 #: Default opening of a gripper (m).
 _OPENING = 0.08
-
-log = logging.getLogger(__name__)
 
 
 def name_of(address: Address, robot: Element, part: Element | None = None) -> str:
@@ -82,18 +78,7 @@ def _json(arm: Element, key: str, kind: type[J]) -> J:
 def _value(device: Element, key: str) -> object:
     """Returns the value of a property, also under its earlier name; None without one."""
     value = device.value_of(key)
-    if value is not None:
-        return value
-    value = device.value_of(_EARLIER_NAMES[key])
-    if value is not None:
-        _warn_of_earlier_names()
-    return value
-
-
-@functools.cache
-def _warn_of_earlier_names() -> None:
-    names = ", ".join(f"{old} is now {new}" for new, old in _EARLIER_NAMES.items())
-    log.warning("the scene uses earlier names of properties: %s", names)
+    return device.value_of(_EARLIER_NAMES[key]) if value is None else value
 
 
 def _is_number(value: object) -> TypeGuard[float]:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldChange
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed
 from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, continued, frame_of
@@ -41,6 +43,26 @@ class FrameTree(Protocol):
         """Returns the pose of a frame in another one; None if it is unknown."""
 
 
+class SceneChange(WorldChange, Protocol):
+    """A change of a context of the world model."""
+
+    @property
+    def context(self) -> str: ...
+
+
+class ReasonerModel(Protocol):
+    """The world model in `DiscreteReasoner.init`: the calls of this package. Each may raise `WmException`."""
+
+    @property
+    def guard(self) -> AbstractContextManager[object]: ...
+    def find_element(self, eid: str) -> Element | None: ...
+    def resolve_elements(self, description: Element) -> list[Element]: ...
+    def update_elements(self, es: Sequence[Element], author: str) -> None: ...
+    def get_sub_properties(self, name: str) -> list[str]: ...
+    def add_listener(self, listener: Callable[[SceneChange], None]) -> None: ...
+    def remove_listener(self, listener: Callable[[SceneChange], None]) -> None: ...
+
+
 class PoseKeeper:
     """The frames of the elements that name a reasoner.
 
@@ -54,7 +76,7 @@ class PoseKeeper:
     def __init__(self, reasoner: str, frames: FrameTree, clock: Callable[[], float]) -> None:
         self.tracker = PoseTracker()
         #: The world model; set before use.
-        self.wmi: Any = None
+        self.wmi: ReasonerModel
         self._reasoner = reasoner
         self._frames = frames
         self._clock = clock
@@ -120,7 +142,7 @@ class PoseKeeper:
             self._restructured.put(eid)
             self._frames.drop(frame.name)
 
-    def on_change(self, change: Any) -> None:
+    def on_change(self, change: SceneChange) -> None:
         """Registers elements whose parents may have changed without `parse`: descendants of elements without a pose."""
         if change.context != "scene":
             return
@@ -178,7 +200,7 @@ class PoseKeeper:
     # -- parents -----------------------------------------------------------------------------------------------
 
     def _spatial(self) -> list[str]:
-        return [str(name) for name in self.wmi.get_sub_properties(_SPATIAL)]
+        return self.wmi.get_sub_properties(_SPATIAL)
 
     def _parent_frame(self, element: Element) -> str:
         """Returns the frame of the nearest ancestor with a frame; "" without one."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as data
-from skiros2_std_reasoners.core.geometry import Pose, Vector
+from skiros2_std_reasoners.core.geometry import Pose, Vector, composed, rotated
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,36 @@ def continued(frame: Frame, before: Frame) -> Frame:
     if frame.velocity == before.velocity:
         return replace(frame, pose=before.pose, since=before.since)
     return replace(frame, pose=before.at(frame.since))
+
+
+def connected(
+    frame: Frame, named: Callable[[str], Frame | None], published_elsewhere: Callable[[str], bool], now: float
+) -> Frame:
+    """Expresses a frame with a known pose in its nearest ancestor on tf.
+
+    Returns it unchanged if its base is not the frame of an element, or the pose of its base is unknown: another node
+    may publish that frame.
+
+    :param named: returns the frame of an element by the name of the frame.
+    :param published_elsewhere: whether another node publishes a frame.
+    :param now: the time of the returned pose (s).
+    """
+    passed = {frame.id}
+    while (base := named(frame.base)) is not None and base.id not in passed and base.is_own:
+        if "own" in base.published_names or published_elsewhere(base.name.lstrip("/")):
+            break
+        passed.add(base.id)
+        frame = _attached(frame, base, now)
+    return frame
+
+
+def _attached(frame: Frame, base: Frame, now: float) -> Frame:
+    """Expresses a frame in the base of its base. Frames move without rotation, so velocities add up."""
+    outer = base.at(now)
+    own, further = (f.velocity if f.moves else (0.0, 0.0, 0.0) for f in (base, frame))
+    vx, vy, vz = (a + b for a, b in zip(own, rotated(outer.orientation, further), strict=True))
+    pose = composed(outer, frame.at(now))
+    return replace(frame, base=base.base, pose=pose, velocity=(vx, vy, vz), since=now, linked_to="")
 
 
 class PoseTracker:

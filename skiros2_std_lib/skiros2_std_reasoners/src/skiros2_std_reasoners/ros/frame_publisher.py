@@ -8,8 +8,7 @@ from collections.abc import Callable
 import rospy
 from tf2_msgs.msg import TFMessage
 
-from skiros2_std_reasoners.core.connection import connected
-from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker
+from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, connected
 from skiros2_std_reasoners.ros.packed_transforms import PackedTransforms
 from skiros2_std_reasoners.ros.transforms import Transforms
 

@@ -17,9 +17,15 @@ from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
-from skiros2_skill.core.engine.checks import check_conditions
 from skiros2_skill.core.engine.devices import free_devices
-from skiros2_skill.core.engine.failures import EXECUTE_RAISED, PREEMPT_RAISED, START_RAISED, Failure, Failures
+from skiros2_skill.core.engine.failures import (
+    EXECUTE_RAISED,
+    PREEMPT_RAISED,
+    START_RAISED,
+    Failure,
+    Failures,
+    check_conditions,
+)
 from skiros2_skill.core.engine.hooks import RAISED, Hooks, refusal_text
 from skiros2_skill.core.engine.parameters import Parameters
 from skiros2_skill.core.engine.selection import Take, preview, select_implementation, take
@@ -111,16 +117,18 @@ class Executor:
             state = self.hooks.execute(node)
             node.steady = not (node.volatile or node.lent or node.stale)
         if state is not _RUNNING or local_revision.current != local or (node.lent and has_changed_in_place(node.lent)):
-            return self.finish_tick(node, state, version)
+            return self._finish_tick(node, state, version)
         self._copy_progress(node)
         self.parameters.update_revision()
         return _RUNNING
 
-    def finish_tick(self, node: SkillWrapper, state: State, version: int) -> State:
-        """Writes back what a tick has changed, and ends the node unless it stays Running.
+    def finish_execute(self, node: SkillWrapper, answer: object, error: Exception | SystemExit | None = None) -> State:
+        """Handles what the `execute` of a primitive has returned or raised; called from `visit`."""
+        state = self.hooks.execute_state(node, answer) if error is None else self.hooks.execute_raised(node, error)
+        return self._finish_tick(node, state, self.parameters.world_version)
 
-        :param version: of the world model before the tick.
-        """
+    def _finish_tick(self, node: SkillWrapper, state: State, version: int) -> State:
+        """Writes back what a tick has changed since a version of the world model, and ends the node unless it runs."""
         self._copy_progress(node)
         if self._write_back(node, state, version):
             return _RUNNING if state is _RUNNING else self.end(node, state)
@@ -174,10 +182,7 @@ class Executor:
         return self.guard.call(node, "the inference of its parameters", select_implementation, *arguments)
 
     def _start_run(self, node: SkillWrapper, version: int) -> bool:
-        """Expands the subtree and calls `onStart`.
-
-        :param version: of the world model when its parameters were read.
-        """
+        """Expands the subtree and calls `onStart`. Its parameters were read in this version of the world model."""
         instance = node.instance
         instance.begin_progress()
         instance.request_tick = self._wake

@@ -61,12 +61,8 @@ class Hooks:
         :param of_children: of a compound: the state of its children, which an `execute` that returns None keeps.
         :param late: the node has ended already.
         """
-        calls = self.guard.enter(node, EXECUTE_HOOK)
         try:
-            try:
-                answer = node.instance.execute()
-            finally:
-                self.guard.leave(calls)
+            answer = self.guard.call(node, EXECUTE_HOOK, node.instance.execute)
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
@@ -80,12 +76,8 @@ class Hooks:
         :param code: the progress code when it raises.
         :param late: the node has failed or ended already.
         """
-        calls = self.guard.enter(node, name)
         try:
-            try:
-                return hook()
-            finally:
-                self.guard.leave(calls)
+            return self.guard.call(node, name, hook)
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:

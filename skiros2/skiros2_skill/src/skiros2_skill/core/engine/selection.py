@@ -29,11 +29,9 @@ from skiros2_skill.core.engine.blackboard import (
     refresh_elements,
     unprovided_remap,
 )
-from skiros2_skill.core.engine.checks import check_conditions
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
-from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure
-from skiros2_skill.core.engine.inference import infer, inferable
-from skiros2_skill.core.engine.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, check_conditions
+from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
 from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -141,10 +139,9 @@ def _find_params(
         for slot, values in given:
             if len(slot.param.current) < len(values):
                 raise Rejected(PARAMETER, f"parameter {slot.param.key!r} is {values[0]!r}, which is not in the scene")
-    unset = {param.key: param for param in inferable(params)}
+    unset = [s for s in elements if s.param.paramType is not ParamTypes.Optional and not s.param.is_bound()]
     if unset:
-        searched = [slot for slot in elements if slot.param.key in unset]
-        _infer(node, searched, params, conditions, wmi, blackboard)
+        _infer(node, unset, params, conditions, wmi, blackboard)
     outside = out_of_limits(params)
     if outside:
         raise Rejected(PARAMETER, outside, Failure(PARAMETER, OutOfLimits.CODE, outside))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import builtins
 import logging
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
@@ -18,7 +21,6 @@ from skiros2_skill.core.library.description import Described, Descriptions, clas
 from skiros2_skill.core.tree.compound import SkillBase
 
 log = logging.getLogger(__name__)
-
 
 class Implementation:
     """A class that implements a skill, with a pool of free instances.
@@ -331,3 +333,47 @@ class SkillLibrary:
 
 def _full_name(cls: type) -> str:
     return f"{cls.__module__}.{cls.__name__}"
+
+
+def check_libraries(libraries: Sequence[str], names: Iterable[str]) -> None:
+    """Checks that libraries and skills exist, without loading skills.
+
+    Parses the sources, which is several times faster than importing them. Imports the libraries only when a name is not
+    found in the sources.
+
+    :param libraries: names of Python packages.
+    :param names: class names, optionally with their module.
+    :raises ConfigurationError: there is no such package, it cannot be imported, or no library has such a skill.
+    """
+    sources = [_source_files(library) for library in libraries]
+    if all(sources):
+        known = {name for files in sources for file in files for name in _class_names(file)}
+        if all(name.rpartition(".")[2] in known for name in names):
+            return
+    library = SkillLibrary(None)
+    library.import_libraries(libraries)
+    for name in names:
+        library.find(name)
+
+
+def _source_files(package: str) -> list[Path]:
+    """The Python files of a package and its subpackages; [] when there is no such package."""
+    try:
+        spec = find_spec(package)
+    except (ImportError, ValueError):
+        return []
+    if spec is None:
+        return []
+    if spec.submodule_search_locations is None:
+        return [Path(spec.origin)] if spec.origin else []
+    return [file for folder in spec.submodule_search_locations for file in Path(folder).rglob("*.py")]
+
+
+def _class_names(file: Path) -> Iterator[str]:
+    try:
+        tree = ast.parse(file.read_bytes())
+    except SyntaxError:  # loading logs it and skips the module
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            yield node.name

@@ -17,8 +17,7 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.library.description import Descriptions, Undescribed
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.lint.description import description_faults
-from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, Fault
+from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, Fault, description_faults
 from skiros2_skill.core.lint.tree import tree_faults
 from skiros2_skill.core.tree.compound import SkillBase
 

@@ -10,8 +10,7 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_skill.core.library.description import Described, Descriptions, ReadOnlyWorldModel
-from skiros2_skill.core.lint.description import fits, type_name
-from skiros2_skill.core.lint.faults import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Fault, fault_of
+from skiros2_skill.core.lint.faults import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Fault, fault_of, fits, type_name
 from skiros2_skill.core.tree.node import SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 

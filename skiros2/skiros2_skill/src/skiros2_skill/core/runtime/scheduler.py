@@ -10,8 +10,7 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
 from skiros2_skill.core.engine.breakpoints import Breakpoints
 from skiros2_skill.core.runtime.task import MAX_ID, Task
-from skiros2_skill.core.runtime.watchdog import Watchdog
-from skiros2_skill.core.runtime.worker import MAX_WAKES, ScheduledTask, TickSettings
+from skiros2_skill.core.runtime.worker import MAX_WAKES, ScheduledTask, TickSettings, Watchdog
 
 #: Each level of a tree takes about six stack frames; Python's default limit of 1000 allows 150 levels.
 RECURSION_LIMIT = 100_000

@@ -18,9 +18,8 @@ from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.executor import Executor, Halt, abandon_ending_nodes, end_hung_node, preempt_all
 from skiros2_skill.core.engine.failures import Failure
-from skiros2_skill.core.tree.groups import Root, Skill
 from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
-from skiros2_skill.core.tree.node import SkillInterface, all_nodes
+from skiros2_skill.core.tree.node import Root, Skill, SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)

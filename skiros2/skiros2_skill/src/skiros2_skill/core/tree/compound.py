@@ -14,8 +14,7 @@ from skiros2_common.core.source_location import caller_location
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.processors import Processor
 from skiros2_skill.core.protocols import Library
-from skiros2_skill.core.tree.groups import Skill
-from skiros2_skill.core.tree.node import SkillInterface
+from skiros2_skill.core.tree.node import Skill, SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)

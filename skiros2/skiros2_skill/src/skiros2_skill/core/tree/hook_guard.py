@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 if TYPE_CHECKING:
     from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -35,49 +35,43 @@ class HungHook:
         return f"{self.node.type}-{self.node.label}: {self.hook}"
 
 
+Call: TypeAlias = "tuple[SkillWrapper, str] | SkillWrapper"
+
+
+def _hung(call: Call) -> HungHook:
+    return HungHook(*call) if isinstance(call, tuple) else HungHook(call, EXECUTE_HOOK)
+
+
 class HookGuard:
-    """The hook that the ticking thread is calling, in a list of at most one entry.
+    """The hook that the ticking thread is calling, in a list of at most one entry: node and hook, or the node alone.
 
     The ticking thread appends the entry and pops it after the call. Another thread that pops it first abandons the
     hook. `list.pop` is atomic, so exactly one of them gets the entry.
     """
 
     def __init__(self) -> None:
-        self.calls: list[tuple[SkillWrapper, str]] = []
+        self.calls: list[Call] = []
 
     @property
     def current(self) -> str:
         """The hook that is being called, "" when none is. Any thread."""
         calls = self.calls[-1:]
-        return HungHook(*calls[0]).name if calls else ""
-
-    def enter(self, node: SkillWrapper, hook: str) -> list[tuple[SkillWrapper, str]]:
-        """Registers a hook before its call. Returns the argument for `leave`."""
-        calls = self.calls
-        calls.append((node, hook))
-        return calls
-
-    @staticmethod
-    def leave(calls: list[tuple[SkillWrapper, str]]) -> None:
-        """Removes the entry of a hook after its call.
-
-        :raises HookAbandoned: another thread has removed it.
-        """
-        try:
-            calls.pop()
-        except IndexError:
-            raise HookAbandoned from None
+        return _hung(calls[0]).name if calls else ""
 
     def call(self, node: SkillWrapper, hook: str, function: Callable[..., _T], *args: Any) -> _T:
         """Calls a function under the guard.
 
         :raises HookAbandoned: another thread has abandoned the call, whatever the function returns or raises.
         """
-        calls = self.enter(node, hook)
+        calls = self.calls
+        calls.append((node, hook))
         try:
             return function(*args)
         finally:
-            self.leave(calls)
+            try:
+                calls.pop()
+            except IndexError:
+                raise HookAbandoned from None
 
     def abandon(self) -> HungHook | None:
         """Abandons the hook that is being called; None when there is none.
@@ -86,7 +80,7 @@ class HookGuard:
         """
         calls, self.calls = self.calls, []
         try:
-            return HungHook(*calls.pop())
+            return _hung(calls.pop())
         except IndexError:
             self.calls = calls
             return None

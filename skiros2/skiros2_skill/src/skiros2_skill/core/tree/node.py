@@ -1,4 +1,4 @@
-"""A node of a behaviour tree: its parent and children, its processor, its remaps and its specified parameters."""
+"""A node of a behaviour tree: its parent and children, its processor, its remaps and specified parameters."""
 
 from __future__ import annotations
 
@@ -112,7 +112,8 @@ class SkillInterface(NodeParams):
         self._processor = children_processor.fresh()
         self.instance: Any = None
         self.library: Library | None = None
-        self._own_pre_conditions: list[ConditionBase] = []
+        #: The pre-conditions added to the node, without those of the implementation.
+        self.own_pre_conditions: list[ConditionBase] = []
         self._latched: SkillInterface | None = None
         self.input_values: dict[str, list[Any]] = {}
 
@@ -207,7 +208,7 @@ class SkillInterface(NodeParams):
         copy.remaps = dict(self.remaps)
         copy.specified_values = dict(self.specified_values)
         copy.suggested_values = dict(self.suggested_values)
-        copy._own_pre_conditions = [c.copy() for c in self._own_pre_conditions]
+        copy.own_pre_conditions = [c.copy() for c in self.own_pre_conditions]
 
     # -- processor ---------------------------------------------------------------------------------------------
 
@@ -348,3 +349,45 @@ def all_nodes(root: SkillInterface) -> Iterator[SkillInterface]:
         node = pending.pop()
         yield node
         pending.extend(reversed(node.children))
+
+
+class _Group(SkillInterface):
+    def __init__(self, ptype: str, name: str, children_processor: Processor, wmi: WorldModelPort | None) -> None:
+        super().__init__(children_processor)
+        self._type = ptype
+        self._label = name
+        if wmi is not None:
+            self._wmi = wmi
+        self._setState(State.Idle)
+
+    def createDescription(self) -> None:
+        """A group has no description."""
+
+    def execute(self) -> State | None:
+        return None
+
+
+class Root(_Group):
+    """The root of a task. Its parameters are the task's blackboard.
+
+    :param name: shown to people.
+    """
+
+    def __init__(self, name: str, wmi: WorldModelPort | None = None) -> None:
+        super().__init__(":Root", name, Sequential(), wmi)
+
+
+class Skill(_Group):
+    """A group: a node with a processor and no skill.
+
+    :param name: shown to people.
+    :param children_processor: how the children are ticked.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        children_processor: Processor = Sequential(),  # noqa: B008 - the contract's default
+        wmi: WorldModelPort | None = None,
+    ) -> None:
+        super().__init__(":Skill", name, children_processor, wmi)

@@ -15,7 +15,7 @@ from skiros2_common.core.source_location import SourceLocation
 from skiros2_runs.core.values import ConditionStatus
 from skiros2_skill.core.processors import Processor, Sequential
 from skiros2_skill.core.protocols import ImplementationPort, Library, Visitor
-from skiros2_skill.core.tree.hook_guard import EXECUTE_HOOK, HookAbandoned
+from skiros2_skill.core.tree.hook_guard import HookAbandoned
 from skiros2_skill.core.tree.node import SkillInterface
 
 #: Maximum depth of skills in a tree. Each level takes some stack frames.
@@ -30,7 +30,7 @@ class DescribedNode(SkillInterface):
     def __init__(self, children_processor: Processor) -> None:
         super().__init__(children_processor)
         self._is_described = False
-        self._asked_label = ""
+        self.asked_label = ""
         self._depth = 0  # the number of skills from the root to this node; set when it starts
         self._own_hold_conditions: list[ConditionBase] = []
         self._own_post_conditions: list[ConditionBase] = []
@@ -110,7 +110,7 @@ class DescribedNode(SkillInterface):
 
     def addPreCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a pre-condition to the node, with the keys as named in the parent."""
-        self._own_pre_conditions.append(self._own_condition(condition))
+        self.own_pre_conditions.append(self._own_condition(condition))
         self._pre_conditions.append(condition)
 
     def addHoldCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
@@ -143,7 +143,7 @@ class DescribedNode(SkillInterface):
             raise Refused(f"{self.printState()} is below {MAX_DEPTH} levels of skills: one of them contains itself")
         if self.library is None:
             raise UnknownName(f"{self.printState()} has no skill library")
-        return self.library.candidates(self._type, self._asked_label)
+        return self.library.candidates(self._type, self.asked_label)
 
     def specifyParamsDefault(self, input_params: ParamHandler) -> None:
         """Same as `SkillInterface.specifyParamsDefault`; keys that the skill does not declare are ignored."""
@@ -154,11 +154,6 @@ class DescribedNode(SkillInterface):
             return
         known = {key: p for key, p in input_params.items() if declared.hasParam(self.own_name(key))}
         super().specifyParamsDefault(ParamHandler(known))
-
-    @property
-    def own_pre_conditions(self) -> list[ConditionBase]:
-        """The pre-conditions added to the node, without those of the implementation."""
-        return self._own_pre_conditions
 
 
 class SkillWrapper(DescribedNode):
@@ -173,7 +168,8 @@ class SkillWrapper(DescribedNode):
         super().__init__(Sequential())
         self._type = full_name(ptype)
         self._label = plabel
-        self._asked_label = plabel
+        #: The requested label; "" for any implementation.
+        self.asked_label = plabel
         self.library = instanciator
         #: Of the `self.skill(...)` that created it; None: not known.
         self.source_location: SourceLocation | None = None
@@ -196,7 +192,7 @@ class SkillWrapper(DescribedNode):
         self.abandoned = False  # the instance must not be used again
         #: The last evaluation of its conditions in this run, by stage.
         self.evaluated: dict[str, list[ConditionStatus]] = {}
-        if instanciator is not None:
+        if instanciator is not None and instanciator.wmi is not None:
             self._wmi = instanciator.wmi
         self._setState(State.Idle)
 
@@ -205,15 +201,10 @@ class SkillWrapper(DescribedNode):
         """The label of the selected implementation; before selection, the requested one."""
         return self._label
 
-    @property
-    def asked_label(self) -> str:
-        """The requested label; "" for any implementation."""
-        return self._asked_label
-
     def getLightCopy(self) -> SkillWrapper:
-        copy = SkillWrapper(self._type, self._asked_label, self.library)
+        copy = SkillWrapper(self._type, self.asked_label, self.library)
         self._copy_to(copy)
-        copy._label = self._asked_label
+        copy._label = self.asked_label
         return copy
 
     def hasInstance(self) -> bool:
@@ -235,7 +226,7 @@ class SkillWrapper(DescribedNode):
         instance = self.instance
         self._params: ParamHandler = instance._params
         self._options = instance._options
-        self._pre_conditions = [*instance._pre_conditions, *self._own_pre_conditions]
+        self._pre_conditions = [*instance._pre_conditions, *self.own_pre_conditions]
         self._hold_conditions = [*instance._hold_conditions, *self._own_hold_conditions]
         self._post_conditions = [*instance._post_conditions, *self._own_post_conditions]
 
@@ -300,15 +291,15 @@ class SkillWrapper(DescribedNode):
         :param visitor: the executor.
         """
         state: State
-        parameters = visitor.parameters
+        parameters, instance = visitor.parameters, self.instance
         if not self.steady or parameters.world_changed:
             state = visitor.execute_skill(self)
             return state
         calls = visitor.guard.calls
-        calls.append((self, EXECUTE_HOOK))
+        calls.append(self)
         try:
             try:
-                answer: object = self.instance.execute()
+                answer: object = instance.execute()
             finally:
                 try:
                     calls.pop()
@@ -317,12 +308,12 @@ class SkillWrapper(DescribedNode):
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
-            state = visitor.finish_tick(self, visitor.hooks.execute_raised(self, error), parameters.world_version)
+            state = visitor.finish_execute(self, None, error)
             return state
         if answer is not _RUNNING or local_revision.current != parameters.local_revision:
-            state = visitor.finish_tick(self, visitor.hooks.execute_state(self, answer), parameters.world_version)
+            state = visitor.finish_execute(self, answer)
             return state
-        if self.instance.progressed_at > self.progressed_at:
+        if instance.progressed_at > self.progressed_at:
             visitor.changed = True
         return _RUNNING
 

@@ -1,1 +1,0 @@
-"""Explains tasks and nodes to people."""

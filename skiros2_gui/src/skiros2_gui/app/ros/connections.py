@@ -1,0 +1,178 @@
+"""The connections to the skill managers and to the task manager."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rospy
+from actionlib_msgs.msg import GoalStatusArray
+
+from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_gui.app.events import TaskProgress
+from skiros2_gui.app.ros.progress import QuickTreeProgress
+from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.ros.discovery_interface import DiscoveryInterface
+from skiros2_skill.ros.skill_layer_interface import NAMESPACE
+from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION, TaskManagerInterface
+
+log = logging.getLogger(__name__)
+
+#: Messages queued for each manager; older ones are dropped.
+_QUEUE = 200
+
+
+class ManagerConnections(DiscoveryInterface):
+    """Discovers managers and subscribes to their progress. A manager that has disconnected stays in `states`.
+
+    :param author: identifies this window in the managers' logs.
+    :param on_progress: called with each state of a task, in ROS threads.
+    :param on_change: called when a manager has connected or disconnected, in ROS threads.
+    """
+
+    def __init__(self, author: str, on_progress: Callable[[TaskProgress], None], on_change: Callable[[], None]) -> None:
+        self._author = author
+        self._report = on_progress
+        self._on_change = on_change
+        self._up: dict[str, ManagerClient] = {}
+        self._since: dict[str, float] = {}
+        self._subscribers: dict[str, Any] = {}
+        self._connected: set[str] = set()  # managers whose publisher has connected
+        self.init_discovery(NAMESPACE, self._on_up, self._on_down)
+
+    @property
+    def managers(self) -> dict[str, ManagerClient]:
+        """The connected managers, by node name."""
+        with self._discovery_lock:
+            return dict(sorted(self._up.items()))
+
+    def states(self) -> list[tuple[str, bool, float]]:
+        """Returns name, whether it is up, and since when (s since the epoch) for each manager seen so far."""
+        with self._discovery_lock:
+            return [(name, name in self._up, since) for name, since in sorted(self._since.items())]
+
+    def check(self) -> None:
+        """Detects closed connections before the discovery times out. To be called periodically."""
+        with self._discovery_lock:
+            for name, subscriber in list(self._subscribers.items()):
+                is_connected = subscriber.get_num_connections() > 0
+                if name in self._connected and not is_connected:
+                    self._drop(name)
+                elif is_connected:
+                    self._connected.add(name)
+
+    def close(self) -> None:
+        """Disconnects."""
+        self.stop_discovery()
+        with self._discovery_lock:
+            subscribers, self._subscribers = self._subscribers, {}
+        for subscriber in subscribers.values():
+            subscriber.unregister()
+
+    def _on_up(self, name: str) -> None:
+        self._up[name] = manager = ManagerClient(name, self._author)
+        self._since[name] = time.time()
+        self._subscribers[name] = rospy.Subscriber(
+            f"{name}/monitor", QuickTreeProgress, self._on_progress, name, queue_size=_QUEUE
+        )
+        threading.Thread(target=self._catch_up, args=(manager,), name="window tasks", daemon=True).start()
+        self._on_change()
+
+    def _on_down(self, name: str) -> None:
+        self._up.pop(name).close()
+        self._since[name] = time.time()
+        self._connected.discard(name)
+        self._subscribers.pop(name).unregister()
+        self._on_change()
+
+    def _on_progress(self, message: Any, name: str) -> None:
+        if message.progress:
+            self._report(TaskProgress(name, message.progress, time.time()))
+
+    def _catch_up(self, manager: ManagerClient) -> None:
+        """Reports the tasks that exist already; a paused task publishes nothing."""
+        try:
+            tasks = manager.read_tasks()
+        except SkirosError as error:
+            log.info("%s: reading the tasks failed: %s", manager.name, error)
+            return
+        for nodes in tasks:
+            if nodes:
+                self._report(TaskProgress(manager.name, nodes, time.time()))
+
+
+#: Without a status message for this time the task manager counts as down (s of wall time). It publishes at 5 Hz.
+STATUS_TIMEOUT = 2.0
+
+
+class TaskManagerConnection:
+    """Watches the task manager `tm` in this node's namespace and sends it goals.
+
+    :param on_change: called, in any thread, when it has connected or disconnected.
+    """
+
+    def __init__(self, on_change: Callable[[], None]) -> None:
+        self.name = rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0]
+        self.is_up = False
+        self.since = 0.0
+        self._on_change = on_change
+        self._last_status = -STATUS_TIMEOUT
+        self._client: TaskManagerInterface | None = None
+        self._goal_lock = threading.Lock()
+        self._status = rospy.Subscriber(f"{ACHIEVE_ACTION}/status", GoalStatusArray, self._on_status, queue_size=1)
+
+    def achieve(self, goals: str, on_feedback: Callable[[Any], None], quality: str = "", seconds: float = 0.0) -> Any:
+        """See `app.system.Planner`.
+
+        :raises Refused: another goal of this window is running.
+        :raises TimedOut: the task manager does not answer.
+        """
+        return self._request(
+            lambda client: client.achieve(goals, feedback_cb=on_feedback, quality=quality, seconds=seconds)
+        )
+
+    def plan(self, goals: str) -> Any:
+        """See `app.system.Planner`.
+
+        :raises Refused, TimedOut: see `achieve`.
+        """
+        return self._request(lambda client: client.make_plan(goals))
+
+    def _request(self, send: Callable[[TaskManagerInterface], None]) -> Any:
+        """Sends a request and returns its result."""
+        if not self._goal_lock.acquire(blocking=False):
+            raise Refused("a goal of this window is running; cancel it, or wait for its end")
+        try:
+            if self._client is None:
+                self._client = TaskManagerInterface()
+            send(self._client)
+            return self._client.wait_for_result()
+        finally:
+            self._goal_lock.release()
+
+    def cancel(self) -> None:
+        """See `app.system.Planner`."""
+        if self._client is not None:
+            self._client.preempt()
+
+    def check(self) -> None:
+        """Detects that it is down. To be called periodically."""
+        is_silent = time.monotonic() - self._last_status > STATUS_TIMEOUT
+        if self.is_up and (is_silent or self._status.get_num_connections() == 0):
+            self._set(False)
+
+    def close(self) -> None:
+        """Disconnects."""
+        self._status.unregister()
+
+    def _on_status(self, _: Any) -> None:
+        self._last_status = time.monotonic()
+        self._set(True)
+
+    def _set(self, is_up: bool) -> None:
+        if is_up != self.is_up:
+            self.is_up, self.since = is_up, time.time()
+            self._on_change()

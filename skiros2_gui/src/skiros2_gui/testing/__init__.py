@@ -1,1 +1,0 @@
-"""Test doubles: synchronous jobs and a system in this process."""

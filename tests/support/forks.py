@@ -1,0 +1,186 @@
+"""Installed programs that start as forks of a process which has imported what all of them import.
+
+A node's start takes half a second of the processor, nine tenths of it for imports, and the tests start hundreds. A fork
+runs the installed script as the interpreter does: as `__main__`, with its arguments, environment, folder and output, in
+a session of its own. What differs is tested with roslaunch and by the tests of the installation.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import gc
+import importlib
+import json
+import os
+import runpy
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+#: Whose programs may be forked.
+PACKAGES = ("skiros2_world_model", "skiros2_skill", "skiros2_task")
+#: Variables that the interpreter or a library reads when it starts; with others than the server's it is no fork.
+_AT_START = ("LANG", "LC_ALL", "PYTHONHASHSEED", "PYTHONWARNINGS")
+
+
+class ForkServer:
+    """Forks programs.
+
+    :param env: the environment in which modules are imported.
+    """
+
+    def __init__(self, python: Path, env: Mapping[str, str]) -> None:
+        self.env = {**env, "PYTHONUNBUFFERED": "1"}
+        self._python = python
+        self._socket: socket.socket | None = None
+        self._server: subprocess.Popen[bytes] | None = None
+        self._lock = threading.Lock()
+
+    def suits(self, script: Path, env: Mapping[str, str]) -> bool:
+        """Whether a program may start as a fork: it is one of `PACKAGES`, and its environment has the same modules."""
+        same = all(env.get(key) == self.env.get(key) for key in _AT_START)
+        path = env.get("PYTHONPATH", "")
+        return script.parent.name in PACKAGES and script.is_file() and same and path.endswith(self.env["PYTHONPATH"])
+
+    def start(self, command: Sequence[str], env: Mapping[str, str], cwd: Path | None, out: int, err: int) -> Fork:
+        """Starts a program.
+
+        :param command: the script and its arguments.
+        :param out, err: the descriptors it writes to.
+        """
+        ended, ends = os.pipe()
+        added = env.get("PYTHONPATH", "").removesuffix(self.env["PYTHONPATH"]).strip(":")
+        request = {"argv": list(command), "env": dict(env), "cwd": str(cwd or Path.cwd())}
+        with self._lock:
+            server = self._connection()
+            socket.send_fds(server, [json.dumps({**request, "path": added}).encode()], [out, err, ends])
+            os.close(ends)
+            return Fork(int(server.recv(32)), ended)
+
+    def _connection(self) -> socket.socket:
+        if self._socket is None:
+            self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            with theirs:
+                self._server = subprocess.Popen(
+                    [self._python, __file__, str(theirs.fileno())],
+                    env=self.env,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,  # as its programs: Python's own streams are made for a pipe or a file
+                    stderr=subprocess.PIPE,
+                    pass_fds=[theirs.fileno()],
+                    start_new_session=True,
+                )
+        return self._socket
+
+
+class Fork:
+    """A forked program, used as `subprocess.Popen` is.
+
+    :param ended: the descriptor that tells its exit status.
+    """
+
+    def __init__(self, pid: int, ended: int) -> None:
+        self.pid = pid
+        self._ended = ended
+        self._status: int | None = None
+
+    def poll(self) -> int | None:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.wait(0.0)
+        return self._status
+
+    def wait(self, timeout: float | None = None) -> int:
+        """
+        :raises subprocess.TimeoutExpired: it still runs.
+        """
+        if self._status is None:
+            if not select.select([self._ended], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(f"fork {self.pid}", timeout or 0.0)
+            if self._status is None:  # another thread may have waited too
+                told, self._status = os.read(self._ended, 32), -signal.SIGKILL
+                self._status = int(told or self._status)
+        return self._status
+
+
+# -- the server --------------------------------------------------------------------------------------------------------
+
+
+def _imports() -> set[str]:
+    """The modules that the programs import."""
+    programs = Path(__file__).parents[2] / "install/lib"
+    trees = [ast.parse(script.read_text()) for package in PACKAGES for script in (programs / package).iterdir()]
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {node.module for node in nodes if node.module}
+
+
+def _serve(requests: socket.socket) -> dict[str, Any]:
+    """Forks until the connection ends. Returns only in a fork, with the request."""
+    wake, woken = os.pipe()
+    os.set_blocking(woken, False)
+    signal.set_wakeup_fd(woken)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    running: dict[int, int] = {}
+    while True:
+        ready, _, _ = select.select([requests, wake], [], [])
+        if wake in ready:
+            os.read(wake, 1000)
+            _tell_ends(running)
+        if requests not in ready:
+            continue
+        text, descriptors, _, _ = socket.recv_fds(requests, 1 << 20, 3)
+        if not text:
+            os._exit(0)
+        out, err, ends = descriptors
+        pid = os.fork()
+        if pid == 0:
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            os.setsid()
+            os.dup2(out, 1)
+            os.dup2(err, 2)
+            for descriptor in (wake, woken, requests.detach(), *descriptors, *running.values()):
+                os.close(descriptor)
+            return dict(json.loads(text))
+        running[pid] = ends
+        os.close(out)
+        os.close(err)
+        requests.send(str(pid).encode())
+
+
+def _tell_ends(running: dict[int, int]) -> None:
+    """Tells the exit statuses of the programs that have ended."""
+    for pid in list(running):
+        ended, status = os.waitpid(pid, os.WNOHANG)
+        if ended:
+            ends = running.pop(pid)
+            with contextlib.suppress(BrokenPipeError):
+                os.write(ends, str(os.waitstatus_to_exitcode(status)).encode())
+            os.close(ends)
+
+
+def _become(request: dict[str, Any]) -> str:
+    """Prepares this process for a program. Returns the script."""
+    import rospy.names
+
+    os.chdir(request["cwd"])
+    os.environ.clear()
+    os.environ.update(request["env"])
+    sys.argv = request["argv"]
+    sys.path[0] = os.path.dirname(sys.argv[0])
+    sys.path[1:1] = [entry for entry in request["path"].split(":") if entry]
+    importlib.reload(rospy.names)  # it reads the arguments and the namespace when it is imported
+    return sys.argv[0]
+
+
+if __name__ == "__main__":
+    for module in _imports():
+        importlib.import_module(module)
+    gc.freeze()
+    runpy.run_path(_become(_serve(socket.socket(fileno=int(sys.argv[1])))), run_name="__main__")

@@ -1,0 +1,1 @@
+"""A window for tests: without ROS, operated by mouse and keys, on a screenshot."""

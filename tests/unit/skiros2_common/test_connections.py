@@ -1,0 +1,63 @@
+"""A node that publishes the first message of a topic waits, for a limited time, until all subscribers are connected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from skiros2_common.ros import connections
+from skiros2_common.ros.connections import RegisteredSubscribers, wait_for_subscribers
+
+
+class FakePublisher:
+    resolved_name = "/job/goal"
+
+    def __init__(self, *connections: int) -> None:
+        self._connections = list(connections)
+
+    def get_num_connections(self) -> int:
+        return self._connections.pop(0) if len(self._connections) > 1 else self._connections[0]
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The topics of the master with their subscribers: a server and a recorder subscribe to the publisher's topic."""
+    known: list[Any] = [["/other", ["/a", "/b", "/c"]], ["/job/goal", ["/server", "/recorder"]]]
+
+    class Master:
+        def __init__(self, caller: str) -> None:
+            pass
+
+        def getSystemState(self) -> Any:
+            if not known:
+                raise ConnectionRefusedError
+            return [], known, []
+
+    monkeypatch.setattr(connections.rosgraph, "Master", Master)
+    return known
+
+
+def test_are_connected_is_true_when_all_registered_subscribers_are() -> None:
+    found = RegisteredSubscribers(FakePublisher(0, 1, 2), timeout=60.0)
+    assert [found.are_connected() for _ in range(3)] == [False, False, True]
+
+
+def test_are_connected_is_true_after_the_timeout() -> None:
+    assert RegisteredSubscribers(FakePublisher(1), timeout=0.0).are_connected()
+
+
+def test_are_connected_is_true_without_a_master(registered: list[Any]) -> None:
+    registered.clear()
+    assert RegisteredSubscribers(FakePublisher(0), timeout=60.0).are_connected()
+
+
+def test_are_connected_is_true_for_a_topic_without_subscribers(registered: list[Any]) -> None:
+    del registered[1]
+    assert RegisteredSubscribers(FakePublisher(0), timeout=60.0).are_connected()
+
+
+def test_wait_for_subscribers_returns_with_the_last_connection() -> None:
+    publisher = FakePublisher(0, 0, 2)
+    wait_for_subscribers(publisher, timeout=60.0)
+    assert publisher.get_num_connections() == 2

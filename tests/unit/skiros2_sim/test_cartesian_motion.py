@@ -224,7 +224,7 @@ def test_unreachable_line_aborts_with_the_reason(robot: MovedRobot) -> None:
         ({"angular_speed": math.inf}, "angular_speed inf"),
         ({"controller": "magic"}, "no controller 'magic'; it has position and compliant"),
         ({"stiffness": (1.0, 2.0)}, "expected 6 finite numbers"),
-        ({"stiffness": (1e9,) * 6}, "stiffness 1000000000.0 of x: expected 0 to 3000"),
+        ({"stiffness": (1e9,) * 6}, r"stiffness 1e\+09 of x: expected 0 to 2000"),
         ({"stiffness": (math.nan,) * 6}, "expected 6 finite numbers"),
         ({"max_force": -1.0}, "max_force -1.0"),
         ({"contact_force": 50.0, "max_force": 20.0}, "contact_force 50.0: expected a number from 0 to 20"),
@@ -254,7 +254,7 @@ def test_invalid_targets_are_rejected(robot: MovedRobot, target: Pose, said: str
 def test_invalid_stiffness_is_rejected(robot: MovedRobot) -> None:
     robot.controller.stiffness = (100.0,) * 3 + (10.0,) * 3
     assert robot.controller.stiffness == (100.0,) * 3 + (10.0,) * 3
-    with pytest.raises(WrongValue, match=r"stiffness -1\.0 of rz: expected 0 to 80"):
+    with pytest.raises(WrongValue, match=r"stiffness -1 of rz: expected 0 to 300"):
         robot.controller.stiffness = (50.0,) * 5 + (-1.0,)
 
 

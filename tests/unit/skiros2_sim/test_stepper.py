@@ -9,7 +9,7 @@ import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
-from skiros2_sim.core.stepper import MAX_STEPS, Stepper
+from skiros2_sim.core.stepper import MAX_TIME, Stepper
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose
 
@@ -98,7 +98,7 @@ def test_hooks_run_after_each_step_in_the_stepping_thread(make: Make) -> None:
     assert threads == ["stepper"] * 3
 
 
-@pytest.mark.parametrize("steps", [-1, MAX_STEPS + 1])
+@pytest.mark.parametrize("steps", [-1, MAX_TIME * 240 + 1])
 def test_step_count_out_of_range_is_rejected(make: Make, steps: int) -> None:
     with pytest.raises(WrongValue, match="expected 0 to 864000"):
         make(paused=True).step(steps)
@@ -158,7 +158,7 @@ def test_step_request_fails_when_the_world_resumes_or_ends(make: Make) -> None:
 
         def wait(stepper: Stepper = stepper, refusals: list[str] = refusals) -> None:
             try:
-                stepper.step(MAX_STEPS)
+                stepper.step(MAX_TIME * 240)
             except Refused as error:
                 refusals.append(str(error))
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from skiros2_sim.core.bullet import Bullet, Joint, finite
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.robot_model import ArmModel
+from skiros2_sim.core.wrist_sensor import MountedSensor, SensorModel
 from skiros2_std_reasoners.core.geometry import Pose, Vector, conjugated, rotated
 
 Wrench = tuple[float, float, float, float, float, float]
@@ -45,6 +48,8 @@ class Arm:
         #: The links after the last joint: their contacts produce the wrench.
         self._hand = frozenset(_links_after(bullet, body, self._indices[-1]))
         self._is_torque_driven = False
+        #: The force/torque sensor at the wrist, if a fixed joint is there.
+        self.sensor: MountedSensor | None = None
         for joint, position in zip(self.joints, self.rest, strict=True):
             bullet.resetJointState(body, joint.index, position)
         spec = model.spec.gripper
@@ -103,6 +108,33 @@ class Arm:
             torque = [a + b for a, b in zip(torque, turning, strict=True)]
         back = conjugated(tool.orientation)
         return (*rotated(back, force), *rotated(back, torque))
+
+    def mount_sensor(self, model: SensorModel, seed: int) -> None:
+        """Mounts a force/torque sensor on the fixed joint between the last moving link and the hand, if there is one.
+
+        :param seed: of the noise.
+        """
+        link, parent = self.tool_link, self._parent(self.tool_link)
+        while parent not in (self._indices[-1], -1):
+            link, parent = parent, self._parent(parent)
+        if parent < 0 or Joint.of(self._bullet.getJointInfo(self.body, link)).moves:
+            return
+        links = _links_after(self._bullet, self.body, link)
+        sensor = MountedSensor(self._bullet, self.body, link, links, model, np.random.default_rng((seed, link)))
+        if sensor.mass > 0.0:
+            self.sensor = sensor
+
+    def measured_wrench(self) -> Wrench:
+        """Returns the external wrench on the hand that the sensor at the wrist measures, in the tool frame: force (N),
+        torque (Nm) about its origin. Without a sensor: `wrench`."""
+        if self.sensor is None:
+            return self.wrench()
+        fx, fy, fz, tx, ty, tz = self.sensor.wrench(self.tool_pose())
+        return fx, fy, fz, tx, ty, tz
+
+    def _parent(self, link: int) -> int:
+        parent: int = self._bullet.getJointInfo(self.body, link)[16]
+        return parent
 
     # -- motors -----------------------------------------------------------------------------------------------
 

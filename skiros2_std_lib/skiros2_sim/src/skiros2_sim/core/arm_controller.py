@@ -1,13 +1,7 @@
 """Controllers of an arm's joints: a position controller and a compliant one, which can be switched during motion.
 
-The compliant one is a Cartesian impedance with a posture kept in the nullspace (Khatib, A Unified Approach for Motion
-and Force Control of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots,
-2003):
-
-    torques = J' (K dx + D dv) + bias + (I - J' J'+) (k (q0 - q) + d (dq0 - dq))
-
-with the tool's Jacobian J, the offset dx to its target, the velocity error dv, stiffness K and damping D in the tool
-frame, the bias of gravity and Coriolis forces, and the posture q0, which is kept in the nullspace.
+The compliant one is a Cartesian impedance (see `impedance`), with an overlay motion and a limit of the measured wrench.
+Poses are those of the tool in the robot's frame.
 """
 
 from __future__ import annotations
@@ -17,39 +11,45 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
-from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_sim.core.arm import Arm
-from skiros2_sim.core.arm_kinematics import ArmKinematics, ChainJoint, difference
+from skiros2_sim.core.arm_kinematics import ArmKinematics, ChainJoint
 from skiros2_sim.core.bullet import finite
+from skiros2_sim.core.impedance import ArmState, Impedance
 from skiros2_sim.core.motion import Outcome
 from skiros2_sim.core.robot import Robot
+from skiros2_sim.core.spiral import Spiral, SpiralGoal
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted, rotated
+from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inverted, rotated
 
 Array = npt.NDArray[np.float64]
 
-#: Default stiffness along and about the tool's axes (N/m, Nm/rad).
-STIFFNESS = (600.0, 600.0, 600.0, 40.0, 40.0, 40.0)
-#: Maximum stiffness that is stable with torques that change once per step.
-_MAX_STIFFNESS = (3000.0, 3000.0, 3000.0, 80.0, 80.0, 80.0)
-#: Damping ratio of the tool.
-_DAMPING_RATIO = 0.7
-#: Regularisation of the tool's inertia at singularities (1/kg, 1/(kg m2)).
-_SINGULAR = 1e-3
-#: Regularisation of the nullspace projection.
-_SINGULAR_POSTURE = 1e-6 * np.eye(6)
-#: Number of steps between updates of the damping, which changes slowly with the posture.
-_DAMPING_PERIOD = 8
-#: Maximum stiffness as a fraction of the inertia over the square of the step length.
-_STABLE = 0.2
-#: Stiffness of the posture in the nullspace (Nm/rad).
-_POSTURE_STIFFNESS = 10.0
-#: Maximum offset from the target that produces a force (m, rad).
-_MAX_DISTANCE, _MAX_TURN = 0.15, 0.5
+#: Minimum rate of the compliant controller (Hz), if the world has as many steps.
+CONTROL_RATE = 500
+#: Default damping factors: about critical damping with the inertia of an arm, which is 2 to 8 kg at its tool.
+_DAMPING_FACTORS = (2.0,) * 6
 #: Maximum weight (N) of a carried object that is compensated.
 _PAYLOAD = 30.0
+#: Maximum distance of a reference from the robot's frame (m).
+_MAX_REACH = 3.0
+
+
+class Stop(NamedTuple):
+    """A stop at a limit of the wrench.
+
+    :param quantity: "force" (N) or "torque" (Nm).
+    :param time: simulated time (s).
+    """
+
+    quantity: str
+    value: float
+    limit: float
+    time: float
+
+    def __str__(self) -> str:
+        unit = "N" if self.quantity == "force" else "Nm"
+        return f"{self.quantity} of {self.value:.1f} {unit} above the limit of {self.limit:g} {unit}"
 
 
 class ArmController:
@@ -62,12 +62,18 @@ class ArmController:
         self.kinematics = _kinematics(world, robot, arm)
         self.outcome: Outcome | None = None
         self.compliant = False
-        self._stiffness = np.array(STIFFNESS)
-        self._drawn_to = IDENTITY
-        self._gains = _Gains(np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(len(arm.joints)))
-        self._updates = 0
-        self._posture = np.array(arm.rest)
-        self._velocities = np.zeros(len(arm.joints))
+        #: The law of the compliant controller.
+        self.impedance = Impedance([joint.effort for joint in arm.joints])
+        self.impedance.set_damping_factors(_DAMPING_FACTORS)
+        self.overlay: Spiral | None = None
+        #: Limits of the measured force (N) and torque (Nm); 0 for none.
+        self.limits = (0.0, 0.0)
+        #: The stop at a limit, since which the arm holds.
+        self.stop: Stop | None = None
+        #: Number of steps between two updates of the torques.
+        self._period = max(1, world.rate // CONTROL_RATE)
+        self._steps = 0
+        self._masses = np.eye(len(arm.joints))
         self._carried = np.zeros(3)
 
     @property
@@ -88,12 +94,11 @@ class ArmController:
     @property
     def stiffness(self) -> tuple[float, ...]:
         """Stiffness of the compliant controller: N/m along and Nm/rad about the axes of the tool frame."""
-        return tuple(float(value) for value in self._stiffness)
+        return self.impedance.commanded_stiffness
 
     @stiffness.setter
     def stiffness(self, values: Sequence[float]) -> None:
-        self._stiffness = np.array(checked_stiffness(values))
-        self._updates = 0
+        self.impedance.set_stiffness(values)
 
     def switch(self, name: str) -> None:
         """Activates a controller and deactivates the other. The arm keeps its position and its load.
@@ -105,19 +110,22 @@ class ArmController:
         if name == self.active:
             return
         self.compliant = not self.compliant
-        self._updates = 0
-        self.hold()
+        self.overlay = self.stop = None
         if self.compliant:
+            self._steps = 0
+            self.impedance.restart(self._state())
             self.carry()
             self.world.motions.add(self)
         else:
+            self.hold()
             self.world.motions.remove(self)
 
     def carry(self) -> None:
         """Makes the compliant controller compensate the weight of the object in the hand."""
         felt = rotated(self.arm.tool_pose().orientation, self.arm.wrench()[:3])[2]
         # a suspended object pulls down; a contact from below pushes up and is not compensated
-        self._carried = np.array([0.0, 0.0, min(max(-felt, 0.0), _PAYLOAD)])
+        up = (0.0, 0.0, min(max(-felt, 0.0), _PAYLOAD))
+        self._carried = np.array(rotated(conjugated(self.robot.pose().orientation), up))
 
     def hold(self) -> None:
         """Holds the current position."""
@@ -132,82 +140,123 @@ class ArmController:
         self.arm.drive(positions.tolist(), velocities.tolist())
 
     def draw(self, tool: Pose, posture: Array, velocities: Array) -> None:
-        """Sets the targets of the compliant controller: tool pose in the robot's frame, posture of the joints (in the
-        nullspace) and joint velocities."""
-        self._drawn_to, self._posture, self._velocities = tool, posture, velocities
+        """Sets the targets of the compliant controller on a smooth path: tool pose, posture of the joints (in the
+        nullspace) and joint velocities. Does nothing after a stop."""
+        if self.stop is None:
+            self.impedance.set_reference(tool, filtered=False)
+            self.impedance.posture, self.impedance.velocities = posture, velocities
 
     def tool_pose(self) -> Pose:
         """Pose of the tool in the robot's frame."""
         return composed(inverted(self.robot.pose()), self.arm.tool_pose())
 
+    # -- commands to the compliant controller -----------------------------------------------------------------
+
+    def set_reference(self, pose: Pose) -> None:
+        """Sets the pose that attracts the tool; the arm holds it until the next one.
+
+        :raises WrongValue: it is far out of reach.
+        :raises Refused: the controller is not active, or has stopped at a limit.
+        """
+        if not max(map(abs, pose.position)) <= _MAX_REACH:
+            raise WrongValue(f"position {pose.position} in the robot's frame: expected up to {_MAX_REACH:g} m")
+        self.check_active()
+        self.impedance.set_reference(pose)
+        self.impedance.velocities = np.zeros(len(self.arm.joints))
+
+    def set_wrench(self, values: Sequence[float]) -> None:
+        """Sets the wrench that the tool exerts, in its frame (N, Nm).
+
+        :raises WrongValue: a value is not finite or out of range.
+        :raises Refused: the controller is not active, or has stopped at a limit.
+        """
+        self.check_active()
+        self.impedance.set_wrench(values)
+
+    def start_overlay(self, goal: SpiralGoal) -> None:
+        """Adds a spiral to the reference, in place of the current one, if there is one.
+
+        :raises Refused: the controller is not active, or has stopped at a limit.
+        """
+        self.check_active()
+        self.overlay = Spiral(goal)
+
+    def stop_overlay(self) -> None:
+        """Returns to the reference without an overlay motion; does nothing without one."""
+        if self.overlay is not None:
+            self.overlay.stop()
+
+    def set_limits(self, force: float, torque: float) -> None:
+        """Sets the limits of the measured force (N) and torque (Nm), 0 for none, and ends a stop.
+
+        :raises WrongValue: a limit is negative or not finite.
+        """
+        numbers = finite((force, torque), 2, "limits of force and torque")
+        if min(numbers) < 0.0:
+            raise WrongValue(f"limits of force and torque {numbers}: expected 0 N, 0 Nm or more")
+        self.limits = numbers[0], numbers[1]
+        self.stop = None
+
+    def check_active(self) -> None:
+        """Checks that the compliant controller accepts commands.
+
+        :raises Refused: it is not active, or has stopped at a limit.
+        """
+        if not self.compliant:
+            raise Refused(f"controller {self.names[1]} of arm {self.arm.name} is not active")
+        if self.stop is not None:
+            raise Refused(f"arm {self.arm.name} has stopped at a {self.stop}; set its limits again to move it")
+
+    # -- control ----------------------------------------------------------------------------------------------
+
     def update(self, dt: float) -> None:
         """Sets the torques of the compliant controller for the next step."""
         if not self.compliant:
             return
-        q, dq = np.array(self.arm.positions()), np.array(self.arm.velocities())
-        tool = self.kinematics.forward(q)
-        jacobian = self.kinematics.jacobian(q)
-        # computed in the tool frame, where the stiffness is diagonal
-        into = np.zeros((6, 6))
-        into[:3, :3] = into[3:, 3:] = Rotation.from_quat(tool.orientation).inv().as_matrix()
-        in_tool = into @ jacobian
-        if self._updates % _DAMPING_PERIOD == 0:
-            self._gains = _gains(self._stiffness, in_tool, np.array(self.arm.masses()), dt)
-        self._updates += 1
-        stiffness, damping, posture_damping = self._gains
-        too_fast = dq - self._velocities
-        way = _clipped(into @ difference(self._drawn_to, tool))
-        wrench = stiffness @ way - damping @ (in_tool @ too_fast) + into[:, :3] @ self._carried
-        posture = _POSTURE_STIFFNESS * (self._posture - q) - posture_damping * too_fast
-        posture -= jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
-        self.arm.drive_torques((in_tool.T @ wrench + posture + self.arm.bias()).tolist())
+        if self._steps % self._period == 0:
+            self._control(self._period * dt)
+        self._steps += 1
+        self.arm.drive_torques(self.impedance.commanded_torques.tolist())
+
+    def _control(self, dt: float) -> None:
+        self._check_limits()
+        if self.overlay is not None:
+            self.impedance.overlay = self.overlay.update(dt)
+            if self.overlay.has_ended:
+                self.overlay = None
+        self.impedance.torques(self._state(), dt, self._carried)
+
+    def _check_limits(self) -> None:
+        """Stops at an exceeded limit: the current pose becomes the reference, without wrench and overlay motion."""
+        if self.stop is not None or not any(self.limits):
+            return
+        wrench = self.arm.measured_wrench()
+        for quantity, part, limit in (("force", wrench[:3], self.limits[0]), ("torque", wrench[3:], self.limits[1])):
+            value = float(np.linalg.norm(part))
+            if 0.0 < limit < value:
+                self.overlay = None
+                self.impedance.overlay = np.zeros(3)
+                self.hold()
+                self.impedance.cancel_wrench()
+                self.stop = Stop(quantity, value, limit, self.world.time)
+                return
+
+    def _state(self) -> ArmState:
+        q = np.array(self.arm.positions())
+        if self.impedance.needs_masses:
+            self._masses = np.array(self.arm.masses())
+        return ArmState(
+            q,
+            np.array(self.arm.velocities()),
+            self.kinematics.forward(q),
+            self.kinematics.jacobian(q),
+            self._masses,
+            np.array(self.arm.bias()),
+        )
 
     def cancel(self) -> None:
         """Switches back to the position controller."""
         self.switch(self.names[0])
-
-
-def checked_stiffness(values: Sequence[float]) -> list[float]:
-    """Checks six stiffnesses.
-
-    :raises WrongValue: one is negative, not finite, or above the maximum for stability.
-    """
-    numbers = finite(values, 6, "stiffness along and about x, y, z")
-    for axis, value, most in zip(["x", "y", "z", "rx", "ry", "rz"], numbers, _MAX_STIFFNESS, strict=True):
-        if not 0.0 <= value <= most:
-            raise WrongValue(f"stiffness {value} of {axis}: expected 0 to {most:g}")
-    return numbers
-
-
-class _Gains(NamedTuple):
-    """Stiffness and damping of the tool, and damping of the posture, in the current state."""
-
-    stiffness: Array
-    damping: Array
-    posture_damping: Array
-
-
-def _gains(stiffness: Array, jacobian: Array, masses: Array, dt: float) -> _Gains:
-    """Computes the damping with the same ratio z in all directions by double diagonalization (Albu-Schaeffer et al.,
-    section 3): for Q with inertia Q Q' and stiffness Q k Q' of the tool, k diagonal, the damping is Q 2 z sqrt(k) Q'.
-    The stiffness is reduced where the inertia is too low for torques that change once per `dt`."""
-    mobility = jacobian @ np.linalg.solve(masses, jacobian.T) + _SINGULAR * np.eye(6)
-    root = np.linalg.cholesky(mobility)
-    modes, vectors = np.linalg.eigh(root.T @ np.diag(stiffness) @ root)
-    modes = np.clip(modes, 0.0, _STABLE / dt**2)
-    q = np.linalg.solve(root.T, vectors)
-    posture = 2 * _DAMPING_RATIO * np.sqrt(_POSTURE_STIFFNESS * np.diag(masses))
-    return _Gains(q @ np.diag(modes) @ q.T, q @ np.diag(2 * _DAMPING_RATIO * np.sqrt(modes)) @ q.T, posture)
-
-
-def _clipped(way: Array) -> Array:
-    """Limits an offset in length and rotation."""
-    result = way.copy()
-    for part, most in ((slice(0, 3), _MAX_DISTANCE), (slice(3, 6), _MAX_TURN)):
-        length = float(np.linalg.norm(way[part]))
-        if length > most:
-            result[part] *= most / length
-    return result
 
 
 def _kinematics(world: World, robot: Robot, arm: Arm) -> ArmKinematics:

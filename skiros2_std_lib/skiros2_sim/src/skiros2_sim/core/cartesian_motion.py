@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
-from skiros2_sim.core.arm_controller import ArmController, checked_stiffness
+from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.arm_kinematics import ArmKinematics, between, distances
 from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.contacts import PartContacts
+from skiros2_sim.core.impedance import MAX_STIFFNESS, checked
 from skiros2_sim.core.motion import Outcome, Pieces, State, advance
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, normalized, rotated
 
@@ -332,7 +333,9 @@ class CartesianMotion:
             self._controller.follow(point.positions, point.velocities)
 
     def _force_exceeded(self) -> Outcome | None:
-        """Returns the outcome if the force limit or the requested contact force is reached."""
+        """Returns the outcome if a force limit or the requested contact force is reached."""
+        if self._controller.stop is not None:
+            return self._stop(State.ABORTED, FORCE_LIMIT, f"{self._controller.stop}{self._contacts.describe()}")
         force, torque = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
         in_map = np.array(rotated(self._arm.tool_pose().orientation, self._wrench[:3].tolist()))
         contact = float(np.linalg.norm(in_map - self._carried))
@@ -424,4 +427,4 @@ class CartesianMotion:
             names = " and ".join(self._controller.names)
             raise WrongValue(f"arm {self._arm.name} has no controller {goal.controller!r}; it has {names}")
         if goal.stiffness:
-            checked_stiffness(goal.stiffness)
+            checked("stiffness", goal.stiffness, MAX_STIFFNESS, lowest=0.0)

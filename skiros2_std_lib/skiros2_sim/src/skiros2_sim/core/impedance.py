@@ -22,7 +22,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.joint import finite
+from skiros2_sim.core.bullet import finite
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose
 
 Array = npt.NDArray[np.float64]
@@ -60,7 +60,7 @@ class ArmState(NamedTuple):
     :param velocities: n (rad/s).
     :param tool: pose of the tool in the arm's base frame.
     :param jacobian: of the tool in the base frame, 6 x n: linear, then angular.
-    :param masses: n x n (kg m2).
+    :param masses: n x n (kg m2); used if `Impedance.needs_masses`.
     :param bias: torques of gravity and Coriolis forces, n (Nm).
     """
 
@@ -107,20 +107,39 @@ class Impedance:
         self._gains: Gains | None = None
         self._updates = 0
 
+    @property
+    def commanded_stiffness(self) -> tuple[float, ...]:
+        """The last stiffness that was set."""
+        return tuple(float(value) for value in self._stiffness)
+
+    @property
+    def damping_factors(self) -> tuple[float, ...]:
+        """The damping factors along and about the axes of the tool."""
+        return tuple(float(value) for value in self._damping)
+
+    @property
+    def needs_masses(self) -> bool:
+        """Whether the next update uses the masses of the arm."""
+        return self._gains is None or self._updates % _INERTIA_PERIOD == 0
+
     def restart(self, state: ArmState) -> None:
         """Starts at the current pose and posture, without a wrench and without a jump of the torques."""
-        self.set_reference(state.tool)
-        self.reference = state.tool
+        self.set_reference(state.tool, filtered=False)
         self.posture, self.velocities = state.positions.copy(), np.zeros_like(state.positions)
-        self.set_wrench((0.0,) * 6)
-        self.wrench = np.zeros(6)
+        self.cancel_wrench()
+        self.stiffness = self._stiffness.copy()
         self.overlay = np.zeros(3)
         self.commanded_torques = state.bias.copy()
         self._updates = 0
 
-    def set_reference(self, pose: Pose) -> None:
-        """Sets the attractor of the tool, in the arm's base frame."""
+    def set_reference(self, pose: Pose, filtered: bool = True) -> None:
+        """Sets the attractor of the tool, in the arm's base frame.
+
+        :param filtered: False for points of a smooth path, which are followed without delay.
+        """
         self._reference = pose
+        if not filtered:
+            self.reference = pose
 
     def set_stiffness(self, values: Sequence[float]) -> None:
         """Sets the stiffness along and about the axes of the tool (N/m, Nm/rad).
@@ -143,6 +162,10 @@ class Impedance:
         """
         self._wrench = np.array(checked("wrench", values, MAX_WRENCH))
 
+    def cancel_wrench(self) -> None:
+        """Sets the wrench to 0, without delay by a filter; the torques still change slowly."""
+        self._wrench, self.wrench = np.zeros(6), np.zeros(6)
+
     def torques(self, state: ArmState, dt: float, load: Array | None = None) -> Array:
         """Returns the joint torques (Nm) for the next `dt` seconds.
 
@@ -152,7 +175,7 @@ class Impedance:
         into = Rotation.from_quat(state.tool.orientation).inv().as_matrix()
         jacobian = state.jacobian
         in_tool = np.vstack([into @ jacobian[:3], into @ jacobian[3:]])
-        if self._gains is None or self._updates % _INERTIA_PERIOD == 0:
+        if self.needs_masses or self._gains is None:
             self._gains = stable_gains(self.stiffness, self._damping, in_tool, state.masses, dt)
         self._updates += 1
         stiffness, damping, posture_damping = self._gains

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from skiros2_common.core.errors import Refused, WrongValue
-from skiros2_sim.core.world import RATE, World
+from skiros2_sim.core.world import World
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: Maximum number of steps per request: one hour of simulated time.
-MAX_STEPS = 3600 * RATE
+#: Maximum simulated time of a request for steps (s).
+MAX_TIME = 3600
 #: Maximum rate (times real time).
 MAX_RATE = 1000.0
 
@@ -49,6 +49,8 @@ class Stepper:
 
     def __init__(self, world: World, rate: float = 1.0, paused: bool = False) -> None:
         self._world = world
+        #: Steps per second of simulated time.
+        self.step_rate = world.rate
         self._rate = checked_rate(rate)
         self._paused = paused
         self._ended = False
@@ -133,8 +135,9 @@ class Stepper:
         :raises WrongValue: the number is out of range.
         :raises Refused: the world is not paused, or is resumed, fails or ends meanwhile.
         """
-        if not 0 <= steps <= MAX_STEPS:
-            raise WrongValue(f"{steps} steps: expected 0 to {MAX_STEPS}, an hour of simulated time")
+        most = MAX_TIME * self.step_rate
+        if not 0 <= steps <= most:
+            raise WrongValue(f"{steps} steps: expected 0 to {most}, an hour of simulated time")
         done: Future[None] = Future()
 
         def request(_: World) -> None:
@@ -223,7 +226,7 @@ class Stepper:
 
     def _due(self) -> float:
         began, count = self._anchor
-        return began + (self._count + 1 - count) / (RATE * self._rate)
+        return began + (self._count + 1 - count) / (self.step_rate * self._rate)
 
     def _step(self) -> None:
         if self._requests and not self._requests[0].remaining:
@@ -258,7 +261,7 @@ class Stepper:
         began, count = self._anchor
         if not self._slow_logged:
             self._slow_logged = True
-            reached = (self._count - count) / RATE / max(time.monotonic() - began, 1e-9)
+            reached = (self._count - count) / self.step_rate / max(time.monotonic() - began, 1e-9)
             log.warning("the simulated world cannot keep up with %g x real time (last: %.2g x)", self._rate, reached)
         self._restart_timing()
 

@@ -20,10 +20,11 @@ from skiros2_sim.core.motion import MotionList
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.robot_model import BASE_LINK, merge_models
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, RobotSpec, SceneSpec
+from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, multiplied
 
-#: Steps per second.
-RATE = 240
+#: Default number of steps per second, and its limits.
+RATE, MIN_RATE, MAX_RATE = 240, 240, 2000
 GROUND = "ground"
 
 _MAX_DISTANCE = 1000.0  # m; beyond it the floats of the engine are too coarse
@@ -37,7 +38,9 @@ class World:
     :param gui: whether to show PyBullet's window.
     :param position_noise: maximum offset of movable bodies at the start, in x and y (m).
     :param yaw_noise: maximum rotation of movable bodies at the start (rad).
-    :raises WrongValue: the seed is negative, or a noise is not finite.
+    :param rate: steps per second; 1000 for scenes with tight fits and stiff contacts.
+    :param sensor: errors of the force/torque sensors at the wrists.
+    :raises WrongValue: the seed is negative, a noise is not finite, or the rate is out of range.
     :raises Refused: no window can be opened.
 
     `problems` lists what could not be simulated as described. `reset` creates all bodies, robots, arms and grippers
@@ -51,9 +54,16 @@ class World:
         gui: bool = False,
         position_noise: float = 0.0,
         yaw_noise: float = 0.0,
+        rate: int = RATE,
+        sensor: SensorModel = EXACT,
     ) -> None:
+        if not MIN_RATE <= rate <= MAX_RATE:
+            raise WrongValue(f"rate {rate}: expected {MIN_RATE} to {MAX_RATE} steps per second")
         self.scene = scene
-        self.dt = 1.0 / RATE
+        #: Steps per second.
+        self.rate = rate
+        self.dt = 1.0 / rate
+        self._sensor = sensor
         self._noise = (*finite((position_noise, yaw_noise), 2, "noise of the world"),)
         self._seed = _check_seed(seed)
         self.bullet = Bullet(gui)
@@ -101,7 +111,7 @@ class World:
     @property
     def time(self) -> float:
         """Simulated time since the start or the last reset (s)."""
-        return self.steps / RATE
+        return self.steps / self.rate
 
     def step(self, count: int = 1) -> None:
         """Makes `count` steps. An exception of a motion propagates, and the motion is removed."""
@@ -113,6 +123,9 @@ class World:
             self._pushes.update()
             self.bullet.stepSimulation()
             self.steps += 1
+            for arm in self.arms.values():
+                if arm.sensor is not None:
+                    arm.sensor.after_step()
 
     def reset(self, seed: int | None = None) -> None:
         """Returns to the start: the same state as that of a new world.
@@ -200,7 +213,7 @@ class World:
         if max(map(abs, numbers)) > _MAX_FORCE or duration < 0:
             raise WrongValue(f"push of {eid}: expected up to {_MAX_FORCE} N, Nm and s, got {numbers}")
         fx, fy, fz, tx, ty, tz, _ = numbers
-        self._pushes.add(body, link, (fx, fy, fz), (tx, ty, tz), max(1, round(duration * RATE)))
+        self._pushes.add(body, link, (fx, fy, fz), (tx, ty, tz), max(1, round(duration * self.rate)))
 
     # -- contacts ---------------------------------------------------------------------------------------------
 
@@ -264,6 +277,8 @@ class World:
             self.problems.append(Problem(spec.id, f"omitted: {error}"))
             return
         self.robots[spec.id] = robot
+        for arm in robot.arms.values():
+            arm.mount_sensor(self._sensor, self._seed)
         self.arms |= robot.arms
         self.grippers |= {arm.gripper.id: arm.gripper for arm in robot.arms.values() if arm.gripper is not None}
         self.cameras |= {camera.id: camera for camera in spec.cameras}

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.joint import finite
+from skiros2_sim.core.bullet import Bullet, finite
+from skiros2_std_reasoners.core.geometry import Pose
 
 Array = npt.NDArray[np.float64]
 
@@ -42,6 +43,10 @@ class SensorModel:
         for name, value in (("force_noise", self.force_noise), ("torque_noise", self.torque_noise)):
             if not (math.isfinite(value) and value >= 0.0):
                 raise WrongValue(f"{name} {value}: expected a number of 0 or more")
+
+
+#: A sensor without errors.
+EXACT = SensorModel()
 
 
 class WristSensor:
@@ -76,3 +81,68 @@ class WristSensor:
         noise = self._random.standard_normal(6) * self._deviation if self._deviation.any() else 0.0
         self._measured = wrench - np.concatenate([weight, np.cross(self._centre, weight)]) + self._bias + noise
         return self._measured - self._offset
+
+
+class MountedSensor:
+    """A sensor on a fixed joint of a simulated robot. PyBullet measures the force on the child link, in the frame of its
+    centre of mass.
+
+    :param joint: index of the joint and of its child link.
+    :param links: the child link and all its descendants.
+    :param random: source of the noise.
+    """
+
+    def __init__(
+        self,
+        bullet: Bullet,
+        body: int,
+        joint: int,
+        links: Sequence[int],
+        model: SensorModel,
+        random: np.random.Generator,
+    ) -> None:
+        self._bullet, self._body, self._joint = bullet, body, joint
+        bullet.enableJointForceTorqueSensor(body, joint, True)
+        masses = [float(bullet.getDynamicsInfo(body, link)[0]) for link in links]
+        centres = [bullet.getLinkState(body, link, computeForwardKinematics=1)[0] for link in links]
+        position, turned = self._frame()
+        #: Mass of the hand (kg).
+        self.mass = sum(masses)
+        centre = np.average(centres, axis=0, weights=masses) if self.mass > 0.0 else position
+        self._sensor = WristSensor(self.mass, turned.inv().apply(centre - position), model, random)
+        self._is_noisy = model.force_noise > 0.0 or model.torque_noise > 0.0
+        self._measured: Array | None = None
+
+    def after_step(self) -> None:
+        """Called after each step. A sensor with noise measures in each one, so that runs with one seed are identical."""
+        self._measured = None
+        if self._is_noisy:
+            self._measure()
+
+    def zero(self) -> None:
+        """Makes the last measured wrench the zero of the following ones."""
+        self._measure()
+        self._sensor.zero()
+        self._measured = None
+
+    def wrench(self, tool: Pose) -> tuple[float, ...]:
+        """Returns the measured external wrench on the hand: force (N), torque (Nm) about the tool, in its frame.
+
+        :param tool: pose of the tool in the map.
+        """
+        measured = self._measure()
+        position, turned = self._frame()
+        into = Rotation.from_quat(tool.orientation).inv()
+        force = turned.apply(measured[:3])
+        torque = turned.apply(measured[3:]) + np.cross(position - np.array(tool.position), force)
+        return (*into.apply(force).tolist(), *into.apply(torque).tolist())
+
+    def _measure(self) -> Array:
+        if self._measured is None:
+            reaction = np.array(self._bullet.getJointState(self._body, self._joint)[2])
+            self._measured = self._sensor.measure(-reaction, self._frame()[1].as_quat())
+        return self._measured
+
+    def _frame(self) -> tuple[Array, Rotation]:
+        state = self._bullet.getLinkState(self._body, self._joint, computeForwardKinematics=1)
+        return np.array(state[0]), Rotation.from_quat(state[1])

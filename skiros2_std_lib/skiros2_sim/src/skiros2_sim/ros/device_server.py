@@ -15,12 +15,12 @@ from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.ros.goal_server import GoalServer
 from skiros2_sim.core.motion import Motion, Outcome, State
 from skiros2_sim.core.stepper import Stepper
-from skiros2_sim.core.world import RATE, World
+from skiros2_sim.core.world import World
 
 log = logging.getLogger(__name__)
 
-#: Steps between two feedback messages: 10 Hz of simulated time.
-_FEEDBACK = RATE // 10
+#: Rate of feedback messages (Hz of simulated time).
+_FEEDBACK_RATE = 10
 
 
 class Job(Protocol):
@@ -161,7 +161,7 @@ class DeviceServer(GoalServer):
             return
         if running.motion.outcome is not None:
             self._answer(running.motion.outcome)
-        elif self._stepper.count % _FEEDBACK == 0 and self.has_subscribers:
+        elif self._stepper.count % (self._stepper.step_rate // _FEEDBACK_RATE) == 0 and self.has_subscribers:
             running.handle.publish_feedback(running.job.feedback())
 
     def _answer(self, outcome: Outcome) -> None:

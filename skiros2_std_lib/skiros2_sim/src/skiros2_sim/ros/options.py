@@ -7,10 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_sim.core.bullet import finite
 from skiros2_sim.core.perception import EXACT, Noise, Source
 from skiros2_sim.core.stepper import MAX_RATE
-from skiros2_sim.core.world import RATE
+from skiros2_sim.core.world import MAX_RATE as MAX_STEP_RATE
+from skiros2_sim.core.world import MIN_RATE as MIN_STEP_RATE
+from skiros2_sim.core.world import RATE as STEP_RATE
+from skiros2_sim.core.wrist_sensor import EXACT as EXACT_SENSOR
+from skiros2_sim.core.wrist_sensor import SensorModel
 
 #: Default rate of images of cameras with subscribers, Hz of simulated time.
 CAMERA_RATE = 5.0
@@ -32,6 +37,8 @@ class Options:
     :param noise: of perception.
     :param position_noise: maximum offset of movable bodies at the start (m).
     :param yaw_noise: maximum rotation of movable bodies at the start (rad).
+    :param step_rate: steps per second of simulated time.
+    :param sensor: errors of the force/torque sensors at the wrists.
     """
 
     scene: str = ""
@@ -45,6 +52,8 @@ class Options:
     noise: Noise = EXACT
     position_noise: float = 0.0
     yaw_noise: float = 0.0
+    step_rate: int = STEP_RATE
+    sensor: SensorModel = EXACT_SENSOR
 
 
 def read_options(get: Callable[[str, Any], Any]) -> Options:
@@ -60,6 +69,9 @@ def read_options(get: Callable[[str, Any], Any]) -> Options:
     detection = get("~detection", Source.CAMERA.value)
     if detection not in kinds:
         raise ConfigurationError(f"parameter ~detection is {detection!r}, expected {' or '.join(kinds)}")
+    step_rate = _number(get, "~step_rate", STEP_RATE, MAX_STEP_RATE, MIN_STEP_RATE)
+    if step_rate != int(step_rate):
+        raise ConfigurationError(f"parameter ~step_rate is {step_rate}, expected a whole number")
     metres = _number(get, "~noise", 0.0, 1.0)
     return Options(
         scene=str(get("~scene", "")).strip(),
@@ -68,16 +80,26 @@ def read_options(get: Callable[[str, Any], Any]) -> Options:
         rate=_number(get, "~rate", 1.0, MAX_RATE),
         paused=bool(get("~paused", False)),
         gui=bool(get("~gui", False)),
-        camera_rate=_number(get, "~camera_rate", CAMERA_RATE, RATE),
+        camera_rate=_number(get, "~camera_rate", CAMERA_RATE, step_rate),
         detection=Source(detection),
         noise=Noise(depth=metres, position=metres, angle=10 * metres),
         position_noise=_number(get, "~position_noise", 0.0, 1.0),
         yaw_noise=_number(get, "~yaw_noise", 0.0, math.pi),
+        step_rate=int(step_rate),
+        sensor=_sensor(get),
     )
 
 
-def _number(get: Callable[[str, Any], Any], name: str, default: float, most: float) -> float:
+def _sensor(get: Callable[[str, Any], Any]) -> SensorModel:
+    force, torque, bias = get("~force_noise", 0.0), get("~torque_noise", 0.0), get("~wrench_bias", [0.0] * 6)
+    try:
+        return SensorModel(force, torque, tuple(finite(bias, 6, "bias")))
+    except (TypeError, SkirosError) as error:
+        raise ConfigurationError(f"parameters ~force_noise, ~torque_noise, ~wrench_bias: {error}") from None
+
+
+def _number(get: Callable[[str, Any], Any], name: str, default: float, most: float, least: float = 0.0) -> float:
     value = get(name, default)
-    if not isinstance(value, int | float) or isinstance(value, bool) or math.isnan(value) or not 0 <= value <= most:
-        raise ConfigurationError(f"parameter {name} is {value!s:.40}, expected a number, 0 to {most:g}")
+    if not isinstance(value, int | float) or isinstance(value, bool) or math.isnan(value) or not least <= value <= most:
+        raise ConfigurationError(f"parameter {name} is {value!s:.40}, expected a number, {least:g} to {most:g}")
     return float(value)

@@ -19,16 +19,14 @@ from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.robot_model import BASE_LINK
 from skiros2_sim.core.scene_spec import CameraSpec
 from skiros2_sim.core.stepper import Stepper
-from skiros2_sim.core.world import RATE, World
+from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import ODOM, Frames
 from skiros2_sim.ros.messages import camera_info, colour_image, depth_image, pose_message, twist_message, wrench_message
 from skiros2_sim_msgs.msg import Contact, Contacts
 from skiros2_std_reasoners.ros.packed_transforms import PackedTransforms
 
-#: Steps between two messages: 60, 30 and 20 Hz of simulated time.
-_CLOCK, _STATE, _CONTACTS = RATE // 60, RATE // 30, RATE // 20
-#: Contacts are published on change, and after this number of steps while there are any.
-_CONTACTS_ANYWAY = RATE
+#: Rates of messages (Hz of simulated time).
+_CLOCK, _STATE, _CONTACTS = 60, 30, 20
 
 
 class SimulatedClock:
@@ -43,12 +41,12 @@ class SimulatedClock:
     @property
     def now(self) -> rospy.Time:
         """The current time. Starts with the first step, as rospy treats 0 as "no time"."""
-        seconds, steps = divmod(self._stepper.count + 1, RATE)
-        return rospy.Time(seconds, steps * 1_000_000_000 // RATE)
+        seconds, steps = divmod(self._stepper.count + 1, self._stepper.step_rate)
+        return rospy.Time(seconds, steps * 1_000_000_000 // self._stepper.step_rate)
 
     @property
     def seconds(self) -> float:
-        return (self._stepper.count + 1) / RATE
+        return (self._stepper.count + 1) / self._stepper.step_rate
 
 
 class LateTopic:
@@ -101,12 +99,11 @@ class StatePublisher:
 
     def after_step(self) -> None:
         """Publishes what is due."""
-        count = self._stepper.count
-        if count % _CLOCK == 0:
+        if self._is_due(_CLOCK):
             self._clock_topic.publish(self._clock.now)
-        if count % _STATE == 0:
+        if self._is_due(_STATE):
             self._publish_state()
-        if count % _CONTACTS == 0:
+        if self._is_due(_CONTACTS):
             self._publish_contacts()
 
     def publish_all(self) -> None:
@@ -114,6 +111,9 @@ class StatePublisher:
         self._clock_topic.publish(self._clock.now)
         self._publish_state()
         self._publish_contacts()
+
+    def _is_due(self, rate: int) -> bool:
+        return self._stepper.count % (self._stepper.step_rate // rate) == 0
 
     def _add_sensors(self, robot: Robot) -> None:
         base = robot.spec.base
@@ -173,7 +173,7 @@ class StatePublisher:
         contacts = self._world.contacts()
         pairs = [(contact.first, contact.second) for contact in contacts]
         count = self._stepper.count
-        if pairs == self._pairs and not (pairs and count - self._contacts_count >= _CONTACTS_ANYWAY):
+        if pairs == self._pairs and not (pairs and count - self._contacts_count >= self._stepper.step_rate):
             return
         self._pairs, self._contacts_count = pairs, count
         self._contacts.publish(
@@ -195,7 +195,7 @@ class Cameras:
         self._stepper = stepper
         self._clock = clock
         self._frames = frames
-        self._period = max(1, round(RATE / rate)) if rate else 0
+        self._period = max(1, round(world.rate / rate)) if rate else 0
         self._topics = {camera.id: _camera_topics(camera) for camera in world.cameras.values()} if rate else {}
 
     def after_step(self) -> None:

@@ -183,10 +183,10 @@ def main() -> None:
 
 def _create_world(scene: SceneSpec, options: Options) -> World:
     """Creates the world; without a window if none can be opened."""
-    noise = (options.position_noise, options.yaw_noise)
+    settings = (options.position_noise, options.yaw_noise, options.step_rate, options.sensor)
     if options.gui:
         try:
-            return World(scene, options.seed, True, *noise)
+            return World(scene, options.seed, True, *settings)
         except Refused as error:
             log.warning("%s: the simulator continues without a window", error)
-    return World(scene, options.seed, False, *noise)
+    return World(scene, options.seed, False, *settings)

@@ -12,6 +12,7 @@ from typing import Any
 from actionlib_msgs.msg import GoalStatus
 
 from control_msgs.msg import FollowJointTrajectoryResult, GripperCommandResult
+from controller_manager_msgs.srv import SwitchControllerResponse
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
@@ -21,7 +22,7 @@ from skiros2_sim.core.perception import detect
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World
 from skiros2_sim_msgs.msg import CartesianMotionResult, Detection
-from skiros2_sim_msgs.srv import DetectResponse, SwitchControllerResponse
+from skiros2_sim_msgs.srv import DetectResponse
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import composed, inverted
 from support.stand_in_drivers import Answer, Client, StandInDrivers, pose_of

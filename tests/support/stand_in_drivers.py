@@ -17,8 +17,9 @@ from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryResult, GripperCommandResult
+from controller_manager_msgs.srv import SwitchControllerResponse
 from skiros2_sim_msgs.msg import CartesianMotionGoal, CartesianMotionResult, Detection
-from skiros2_sim_msgs.srv import DetectResponse, SwitchControllerResponse
+from skiros2_sim_msgs.srv import DetectResponse
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed
 

@@ -24,9 +24,9 @@ from control_msgs.msg import (
     GripperCommandAction,
     GripperCommandGoal,
 )
+from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
-from skiros2_sim_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from support.ros import wait_until
 from support.simulator_client import GRIPPER, ROBOT, WAIT, SimulatorClient, pose_stamped

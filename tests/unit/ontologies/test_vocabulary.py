@@ -25,6 +25,10 @@ ONTOLOGIES = {
 XML_SCHEMA = "http://www.w3.org/2001/XMLSchema"
 IMPORTS = {"skiros": "rparts", "rparts": "cora", "cora": "corax", "corax": "sumo"}
 OURS = {
+    "skiros:Bore",
+    "skiros:Chamfer",
+    "skiros:Depth",
+    "skiros:Diameter",
     "skiros:JointNames",
     "skiros:Opening",
     "skiros:Postures",

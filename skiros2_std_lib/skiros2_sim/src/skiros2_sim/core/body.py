@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core.bored_box import bored_box
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.load_test import load_error
 from skiros2_sim.core.robot import load_urdf, place_root, root_pose
 from skiros2_sim.core.scene_spec import BodySpec, Colour
-from skiros2_sim.core.urdf import MESHES, find_model, read_urdf
+from skiros2_sim.core.urdf import MESHES, as_text, boxes_link, find_model, read_urdf
 from skiros2_std_reasoners.core.geometry import Pose, Vector
 
 _DENSITY = 600.0  # kg/m3, of wood
@@ -33,6 +34,7 @@ class Body:
 
     :param number: index among the bodies of its kind, for its colour.
     :raises ConfigurationError: its model does not load, or it has neither a model nor a size.
+    :raises WrongValue: a bore is invalid.
     """
 
     def __init__(self, bullet: Bullet, spec: BodySpec, folders: Sequence[str] = (), number: int = 0) -> None:
@@ -42,7 +44,10 @@ class Body:
         self._bullet = bullet
         colours = _MOVABLE_COLOURS if spec.movable else _FIXED_COLOURS
         self.colour: Colour = spec.colour or colours[number % len(colours)]
-        self.body = self._load_model(folders) if spec.model else self._make_box()
+        if spec.model:
+            self.body = self._load_model(folders)
+        else:
+            self.body = self._make_bored_box() if spec.bores else self._make_box()
         bullet.changeDynamics(
             self.body,
             -1,
@@ -85,10 +90,22 @@ class Body:
         seen = self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=self.colour)
         return self._make(shape, seen)
 
+    def _make_bored_box(self) -> int:
+        """Makes a model of boxes around the bores: a shape of PyBullet has at most 16."""
+        size, mass = self.spec.size, self.mass
+        if size is None:
+            raise ConfigurationError(f"{self.id}: expected a size")
+        shapes = bored_box(size, self.spec.bores)
+        x, y, z = (edge**2 for edge in size)
+        inertia = (mass * (y + z) / 12, mass * (x + z) / 12, mass * (x + y) / 12)
+        text = as_text("bored_box", [boxes_link("box", shapes, mass, inertia, self.colour)])
+        return load_urdf(self._bullet, text, self.spec.pose, not self.movable)
+
     def _load_model(self, folders: Sequence[str]) -> int:
         file = find_model(self.spec.model, folders)
         if file.suffix.lower() == ".urdf":
-            return load_urdf(self._bullet, read_urdf(file).text(), self.spec.pose, not self.movable)
+            text = read_urdf(file).text()
+            return load_urdf(self._bullet, text, self.spec.pose, not self.movable, exact_cylinders=True)
         if file.suffix.lower() not in MESHES:
             raise ConfigurationError(f"{file}: expected a .urdf, {' or '.join(MESHES)} file")
         fault = load_error(file)

@@ -43,13 +43,21 @@ STIFFNESS = Address("skiros:CartesianStiffnessTopic", "/{robot}/{part}/stiffness
 #: Of an arm: its controllers, as the service that switches them knows them.
 POSITION_CONTROLLER = Address("skiros:JointConfigurationController", "position")
 COMPLIANT_CONTROLLER = Address("skiros:CompliantController", "compliant")
-#: Of a robot: the service that switches controllers.
+#: Of an arm: the namespace of the force/torque sensor at its wrist.
+WRIST = "/{robot}/{part}/wrist"
+#: Of a robot: the services that switch and list controllers.
 SWITCH_CONTROLLER = "/{robot}/controller_manager/switch_controller"
+LIST_CONTROLLERS = "/{robot}/controller_manager/list_controllers"
 #: Of a gripper: the action `control_msgs/GripperCommand`.
 GRIPPER = Address("skiros:DriverAddress", "/{robot}/{part}/gripper_action")
 #: Of a camera: the topics of its images.
 COLOUR = Address("skiros:RgbTopic", "/{robot}/{part}/color/image_raw")
 DEPTH = Address("skiros:DepthTopic", "/{robot}/{part}/depth/image_raw")
+
+
+def controller_topics(robot: str, arm: str, controller: str) -> str:
+    """Returns the namespace of a controller: the topics of its commands and its state."""
+    return f"/{robot}/{arm}/{re.sub('[^A-Za-z0-9_/]', '_', controller).strip('/') or 'controller'}"
 
 
 def is_legal(name: str) -> bool:

@@ -215,13 +215,17 @@ def place_root(bullet: Bullet, body: int, pose: Pose) -> None:
     bullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool) -> int:
+def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool, exact_cylinders: bool = False) -> int:
     """Loads a URDF. Returns the body id.
+
+    :param exact_cylinders: whether cylinders collide as such, and not as a mesh with a margin of 1 mm.
 
     :raises ConfigurationError: PyBullet does not load it.
     """
     # Links of one chain do not collide with each other; an arm collides with the base and with other arms.
     collisions = bullet.URDF_USE_SELF_COLLISION | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
+    if exact_cylinders:
+        collisions |= bullet.URDF_USE_IMPLICIT_CYLINDER
     with tempfile.TemporaryDirectory(prefix="skiros2_sim_") as folder:
         file = Path(folder, "model.urdf")
         file.write_text(text, encoding="utf-8")

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pybullet_data
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_sim.core import names
+from skiros2_sim.core.bored_box import Bore, bored_box
 from skiros2_sim.core.scene_spec import (
     ArmSpec,
     BaseSpec,
@@ -126,11 +128,13 @@ ARM = "rparts:ArmDevice"
 GRIPPER = "rparts:GripperEffector"
 CAMERA = "skiros:DepthCamera"
 MOVABLE = "skiros:Manipulatable"
+BORE = "skiros:Bore"
 #: Classes without a shape, even with a size.
 _SHAPELESS = ("skiros:TransformationPose", "skiros:Scene")
 
 _MODEL = "skiros:CadModel"
 _MASS = "skiros:Weight"
+_DIAMETER, _DEPTH, _CHAMFER = "skiros:Diameter", "skiros:Depth", "skiros:Chamfer"
 
 _MAX_SIZE = 100.0  # m, an edge
 _MAX_MASS = 1e5  # kg
@@ -192,7 +196,7 @@ class _Reader:
 
     def _body(self, element: Element) -> BodySpec | None:
         movable, model, size = self._is(element, MOVABLE), self._model(element), self._size(element)
-        if any(self._is(element, kind) for kind in (*_SHAPELESS, CAMERA)):
+        if any(self._is(element, kind) for kind in (*_SHAPELESS, CAMERA, BORE)):
             return None
         if size is None and not model:
             if movable:
@@ -212,7 +216,31 @@ class _Reader:
             model,
             movable,
             self._mass(element),
+            bores=self._bores(element, size, model),
         )
+
+    def _bores(self, element: Element, size: Vector | None, model: str) -> tuple[Bore, ...]:
+        """Returns the bores of a body; none if one is invalid."""
+        parts = [part for part in self._tree.children(element) if self._is(part, BORE)]
+        if not parts:
+            return ()
+        if size is None or model:
+            self._add_problem(element, f"without its bores ({', '.join(b.id for b in parts)}): expected a box")
+            return ()
+        bores = []
+        for part in parts:
+            pose = spatial_data.pose_of(part)
+            diameter, depth, chamfer = spatial_data.numbers(part, (_DIAMETER, _DEPTH, _CHAMFER))
+            if pose is None or diameter is None or depth is None:
+                self._add_problem(part, f"omitted: expected a pose, {_DIAMETER} and {_DEPTH}")
+                continue
+            bores.append(Bore(pose.position[0], pose.position[1], diameter, depth, chamfer or 0.0))
+        try:
+            bored_box(size, bores)
+        except WrongValue as error:
+            self._add_problem(element, f"without its bores: {error}")
+            return ()
+        return tuple(bores)
 
     def _loose_camera(self, element: Element, bodies: set[str]) -> CameraSpec:
         """Reads a camera that is not part of a robot: mounted on a body, or in the map."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from skiros2_sim.core.bored_box import Bore
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 
 Colour = tuple[float, float, float, float]
@@ -24,6 +25,7 @@ class BodySpec:
     :param movable: whether it falls and can be carried; otherwise it is fixed in the map.
     :param mass: None for that of wood of its size.
     :param colour: red, green, blue, opacity; None for a colour by number.
+    :param bores: bores in a box without a model, from its top face downwards.
     """
 
     id: str
@@ -36,6 +38,7 @@ class BodySpec:
     movable: bool = False
     mass: float | None = None
     colour: Colour | None = None
+    bores: tuple[Bore, ...] = ()
 
 
 @dataclass(frozen=True)

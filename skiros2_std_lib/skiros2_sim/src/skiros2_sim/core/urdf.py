@@ -16,6 +16,7 @@ from pathlib import Path
 import pybullet_data
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core.bored_box import BoxShape
 from skiros2_sim.core.load_test import load_error
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, to_euler
 
@@ -167,6 +168,32 @@ def link(name: str, mass: float = 0.0, size: Vector | None = None) -> xml.Elemen
             geometry = xml.SubElement(xml.SubElement(made, tag), "geometry")
             xml.SubElement(geometry, "box", size=_text(*size))
     _add_inertia(made, mass)
+    return made
+
+
+def boxes_link(
+    name: str, shapes: Iterable[BoxShape], mass: float, inertia: Vector, colour: Sequence[float]
+) -> xml.Element:
+    """Creates a link of boxes.
+
+    :param mass: kg.
+    :param inertia: moments about x, y and z of the link's frame, which is in the centre of mass (kg m2).
+    :param colour: red, green, blue, opacity.
+    """
+    made = xml.Element("link", name=name)
+    for shape in shapes:
+        for tag in ("visual", "collision"):
+            part = xml.SubElement(made, tag)
+            turned = _text(*to_euler(shape.orientation))
+            xml.SubElement(part, "origin", xyz=_text(*shape.position), rpy=turned)
+            size = _text(*(2.0 * edge for edge in shape.half_edges))
+            xml.SubElement(xml.SubElement(part, "geometry"), "box", size=size)
+            if tag == "visual":
+                xml.SubElement(xml.SubElement(part, "material", name="body"), "color", rgba=_text(*colour))
+    inertial = xml.SubElement(made, "inertial")
+    xml.SubElement(inertial, "mass", value=_text(mass))
+    x, y, z = map(_text, inertia)
+    xml.SubElement(inertial, "inertia", ixx=x, ixy="0", ixz="0", iyy=y, iyz="0", izz=z)
     return made
 
 

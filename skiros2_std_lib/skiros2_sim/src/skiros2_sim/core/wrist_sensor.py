@@ -84,8 +84,8 @@ class WristSensor:
 
 
 class MountedSensor:
-    """A sensor on a fixed joint of a simulated robot. PyBullet measures the force on the child link, in the frame of its
-    centre of mass.
+    """A sensor on a fixed joint of a simulated robot. PyBullet measures the force on the child link, in the frame of
+    its centre of mass.
 
     :param joint: index of the joint and of its child link.
     :param links: the child link and all its descendants.
@@ -114,7 +114,7 @@ class MountedSensor:
         self._measured: Array | None = None
 
     def after_step(self) -> None:
-        """Called after each step. A sensor with noise measures in each one, so that runs with one seed are identical."""
+        """Called after each step. With noise it measures in each one, so that runs with one seed are identical."""
         self._measured = None
         if self._is_noisy:
             self._measure()

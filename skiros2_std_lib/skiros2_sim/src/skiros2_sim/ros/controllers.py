@@ -1,4 +1,4 @@
-"""The controller manager of a robot's arms, with ros_control's service."""
+"""The controller manager of a robot's arms, with ros_control's services."""
 
 from __future__ import annotations
 
@@ -7,6 +7,15 @@ import logging
 import rospy
 from geometry_msgs.msg import Wrench
 
+from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
+from controller_manager_msgs.srv import (
+    ListControllers,
+    ListControllersRequest,
+    ListControllersResponse,
+    SwitchController,
+    SwitchControllerRequest,
+    SwitchControllerResponse,
+)
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_sim.core import names
 from skiros2_sim.core.arm_controller import ArmController
@@ -15,13 +24,12 @@ from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.device_server import Device
 from skiros2_sim.ros.messages import vector_from
-from skiros2_sim_msgs.srv import SwitchController, SwitchControllerRequest, SwitchControllerResponse
 
 log = logging.getLogger(__name__)
 
 
 class Controllers:
-    """The service that switches the controllers of a robot's arms, and the topics for their stiffness.
+    """The services that switch and list the controllers of a robot's arms, and the topics for their stiffness.
 
     :param controllers: controllers of all arms, by id of the arm; replaced by a reset.
     :param devices: devices of the arms, by id of the arm.
@@ -35,18 +43,38 @@ class Controllers:
         self._controllers = controllers
         self._devices = devices
         self._arms = [arm for arm in robot.arms if arm.id in controllers]
-        self._service = rospy.Service(
-            names.SWITCH_CONTROLLER.format(robot=robot.name), SwitchController, self._on_switch
-        )
+        self._services = [
+            rospy.Service(names.SWITCH_CONTROLLER.format(robot=robot.name), SwitchController, self._on_switch),
+            rospy.Service(names.LIST_CONTROLLERS.format(robot=robot.name), ListControllers, self._on_list),
+        ]
         self._subscribers = [
             rospy.Subscriber(arm.stiffness_topic, Wrench, self._on_stiffness, arm, queue_size=1) for arm in self._arms
         ]
 
     def close(self) -> None:
-        """Shuts service and topics down."""
-        self._service.shutdown()
+        """Shuts services and topics down."""
+        for service in self._services:
+            service.shutdown()
         for subscriber in self._subscribers:
             subscriber.unregister()
+
+    def _on_list(self, _: ListControllersRequest) -> ListControllersResponse:
+        """Returns the controllers of all arms, with the names that a switch accepts."""
+        kinds = (("Position", "PositionJointInterface"), ("CartesianImpedance", "EffortJointInterface"))
+        found = []
+        for arm in self._arms:
+            controller = self._controllers[arm.id]
+            joints = [joint.name for joint in controller.arm.joints]
+            for name, (kind, interface) in zip(controller.names, kinds, strict=True):
+                is_unique = sum(name in other.names for other in self._arm_controllers()) == 1
+                resources = HardwareInterfaceResources(f"hardware_interface::{interface}", joints)
+                state = "running" if name == controller.active else "stopped"
+                full_name = name if is_unique else f"{arm.name}/{name}"
+                found.append(ControllerState(full_name, state, f"skiros2_sim/{kind}", [resources]))
+        return ListControllersResponse(found)
+
+    def _arm_controllers(self) -> list[ArmController]:
+        return [self._controllers[arm.id] for arm in self._arms]
 
     def _on_switch(self, request: SwitchControllerRequest) -> SwitchControllerResponse:
         strict = request.strictness == SwitchControllerRequest.STRICT

@@ -27,11 +27,19 @@ from skiros2_sim.core.cartesian_motion import INVALID_GOAL, CartesianGoal, Carte
 from skiros2_sim.core.gripper import GripperMotion
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint, JointState, JointTolerance
 from skiros2_sim.core.motion import Outcome
+from skiros2_sim.core.reference_motion import ReferenceMotion, TrajectoryGoal
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.messages import pose_from, pose_message, wrench_message
 from skiros2_sim.ros.publishers import SimulatedClock
-from skiros2_sim_msgs.msg import CartesianMotionFeedback, CartesianMotionGoal, CartesianMotionResult
+from skiros2_sim_msgs.msg import (
+    CartesianMotionFeedback,
+    CartesianMotionGoal,
+    CartesianMotionResult,
+    CartesianTrajectoryFeedback,
+    CartesianTrajectoryGoal,
+    CartesianTrajectoryResult,
+)
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 
 M = TypeVar("M", GripperCommandFeedback, GripperCommandResult)
@@ -160,6 +168,60 @@ def refused_motion(text: str) -> CartesianMotionResult:
     result = CartesianMotionResult(error_code=INVALID_GOAL, error_string=text)
     result.pose.pose = pose_message(IDENTITY)
     return result
+
+
+class TrajectoryJob:
+    """A goal of skiros2_sim_msgs/CartesianTrajectory. May block on tf for an unknown frame.
+
+    :raises WrongValue: a pose is not valid.
+    :raises UnknownName: a frame does not exist.
+    """
+
+    def __init__(
+        self, goal: CartesianTrajectoryGoal, arm: str, controllers: dict[str, ArmController], frames: Frames
+    ) -> None:
+        if not goal.goal.header.frame_id:
+            raise WrongValue("goal: the frame is empty: expected a tf frame")
+        self._goal = goal
+        self._arm = arm
+        self._controllers = controllers
+        self._end = frames.reference(goal.goal.header.frame_id), pose_from(goal.goal.pose, "goal")
+        self._start = None
+        if goal.start.header.frame_id:
+            self._start = frames.reference(goal.start.header.frame_id), pose_from(goal.start.pose, "start")
+
+    def begin(self, world: World) -> ReferenceMotion:
+        controller, goal = self._controllers[self._arm], self._goal
+        base = inverted(controller.robot.pose())
+        end, start = (
+            composed(base, composed(pose[0](world), pose[1])) if pose is not None else None
+            for pose in (self._end, self._start)
+        )
+        assert end is not None
+        self._motion = ReferenceMotion(
+            controller,
+            TrajectoryGoal(
+                end,
+                start,
+                goal.speed,
+                goal.angular_speed,
+                goal.translational_tolerance,
+                goal.rotational_tolerance,
+                goal.goal_time_tolerance,
+            ),
+        )
+        return self._motion
+
+    def feedback(self) -> CartesianTrajectoryFeedback:
+        return CartesianTrajectoryFeedback(self._motion.progress, *self._motion.errors())
+
+    def result(self, outcome: Outcome) -> CartesianTrajectoryResult:
+        return CartesianTrajectoryResult(outcome.code, outcome.text)
+
+
+def refused_reference_motion(text: str) -> CartesianTrajectoryResult:
+    """Returns the result of a rejected goal."""
+    return CartesianTrajectoryResult(INVALID_GOAL, text)
 
 
 class GripperJob:

@@ -11,20 +11,31 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
 from skiros2_common.core.errors import Refused
 from skiros2_common.ros.node import spin
+from skiros2_sim.core import names
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
 from skiros2_sim.core.scene_spec import SceneSpec
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
+from skiros2_sim.ros.compliant import CompliantArm
 from skiros2_sim.ros.controllers import Controllers
 from skiros2_sim.ros.device_server import Device, DeviceServer
 from skiros2_sim.ros.frames import Frames
-from skiros2_sim.ros.jobs import BaseJob, CartesianJob, GripperJob, JointJob, refused_motion, refused_trajectory
+from skiros2_sim.ros.jobs import (
+    BaseJob,
+    CartesianJob,
+    GripperJob,
+    JointJob,
+    TrajectoryJob,
+    refused_motion,
+    refused_reference_motion,
+    refused_trajectory,
+)
 from skiros2_sim.ros.options import Options, read_options
 from skiros2_sim.ros.publishers import Cameras, SimulatedClock, StatePublisher
 from skiros2_sim.ros.services import Services
-from skiros2_sim_msgs.msg import CartesianMotionAction
+from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianTrajectoryAction
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel
@@ -53,10 +64,18 @@ class Simulator:
         self._controllers = [
             Controllers(robot.spec, stepper, self._arms, self._devices) for robot in world.robots.values()
         ]
+        self._compliant_arms = [
+            CompliantArm(robot.spec, arm, stepper, self._clock, self._frames, self._arms, self._devices[arm.id])
+            for robot in world.robots.values()
+            for arm in robot.spec.arms
+            if arm.id in robot.arms
+        ]
         self._state_publisher = StatePublisher(world, stepper, self._clock, self._frames)
         self._cameras = Cameras(world, stepper, self._clock, self._frames, options.camera_rate)
         stepper.add_hook(self._state_publisher.after_step)
         stepper.add_hook(self._cameras.after_step)
+        for arm in self._compliant_arms:
+            stepper.add_hook(arm.after_step)
         self._services = Services(
             stepper,
             self._clock,
@@ -82,8 +101,8 @@ class Simulator:
     def close(self) -> None:
         """Stops the world; active goals are aborted."""
         self._services.close()
-        for controllers in self._controllers:
-            controllers.close()
+        for interface in (*self._controllers, *self._compliant_arms):
+            interface.close()
         self._stepper.close()
         for server in self._servers:
             server.close()
@@ -132,6 +151,16 @@ class Simulator:
                 refused_motion,
             ),
         ]
+        servers.append(
+            DeviceServer(
+                f"{names.controller_topics(robot.name, spec.name, spec.compliant_controller)}/cartesian_trajectory",
+                CartesianTrajectoryAction,
+                stepper,
+                device,
+                lambda goal: TrajectoryJob(goal, eid, arms, frames),
+                refused_reference_motion,
+            )
+        )
         gripper = spec.gripper
         if gripper is not None and gripper.id in self._world.grippers:
             servers.append(

@@ -1,0 +1,220 @@
+"""The topics and services of an arm's compliant controller, below the controller's name, as laboratories have them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+
+import rospy
+from genpy import Message
+from geometry_msgs.msg import PoseStamped, Vector3, WrenchStamped
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+
+from skiros2_common.core.errors import Refused, SkirosError, WrongValue
+from skiros2_sim.core import names
+from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.robot_model import BASE_LINK
+from skiros2_sim.core.scene_spec import ArmSpec, RobotSpec
+from skiros2_sim.core.spiral import SpiralGoal
+from skiros2_sim.core.stepper import Stepper
+from skiros2_sim.core.world import World
+from skiros2_sim.ros.device_server import Device
+from skiros2_sim.ros.frames import Frames
+from skiros2_sim.ros.messages import pose_from, pose_message, vector_from, wrench_message
+from skiros2_sim.ros.publishers import LateTopic, SimulatedClock
+from skiros2_sim.ros.services import answered
+from skiros2_sim_msgs.msg import ImpedanceState
+from skiros2_sim_msgs.srv import (
+    OverlayMotion,
+    OverlayMotionRequest,
+    OverlayMotionResponse,
+    SetWrenchLimits,
+    SetWrenchLimitsRequest,
+    SetWrenchLimitsResponse,
+)
+from skiros2_std_reasoners.core.geometry import composed, inverted
+
+log = logging.getLogger(__name__)
+
+#: Rate of the state and of the sensor at the wrist (Hz of simulated time).
+_STATE_RATE = 100
+
+
+class CompliantArm:
+    """The interface of one arm. An invalid command is logged with its reason, and changes nothing.
+
+    :param controllers: controllers of all arms, by id of the arm; replaced by a reset.
+    :param device: executes the goals of the arm.
+    """
+
+    def __init__(
+        self,
+        robot: RobotSpec,
+        arm: ArmSpec,
+        stepper: Stepper,
+        clock: SimulatedClock,
+        frames: Frames,
+        controllers: dict[str, ArmController],
+        device: Device,
+    ) -> None:
+        self._arm = arm
+        self._stepper, self._clock, self._frames = stepper, clock, frames
+        self._controllers, self._device = controllers, device
+        self._tool = f"{robot.name}/{arm.name}/tool"
+        self._base = f"{robot.name}/{BASE_LINK}"
+        self._joints = [joint.name for joint in controllers[arm.id].arm.joints]
+        space = names.controller_topics(robot.name, arm.name, arm.compliant_controller)
+        wrist = names.WRIST.format(robot=robot.name, part=arm.name)
+        faults = (robot.id, arm.id)
+        self._state = LateTopic(f"{space}/state", ImpedanceState, faults)
+        self._wrist = LateTopic(f"{wrist}/wrench", WrenchStamped, faults)
+        self._subscribers = [
+            rospy.Subscriber(f"{space}/{name}", kind, self._logged(f"{space}/{name}", handle), queue_size=1)
+            for name, kind, handle in (
+                ("reference_pose", PoseStamped, self._on_reference),
+                ("set_cartesian_stiffness", WrenchStamped, self._on_stiffness),
+                ("set_damping_factors", WrenchStamped, self._on_damping),
+                ("set_cartesian_wrench", WrenchStamped, self._on_wrench),
+            )
+        ]
+        self._services = [
+            rospy.Service(f"{space}/overlay_motion", OverlayMotion, answered(OverlayMotionResponse, self._on_overlay)),
+            rospy.Service(
+                f"{space}/set_wrench_limits", SetWrenchLimits, answered(SetWrenchLimitsResponse, self._on_limits)
+            ),
+            rospy.Service(f"{wrist}/zero", Trigger, self._on_zero),
+        ]
+
+    def close(self) -> None:
+        """Shuts topics and services down."""
+        for subscriber in self._subscribers:
+            subscriber.unregister()
+        for service in self._services:
+            service.shutdown()
+
+    def after_step(self) -> None:
+        """Publishes what is due. Called in the stepping thread."""
+        if self._stepper.count % (self._stepper.step_rate // _STATE_RATE):
+            return
+        controller = self._controllers[self._arm.id]
+        for topic, message in ((self._state, self._state_message), (self._wrist, self._wrist_message)):
+            if topic.has_subscribers:
+                topic.put(controller.world, message(controller))
+            topic.send(controller.world)
+
+    # -- commands ------------------------------------------------------------------------------------------------
+
+    def _on_reference(self, message: PoseStamped) -> None:
+        if not message.header.frame_id:
+            raise WrongValue("the frame is empty: expected a tf frame")
+        pose = pose_from(message.pose, "reference")
+        reference = self._frames.reference(message.header.frame_id)
+
+        def put(world: World) -> None:
+            if self._device.running is not None:
+                raise Refused(f"arm {self._arm.name} is executing a goal; cancel it first")
+            controller = self._controllers[self._arm.id]
+            base = inverted(controller.robot.pose())
+            controller.set_reference(composed(base, composed(reference(world), pose)))
+
+        self._stepper.call(put)
+
+    def _on_stiffness(self, message: WrenchStamped) -> None:
+        values = self._values(message, "stiffness")
+        self._call(lambda controller: controller.impedance.set_stiffness(values))
+
+    def _on_damping(self, message: WrenchStamped) -> None:
+        values = self._values(message, "damping factors")
+        self._call(lambda controller: controller.impedance.set_damping_factors(values))
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        values = self._values(message, "wrench")
+        self._call(lambda controller: controller.set_wrench(values))
+
+    def _on_overlay(self, request: OverlayMotionRequest) -> OverlayMotionResponse:
+        if not request.start:
+            self._call(lambda controller: controller.stop_overlay())
+            return OverlayMotionResponse(ok=True)
+        x, y, z = vector_from(request.direction, "direction")
+        goal = SpiralGoal(
+            request.radius,
+            request.path_distance,
+            request.path_velocity,
+            (x, y, z) if x or y or z else (0.0, 0.0, 1.0),
+            request.allow_decrease,
+        )
+        self._call(lambda controller: controller.start_overlay(goal))
+        return OverlayMotionResponse(ok=True)
+
+    def _on_limits(self, request: SetWrenchLimitsRequest) -> SetWrenchLimitsResponse:
+        self._call(lambda controller: controller.set_limits(request.force, request.torque))
+        return SetWrenchLimitsResponse(ok=True)
+
+    def _on_zero(self, _: TriggerRequest) -> TriggerResponse:
+        def zero(controller: ArmController) -> None:
+            if controller.arm.sensor is None:
+                raise Refused(f"arm {self._arm.name} has no force/torque sensor: no fixed joint is before its hand")
+            controller.arm.sensor.zero()
+
+        try:
+            self._call(zero)
+        except SkirosError as error:
+            return TriggerResponse(False, str(error))
+        return TriggerResponse(True, "")
+
+    def _call(self, function: Callable[[ArmController], None]) -> None:
+        """Calls a function with the controller in the stepping thread."""
+        self._stepper.call(lambda _: function(self._controllers[self._arm.id]))
+
+    def _values(self, message: WrenchStamped, what: str) -> Sequence[float]:
+        """Returns the numbers of a command in the tool frame.
+
+        :raises WrongValue: it is in another frame, or a number is not finite.
+        """
+        frame = message.header.frame_id.lstrip("/")
+        if frame not in ("", self._tool):
+            raise WrongValue(f"{what} in frame {frame!r}: expected {self._tool!r}, or none")
+        force, torque = message.wrench.force, message.wrench.torque
+        return (*vector_from(force, f"{what} along x, y, z"), *vector_from(torque, f"{what} about x, y, z"))
+
+    def _logged(self, topic: str, handle: Callable[[Message], None]) -> Callable[[Message], None]:
+        def on_message(message: Message) -> None:
+            try:
+                handle(message)
+            except SkirosError as error:
+                log.warning("%s: a command is refused: %s", topic, error)
+
+        return on_message
+
+    # -- state ---------------------------------------------------------------------------------------------------
+
+    def _state_message(self, controller: ArmController) -> ImpedanceState:
+        law, stop, ended = controller.impedance, controller.stop, rospy.Time()
+        if stop is not None:
+            ended = rospy.Time.from_sec(max(0.0, self._clock.seconds - (controller.world.time - stop.time)))
+        return ImpedanceState(
+            header=Header(stamp=self._clock.now, frame_id=self._base),
+            active=controller.compliant,
+            pose=pose_message(controller.tool_pose()),
+            reference=pose_message(law.reference),
+            position_error=Vector3(*law.error[:3]),
+            rotation_error=Vector3(*law.error[3:]),
+            commanded_wrench=wrench_message(law.wrench),
+            measured_wrench=wrench_message(controller.arm.measured_wrench()),
+            stiffness=wrench_message(law.stiffness),
+            damping_factors=wrench_message(law.damping_factors),
+            joints=self._joints,
+            joint_torques=law.commanded_torques,
+            overlay=controller.overlay is not None,
+            force_limit=controller.limits[0],
+            torque_limit=controller.limits[1],
+            stopped_by=stop.quantity if stop is not None else "",
+            stop_value=stop.value if stop is not None else 0.0,
+            stop_limit=stop.limit if stop is not None else 0.0,
+            stop_stamp=ended,
+        )
+
+    def _wrist_message(self, controller: ArmController) -> WrenchStamped:
+        header = Header(stamp=self._clock.now, frame_id=self._tool)
+        return WrenchStamped(header, wrench_message(controller.arm.measured_wrench()))

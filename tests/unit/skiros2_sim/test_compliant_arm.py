@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator
 
@@ -53,7 +54,8 @@ def trajectory(robot: MovedRobot, goal: Pose, **more: object) -> ReferenceMotion
 
 def over_table(robot: MovedRobot) -> None:
     """Brings the tool 3 cm above the table, beside the tray."""
-    succeeded(robot.run(trajectory(robot, Pose((0.55, 0.3, 0.43), robot.controller.tool_pose().orientation), speed=0.3)))
+    above = Pose((0.55, 0.3, 0.43), robot.controller.tool_pose().orientation)
+    succeeded(robot.run(trajectory(robot, above, speed=0.3)))
 
 
 def test_world_of_another_rate_keeps_the_time(contact_world: World) -> None:
@@ -74,7 +76,7 @@ def test_law_runs_at_500_hz_in_a_world_of_1000_steps_per_second(arm: MovedRobot)
     for _ in range(100):
         arm.world.step()
         track.append(arm.controller.impedance.commanded_torques.copy())
-    changes = [bool(np.any(a != b)) for a, b in zip(track, track[1:], strict=False)]
+    changes = [bool(np.any(a != b)) for a, b in itertools.pairwise(track)]
     assert sum(changes) in (49, 50)
     assert np.abs(np.diff(track, axis=0)).max() <= 2.0 + 1e-9, "1 Nm per ms"
 

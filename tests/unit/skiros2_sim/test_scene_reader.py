@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.world_element import Element
+from skiros2_sim.core.bored_box import Bore
 from skiros2_sim.core.scene_reader import load_scene, read_scene
 from skiros2_sim.core.scene_spec import SceneSpec
 from skiros2_sim.core.world import World
@@ -320,3 +322,34 @@ def test_overlap_is_reported_and_resolved() -> None:
         assert lower[2] == pytest.approx(0.55, abs=5e-3)
         assert upper[2] == pytest.approx(0.65, abs=5e-3)
         assert max(map(abs, (*lower[:2], *upper[:2]))) < 0.1, "nothing was thrown away"
+
+
+# -- bores ------------------------------------------------------------------------------------------------------------
+
+
+BORE = "skiros:Bore-8"
+
+
+def test_bores_of_a_box_are_read() -> None:
+    block = element(TABLE, size=(0.2, 0.1, 0.06), has=(BORE,))
+    bore = element(BORE, pose=at(0.04, 0.0, 0.03), Diameter=0.0402, Depth=0.05, Chamfer=0.002)
+    scene = read(element(SCENE, contains=(TABLE,)), block, bore)
+    assert scene.problems == ()
+    assert [body.bores for body in scene.bodies] == [(Bore(0.04, 0.0, 0.0402, 0.05, 0.002),)]
+
+
+@pytest.mark.parametrize(
+    ("size", "change", "reason"),
+    [
+        ((0.2, 0.1, 0.06), {"Diameter": 0.2}, "without its bores: bore at .* diameter 0.2 m"),
+        ((0.2, 0.1, 0.06), {"Depth": "deep"}, "omitted: expected a pose, skiros:Diameter and skiros:Depth"),
+        ((0.2, 0.1, 0.06), {"Depth": NAN}, "expected a pose, skiros:Diameter and skiros:Depth|without its bores"),
+        (None, {}, "without its bores .*expected a box"),
+    ],
+)
+def test_invalid_bores_are_problems(size: Sequence[float] | None, change: dict[str, Any], reason: str) -> None:
+    bore = element(BORE, pose=at(0.04, 0.0, 0.03), **({"Diameter": 0.04, "Depth": 0.05} | change))
+    block = element(TABLE, size=size, has=(BORE,), **({} if size else {"CadModel": "cube.urdf"}))
+    scene = read(element(SCENE, contains=(TABLE,)), block, bore)
+    assert [body.bores for body in scene.bodies] == [()]
+    assert re.search(reason, str(scene.problems[0]))

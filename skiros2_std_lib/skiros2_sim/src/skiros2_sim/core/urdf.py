@@ -194,6 +194,7 @@ def boxes_link(
     xml.SubElement(inertial, "mass", value=_text(mass))
     x, y, z = map(_text, inertia)
     xml.SubElement(inertial, "inertia", ixx=x, ixy="0", ixz="0", iyy=y, iyz="0", izz=z)
+    xml.indent(made)  # PyBullet splits lines of more than 10000 characters
     return made
 
 

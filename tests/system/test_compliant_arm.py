@@ -230,6 +230,7 @@ def test_overlay_motion_is_added_to_the_reference_until_it_is_stopped(arm: Arm) 
 
 
 def test_exceeded_limit_stops_the_arm_and_is_in_the_state(arm: Arm) -> None:
+    arm.state(240)
     assert arm.sim.ros.service(f"{ROBOT}/arm/wrist/zero", Trigger)().success
     set_limits = arm.sim.ros.service(f"{ARM}/set_wrench_limits", SetWrenchLimits)
     refused = set_limits(-1.0, 0.0)

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.impedance import TORQUE_RATE, ArmState, Impedance, interpolated
+from skiros2_sim.core.impedance import TORQUE_RATE, ArmState, Impedance, rotation_matrix, rotation_vector
 from skiros2_std_reasoners.core.geometry import Pose, from_euler
 
 DT = 0.001
@@ -161,8 +162,10 @@ def test_refused_wrench_names_all_axes_out_of_range() -> None:
         controller().set_wrench((31.0, 0.0, 0.0, 0.0, 0.0, -11.0))
 
 
-def test_interpolated_pose_is_halfway_in_position_and_rotation() -> None:
-    end = Pose((1.0, 2.0, 0.0), from_euler(0.0, 0.0, 1.0))
-    middle = interpolated(Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), end, 0.5)
-    assert middle.position == pytest.approx((0.5, 1.0, 0.0))
-    assert middle.orientation == pytest.approx(from_euler(0.0, 0.0, 0.5))
+@pytest.mark.parametrize("angles", [(0.0, 0.0, 0.0), (0.3, -0.2, 1.0), (1e-13, 0.0, 0.0), (0.0, 0.0, -3.1)])
+def test_rotation_matrix_and_vector_agree_with_scipy(angles) -> None:
+    quaternion = from_euler(*angles)
+    expected = Rotation.from_quat(quaternion)
+    assert rotation_matrix(quaternion) == pytest.approx(expected.as_matrix())
+    assert rotation_vector(quaternion) == pytest.approx(expected.as_rotvec())
+    assert rotation_vector([-value for value in quaternion]) == pytest.approx(expected.as_rotvec())

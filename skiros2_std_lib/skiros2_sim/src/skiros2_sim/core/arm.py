@@ -124,6 +124,11 @@ class Arm:
         if sensor.mass > 0.0:
             self.sensor = sensor
 
+    def after_step(self) -> None:
+        """Called by the world after each step."""
+        if self.sensor is not None:
+            self.sensor.after_step()
+
     def measured_wrench(self) -> Wrench:
         """Returns the external wrench on the hand that the sensor at the wrist measures, in the tool frame: force (N),
         torque (Nm) about its origin. Without a sensor: `wrench`."""

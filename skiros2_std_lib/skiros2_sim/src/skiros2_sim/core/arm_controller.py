@@ -6,6 +6,7 @@ Poses are those of the tool in the robot's frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -232,7 +233,7 @@ class ArmController:
             return
         wrench = self.arm.measured_wrench()
         for quantity, part, limit in (("force", wrench[:3], self.limits[0]), ("torque", wrench[3:], self.limits[1])):
-            value = float(np.linalg.norm(part))
+            value = math.hypot(*part)
             if 0.0 < limit < value:
                 self.overlay = None
                 self.impedance.overlay = np.zeros(3)

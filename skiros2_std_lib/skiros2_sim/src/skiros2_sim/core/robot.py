@@ -14,6 +14,7 @@ from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.bullet import Bullet, Joint, finite
 from skiros2_sim.core.robot_model import BASE_LINK, DRIVES, TILT, ArmModel, RobotModel, upright
 from skiros2_sim.core.scene_spec import RobotSpec
+from skiros2_sim.core.wrist_sensor import SensorModel
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between
 
 #: Maximum force (N) and torque (Nm) of the base drives: a person can stop the base.
@@ -77,6 +78,11 @@ class Robot:
         low, high = self.base_box
         #: Radius of the circle around `base_link` that contains the base (m).
         self.radius = math.hypot(max(-low[0], high[0]), max(-low[1], high[1]))
+
+    def mount_sensors(self, model: SensorModel, seed: int) -> None:
+        """Mounts force/torque sensors at the wrists of the arms; see `Arm.mount_sensor`."""
+        for arm in self.arms.values():
+            arm.mount_sensor(model, seed)
 
     # -- pose -------------------------------------------------------------------------------------------------
 

@@ -100,4 +100,5 @@ class Spiral:
                 self.radius, self._growth, self.is_complete = goal.radius, -1.0, True
             elif self.radius <= 0.0:
                 self.radius, self._growth = 0.0, 1.0
-        return self.radius * (math.cos(self._angle) * self._first + math.sin(self._angle) * self._second)
+        point: Array = self.radius * (math.cos(self._angle) * self._first + math.sin(self._angle) * self._second)
+        return point

@@ -57,11 +57,8 @@ class World:
         rate: int = RATE,
         sensor: SensorModel = EXACT,
     ) -> None:
-        if not MIN_RATE <= rate <= MAX_RATE:
-            raise WrongValue(f"rate {rate}: expected {MIN_RATE} to {MAX_RATE} steps per second")
         self.scene = scene
-        #: Steps per second.
-        self.rate = rate
+        self.rate = _check_rate(rate)
         self.dt = 1.0 / rate
         self._sensor = sensor
         self._noise = (*finite((position_noise, yaw_noise), 2, "noise of the world"),)
@@ -124,8 +121,7 @@ class World:
             self.bullet.stepSimulation()
             self.steps += 1
             for arm in self.arms.values():
-                if arm.sensor is not None:
-                    arm.sensor.after_step()
+                arm.after_step()
 
     def reset(self, seed: int | None = None) -> None:
         """Returns to the start: the same state as that of a new world.
@@ -277,8 +273,7 @@ class World:
             self.problems.append(Problem(spec.id, f"omitted: {error}"))
             return
         self.robots[spec.id] = robot
-        for arm in robot.arms.values():
-            arm.mount_sensor(self._sensor, self._seed)
+        robot.mount_sensors(self._sensor, self._seed)
         self.arms |= robot.arms
         self.grippers |= {arm.gripper.id: arm.gripper for arm in robot.arms.values() if arm.gripper is not None}
         self.cameras |= {camera.id: camera for camera in spec.cameras}
@@ -343,6 +338,12 @@ def _check_seed(seed: int) -> int:
     if seed < 0:
         raise WrongValue(f"expected a seed of 0 or more, got {seed}")
     return seed
+
+
+def _check_rate(rate: int) -> int:
+    if not MIN_RATE <= rate <= MAX_RATE:
+        raise WrongValue(f"rate {rate}: expected {MIN_RATE} to {MAX_RATE} steps per second")
+    return rate
 
 
 def _checked(pose: Pose, eid: str) -> Pose:

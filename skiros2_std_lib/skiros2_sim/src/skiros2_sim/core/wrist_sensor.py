@@ -13,15 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.bullet import Bullet, finite
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_std_reasoners.core.geometry import Pose, Vector, conjugated, rotated
 
 Array = npt.NDArray[np.float64]
 
-_GRAVITY = np.array([0.0, 0.0, -9.81])
+_GRAVITY = -9.81
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class WristSensor:
     def __init__(
         self, mass: float, centre: Sequence[float], model: SensorModel, random: np.random.Generator
     ) -> None:
-        self._mass, self._centre = mass, np.array(centre)
+        self._mass, self._centre = mass, tuple(float(value) for value in centre)
         self._deviation = np.array([model.force_noise] * 3 + [model.torque_noise] * 3)
         self._bias = np.array(model.bias)
         self._random = random
@@ -77,9 +76,9 @@ class WristSensor:
         :param wrench: wrench that the hand and all that touches it exert on the sensor, in its frame.
         :param orientation: of the sensor, in the map.
         """
-        weight = Rotation.from_quat(orientation).inv().apply(self._mass * _GRAVITY)
+        weight = rotated(conjugated(orientation), (0.0, 0.0, self._mass * _GRAVITY))
         noise = self._random.standard_normal(6) * self._deviation if self._deviation.any() else 0.0
-        self._measured = wrench - np.concatenate([weight, np.cross(self._centre, weight)]) + self._bias + noise
+        self._measured = wrench - np.array((*weight, *_cross(self._centre, weight))) + self._bias + noise
         return self._measured - self._offset
 
 
@@ -105,11 +104,12 @@ class MountedSensor:
         bullet.enableJointForceTorqueSensor(body, joint, True)
         masses = [float(bullet.getDynamicsInfo(body, link)[0]) for link in links]
         centres = [bullet.getLinkState(body, link, computeForwardKinematics=1)[0] for link in links]
-        position, turned = self._frame()
+        pose = self._frame()
         #: Mass of the hand (kg).
         self.mass = sum(masses)
-        centre = np.average(centres, axis=0, weights=masses) if self.mass > 0.0 else position
-        self._sensor = WristSensor(self.mass, turned.inv().apply(centre - position), model, random)
+        centre = np.average(centres, axis=0, weights=masses) if self.mass > 0.0 else pose.position
+        offset = rotated(conjugated(pose.orientation), np.subtract(centre, pose.position).tolist())
+        self._sensor = WristSensor(self.mass, offset, model, random)
         self._is_noisy = model.force_noise > 0.0 or model.torque_noise > 0.0
         self._measured: Array | None = None
 
@@ -130,19 +130,25 @@ class MountedSensor:
 
         :param tool: pose of the tool in the map.
         """
-        measured = self._measure()
-        position, turned = self._frame()
-        into = Rotation.from_quat(tool.orientation).inv()
-        force = turned.apply(measured[:3])
-        torque = turned.apply(measured[3:]) + np.cross(position - np.array(tool.position), force)
-        return (*into.apply(force).tolist(), *into.apply(torque).tolist())
+        measured, pose = self._measure().tolist(), self._frame()
+        force, torque = rotated(pose.orientation, measured[:3]), rotated(pose.orientation, measured[3:])
+        arm = [a - b for a, b in zip(pose.position, tool.position, strict=True)]
+        about_tool = [a + b for a, b in zip(torque, _cross(arm, force), strict=True)]
+        back = conjugated(tool.orientation)
+        return (*rotated(back, force), *rotated(back, about_tool))
 
     def _measure(self) -> Array:
         if self._measured is None:
             reaction = np.array(self._bullet.getJointState(self._body, self._joint)[2])
-            self._measured = self._sensor.measure(-reaction, self._frame()[1].as_quat())
+            self._measured = self._sensor.measure(-reaction, self._frame().orientation)
         return self._measured
 
-    def _frame(self) -> tuple[Array, Rotation]:
+    def _frame(self) -> Pose:
+        """Returns the pose of the sensor in the map."""
         state = self._bullet.getLinkState(self._body, self._joint, computeForwardKinematics=1)
-        return np.array(state[0]), Rotation.from_quat(state[1])
+        return Pose(state[0], state[1])
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> Vector:
+    """Returns the cross product; that of NumPy takes 30 us."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

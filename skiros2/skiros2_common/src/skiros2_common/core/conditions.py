@@ -22,9 +22,11 @@ from skiros2_common.core.names import full_name, is_of_class
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.property_conditions import ConditionHasProperty, ConditionProperty
 from skiros2_common.core.relation_conditions import AbstractConditionRelation, ConditionRelation
+from skiros2_common.core.signal_condition import ConditionSignal
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
+    from skiros2_common.core.signals import SignalSource
     from skiros2_common.core.world_model_port import WorldModelPort
 
 __all__ = [
@@ -38,6 +40,7 @@ __all__ = [
     "ConditionOr",
     "ConditionProperty",
     "ConditionRelation",
+    "ConditionSignal",
     "condition_from",
 ]
 
@@ -82,6 +85,12 @@ class ConditionOr(ConditionBase):
             elif not condition.volatile:
                 return None
         return ids
+
+    def watch(
+        self, ph: ParamHandler, wmi: WorldModelPort, signals: SignalSource, wake: Callable[[], None]
+    ) -> Callable[[], None] | None:
+        stops = [stop for c in self._conditions if (stop := c.watch(ph, wmi, signals, wake)) is not None]
+        return (lambda: [stop() for stop in stops] and None) if stops else None
 
     @classmethod
     def from_record(cls, record: ConditionRecord) -> Self | None:

@@ -14,6 +14,7 @@ from std_msgs.msg import Bool, Empty
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_common.ros.signals import RosSignals
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.engine.breakpoints import Breakpoint
@@ -105,8 +106,13 @@ class SkillManager(DiscoverableNode):
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
         self._progress = ProgressPublisher()
+        self._signals = RosSignals()
         self._scheduler = scheduler = Scheduler(
-            self._tick_rate, self._tick_pub.publish, self._on_progress, preempt_timeout=self._preempt_timeout
+            self._tick_rate,
+            self._tick_pub.publish,
+            self._on_progress,
+            preempt_timeout=self._preempt_timeout,
+            signals=self._signals,
         )
         self._starter = TaskStarter(
             self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot
@@ -138,6 +144,7 @@ class SkillManager(DiscoverableNode):
         for service in self._services:
             service.shutdown()
         self._scheduler.stop()
+        self._signals.close()
         self._execute.close()
         self._wmi.remove_listener(self._on_world_change)
         with self._registering:

@@ -7,8 +7,9 @@ import pytest
 import rospy
 from geometry_msgs.msg import WrenchStamped
 
-from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.core.run import Run
+from skiros2_bags.testing.recording import Recording
+from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.timeout(90)
 
 ROBOT = "/test_robot"
 TOPIC = "/arm/wrench"
-TESTS = Path(__file__).resolve().parents[1]
+LIBRARIES = Path(__file__).resolve().parents[1] / "libraries"
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +32,9 @@ def shared(ros_master: RosMaster):
 
 def launch(ros: Ros) -> None:
     """A world model with a blank scene, and one robot that can press."""
-    path = f"{TESTS}:{ros.master.env['PYTHONPATH']}"
+    path = f"{LIBRARIES}:{ros.master.env['PYTHONPATH']}"
     ros.launch(
-        "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.force_skills]",
+        "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[force_skills]",
         primitive_list="[press]", env={**ros.master.env, "PYTHONPATH": path},
     )  # fmt: skip
     ros.service(f"{ROBOT}/command", srvs.SkillCommand)
@@ -48,8 +49,9 @@ class Sensor:
         self._timer = rospy.Timer(rospy.Duration(0.005), lambda _: self.send(self._force))
 
     @property
-    def is_read(self):
-        return self._publisher.get_num_connections() > 0
+    def readers(self):
+        """The number of nodes that have subscribed."""
+        return self._publisher.get_num_connections()
 
     def send(self, force):
         """Publishes a force along z (N). Returns the time (s since the epoch)."""
@@ -83,7 +85,7 @@ def robot(shared, sensor):
     wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
     yield client
     client.preempt_all()
-    wait_until(lambda: not client.tasks, what="the end of all tasks")
+    wait_until(lambda: not client.tasks and not sensor.readers, what="the end of all tasks and subscriptions")
     client.shutdown()
     shared.restore()
 
@@ -106,8 +108,9 @@ def pressing(robot, arm, sensor, **values):
     holder = robot.get_skill("press")
     for key, value in {"Arm": arm, **values}.items():
         holder.ph.specify(key, value)
+    before = sensor.readers
     run = robot.run([holder])
-    wait_until(lambda: sensor.is_read, what="the subscription")
+    wait_until(lambda: sensor.readers > before, what="the subscription")
     return run
 
 
@@ -149,28 +152,25 @@ def test_not_a_number_fails_the_skill(robot, arm, sensor):
 
 
 def test_topic_is_subscribed_while_the_skill_runs(robot, arm, sensor):
-    assert not sensor.is_read
+    assert not sensor.readers
     run = pressing(robot, arm, sensor)
     robot.preempt_all()
     run.result(30)
-    wait_until(lambda: not sensor.is_read, what="the end of the subscription")
+    wait_until(lambda: not sensor.readers, what="the end of the subscription")
 
 
-def test_recorder_keeps_the_topics_of_signals(ros, robot, arm, sensor, tmp_path):
+def test_recorded_run_has_the_signal_and_re_runs(ros, robot, arm, sensor, tmp_path, monkeypatch):
     bag = tmp_path / "run.bag"
-    recorder = ros.run("skiros2_bags", "record", "-o", str(bag), "--no-check", name="recorder_of_signals")
-    wait_until(lambda: sensor.is_read, what="the recorder's subscription")
-    wait_until(lambda: ros.master.nodes() >= {"/recorder_of_signals"})
+    recorder = ros.run("skiros2_bags", "record", "-o", str(bag), "--robots", ROBOT, name="recorder")
+    goals = f"{ROBOT}/execute/goal"
+    wait_until(lambda: sensor.readers and "/recorder" in ros.master.subscribers(goals), what="the recorder")
+    run = pressing(robot, arm, sensor)
     sensor.send(12.5)
-    wait_until(lambda: _recorded(bag), what="the force in the bag")
-    ros.program("rosnode", "kill", "/recorder_of_signals")
-    assert recorder.wait(30) == 0, recorder.output
-    assert 12.5 in _recorded(bag, ".bag")
-
-
-def _recorded(bag, suffix=".bag.active"):
-    """The recorded forces along z."""
-    try:
-        return [m.content.wrench.force.z for m in Run.open(bag.with_name(f"run{suffix}")).messages(TOPIC)]
-    except BagError:
-        return []
+    sensor.send(41.25)
+    assert "was 41.25 N" in reason(run)
+    ros.program("rosnode", "kill", "/recorder")
+    recorder.wait(30)
+    forces = [message.content.wrench.force.z for message in Run.open(bag).messages(TOPIC)]
+    assert {0.0, 12.5, 41.25} == {*forces}
+    monkeypatch.syspath_prepend(str(LIBRARIES))
+    assert rerun(Recording(bag), Settings()).divergence is None

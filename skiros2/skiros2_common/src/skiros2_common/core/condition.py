@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from enum import IntEnum
 from itertools import islice
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeGuard
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeGuard
 
+from skiros2_common.core.condition_record import ConditionRecord, Cost
 from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, Finding, NearMatch
 from skiros2_common.core.names import ANY_TYPE, id_order
@@ -23,40 +23,6 @@ _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_infe
 _SHORTCUTS = (
     "element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields", "planned_as"
 )
-
-
-class Cost(IntEnum):
-    """The cost of an evaluation: an indexed lookup, one element, a lookup that must find nothing, code of a skill, a
-    relation computed by a reasoner."""
-
-    LOOKUP, ELEMENT, ABSENCE, CODE, REASONER = range(5)
-
-
-class ConditionRecord(Protocol):
-    """A condition as read from the world model; see `ConditionBase.toElement`.
-
-    :param kind: the name of its class.
-    :param name: the relation, property or class that it tests.
-    """
-
-    @property
-    def kind(self) -> str: ...
-    @property
-    def label(self) -> str: ...
-    @property
-    def subject(self) -> str: ...
-    @property
-    def object(self) -> str: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def operator(self) -> str: ...
-    @property
-    def value(self) -> str | bool | float | None: ...
-    @property
-    def state(self) -> bool: ...
-    @property
-    def parts(self) -> Sequence[ConditionRecord]: ...
 
 
 class _OfParameters:

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any, Self, TypeGuard
 
 from skiros2_common.core.condition import (
     ConditionBase,
-    ConditionRecord,
-    Cost,
     is_in_scene,
     near_matches,
 )
+from skiros2_common.core.condition_record import ConditionRecord, Cost
 from skiros2_common.core.explanation import Change, Finding, NearMatch
 from skiros2_common.core.names import full_name, is_of_class
 from skiros2_common.core.params import ParamHandler
@@ -90,7 +89,12 @@ class ConditionOr(ConditionBase):
         self, ph: ParamHandler, wmi: WorldModelPort, signals: SignalSource, wake: Callable[[], None]
     ) -> Callable[[], None] | None:
         stops = [stop for c in self._conditions if (stop := c.watch(ph, wmi, signals, wake)) is not None]
-        return (lambda: [stop() for stop in stops] and None) if stops else None
+
+        def stop_all() -> None:
+            for stop in stops:
+                stop()
+
+        return stop_all if stops else None
 
     @classmethod
     def from_record(cls, record: ConditionRecord) -> Self | None:

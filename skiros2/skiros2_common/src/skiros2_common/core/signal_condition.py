@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-from skiros2_common.core.condition import ConditionBase, Cost
+from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.condition_record import Cost
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.signals import LimitMonitor, Signal, SignalLimits, SignalSource, Violation, find_signal
@@ -69,9 +70,8 @@ class ConditionSignal(ConditionBase):
         self._signal_name = signal
         self._bounds: dict[str, Bound] = {"minimum": minimum, "maximum": maximum}
         self._keys = {name: bound for name, bound in self._bounds.items() if isinstance(bound, str)}
-        self._limits = SignalLimits(
-            *(None if isinstance(bound, str) else bound for bound in (minimum, maximum)), duration, hysteresis, timeout
-        )
+        low, high = (None if isinstance(bound, str) else bound for bound in (minimum, maximum))
+        self._limits = SignalLimits(low, high, duration, hysteresis, timeout)
         problems = [p for p in self._limits.problems() if not (self._keys and p.startswith("it has neither"))]
         if problems:
             raise WrongValue(f"condition {clabel!r}: {'; '.join(problems)}")

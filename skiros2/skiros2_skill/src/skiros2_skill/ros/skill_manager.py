@@ -105,18 +105,12 @@ class SkillManager(DiscoverableNode):
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
-        self._progress = ProgressPublisher()
-        self._signals = RosSignals()
+        self._progress, self._signals = ProgressPublisher(), RosSignals()
         self._scheduler = scheduler = Scheduler(
-            self._tick_rate,
-            self._tick_pub.publish,
-            self._on_progress,
-            preempt_timeout=self._preempt_timeout,
-            signals=self._signals,
-        )
-        self._starter = TaskStarter(
-            self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot
-        )
+            self._tick_rate, self._tick_pub.publish, self._on_progress,
+            preempt_timeout=self._preempt_timeout, signals=self._signals,
+        )  # fmt: skip
+        self._starter = TaskStarter(self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot)
         self._execute = ExecuteAction(self._starter, scheduler)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),

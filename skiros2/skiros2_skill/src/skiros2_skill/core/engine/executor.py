@@ -14,7 +14,6 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, PREEMPT, START, Explanation
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.revision import local_revision
-from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
@@ -54,16 +53,9 @@ class Executor:
     :param wmi: the world model as the task sees it.
     :param wake: requests a tick at once; any thread may call it.
     :param breakpoints: pause the task.
-    :param signals: for hold-conditions on signals; None: no signal is published.
     """
 
-    def __init__(
-        self,
-        wmi: WorldModelPort,
-        wake: _Wake = lambda: None,
-        breakpoints: Breakpoints | None = None,
-        signals: SignalSource | None = None,
-    ) -> None:
+    def __init__(self, wmi: WorldModelPort, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
         self._wmi, self._wake = wmi, wake
         self._breakpoints = TaskBreakpoints(breakpoints)
         self._root: SkillInterface | None = None
@@ -72,7 +64,7 @@ class Executor:
         self.failures = Failures(wmi)
         self.hooks = Hooks(self.failures)
         self.guard = self.hooks.guard
-        self.parameters = Parameters(wmi, self.guard, signals if signals is not None else LocalSignals(), wake)
+        self.parameters = Parameters(wmi, self.guard, wake)
         #: Whether the task was preempted and its nodes are not preempted yet.
         self.halt_requested = False
         #: Whether a state or progress has changed; the reader resets it.

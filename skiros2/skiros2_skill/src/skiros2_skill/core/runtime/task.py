@@ -68,19 +68,16 @@ class Task:
     """
 
     def __init__(
-        self,
-        task_id: int,
-        wmi: WorldModelPort,
-        author: str = "",
-        breakpoints: Breakpoints | None = None,
+        self, task_id: int, wmi: WorldModelPort, author: str = "", breakpoints: Breakpoints | None = None,
         signals: SignalSource | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.id = task_id
         self.author = author
         self.root = Root(f"task_{task_id}", wmi)
         self.root._id = task_id
         self._wmi = wmi
-        self._executor = Executor(wmi, self.wake, breakpoints, signals)
+        self._executor = Executor(wmi, self.wake, breakpoints)
+        self._executor.parameters.signals = signals or self._executor.parameters.signals
         self._paused = threading.Event()
         self._step_budget: _StepBudget | None = None
         self._deciding = threading.Lock()

@@ -1,4 +1,4 @@
-"""A skill that presses with an arm, within a force limit."""
+"""Presses until it is stopped, or the force at the wrist exceeds a limit."""
 
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamTypes

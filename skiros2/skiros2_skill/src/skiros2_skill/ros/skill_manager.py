@@ -106,12 +106,12 @@ class SkillManager(DiscoverableNode):
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
         self._progress, self._signals = ProgressPublisher(), RosSignals()
-        self._scheduler = scheduler = Scheduler(
+        self._scheduler = tasks = Scheduler(
             self._tick_rate, self._tick_pub.publish, self._on_progress,
             preempt_timeout=self._preempt_timeout, signals=self._signals,
         )  # fmt: skip
-        self._starter = TaskStarter(self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot)
-        self._execute = ExecuteAction(self._starter, scheduler)
+        self._starter = TaskStarter(self._library, self._wmi, tasks, self._history, lambda: self._registration.robot)
+        self._execute = ExecuteAction(self._starter, tasks)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),

@@ -170,6 +170,10 @@ def test_path_reads_a_number(path, message, value):
     assert FieldPath(path).read(message) == value
 
 
+def test_list_with_a_value_that_is_no_number_is_no_number():
+    assert math.isnan(FieldPath("effort").read(Message(effort=[1.0, math.nan, -7.0])))
+
+
 @pytest.mark.parametrize("path", ["wrench.torque", "wrench", "effort[0]", "wrench.force.x.y"])
 def test_missing_field_is_named(path):
     with pytest.raises(WrongValue, match="has no number at"):

@@ -68,7 +68,7 @@ def _number(value: Any) -> float:
     if all(hasattr(value, axis) for axis in "xyz"):
         return math.hypot(value.x, value.y, value.z)
     if isinstance(value, (Sequence, memoryview)) or hasattr(value, "tolist"):
-        return float(max(value, key=abs))
+        return float(max(value, key=lambda item: math.inf if math.isnan(item) else abs(item)))
     return float(value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import threading
 import time
@@ -22,7 +23,7 @@ LINGER = 1.0
 #: Period of queries to the master for the types of topics that nobody publishes yet (s).
 POLL_PERIOD = 0.05
 
-_ERRORS = (*XMLRPC_ERRORS, rosgraph.MasterException)
+_ERRORS = (*XMLRPC_ERRORS, rosgraph.MasterException, rospy.ROSException)
 
 
 class RosSignals(LocalSignals):
@@ -83,17 +84,17 @@ class RosSignals(LocalSignals):
     def _subscribe_to(self, wanted: dict[str, SignalTopic]) -> bool:
         """Subscribes to the topics whose types are known. Returns whether these are all."""
         try:
-            types = dict(self._master.getTopicTypes())
+            self._subscribe_to_known(wanted, dict(self._master.getTopicTypes()))
         except _ERRORS as error:
             log.debug("the master does not answer: %s", error)
-            return False
+        return wanted.keys() <= self._subscribers.keys()
+
+    def _subscribe_to_known(self, wanted: dict[str, SignalTopic], types: dict[str, str]) -> None:
         for name, topic in wanted.items():
             message_class = self._message_class(name, types.get(name, "*"))
             if message_class is not None:
-                self._subscribers[name] = rospy.Subscriber(
-                    name, message_class, lambda message, topic=topic: self.deliver(topic, message), tcp_nodelay=True
-                )
-        return wanted.keys() <= self._subscribers.keys()
+                receive = functools.partial(self.deliver, topic)
+                self._subscribers[name] = rospy.Subscriber(name, message_class, receive, tcp_nodelay=True)
 
     def _message_class(self, topic: str, name: str) -> Any:
         """The class of a message type; None if the type is unknown or not installed."""

@@ -175,7 +175,7 @@ class Parameters:
         node.volatile = any(c.volatile for c in node.hold_conditions)
         node.stale = bool(node.hold_conditions) or not is_current
         self._readers.add(node)
-        if node.volatile:
+        if node.hold_conditions:
             self._guard.call(node, "the start of its hold-conditions", self._watch, node)
 
     def end(self, node: SkillWrapper) -> None:

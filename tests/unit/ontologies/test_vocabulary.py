@@ -46,6 +46,15 @@ OURS = {
     "skiros:SkillProperty",
     "skiros:RobotProperty",
     "skiros:Velocity",
+    "skiros:Signal",
+    "skiros:WristForce",
+    "skiros:WristTorque",
+    "skiros:JointTorque",
+    "skiros:Distance",
+    "skiros:hasSignal",
+    "skiros:SignalProperty",
+    "skiros:SignalTopic",
+    "skiros:MessageField",
 }
 CONDITION_CLASSES = [
     "ConditionRelation",
@@ -57,6 +66,7 @@ CONDITION_CLASSES = [
     "ConditionOnType",
     "ConditionOr",
     "ConditionFunction",
+    "ConditionSignal",
 ]
 
 

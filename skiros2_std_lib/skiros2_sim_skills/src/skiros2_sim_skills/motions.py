@@ -44,7 +44,13 @@ class MoveArmCollisionFree(SkillDescription):
             description="Pose of the tool; empty with a posture",
         )
         self.addParam(
-            "PlanningTime", 5.0, ParamTypes.Optional, description="Limit of the search", unit="s", minimum=0.1, maximum=60
+            "PlanningTime",
+            5.0,
+            ParamTypes.Optional,
+            description="Limit of the search",
+            unit="s",
+            minimum=0.1,
+            maximum=60,
         )
         self.addParam(
             "Clearance",

@@ -1,4 +1,4 @@
-"""Collision-free motions of an arm: by skiros2_sim_msgs/PlanMotion, or by MoveIt for an arm with `skiros:MoveItGroup`."""
+"""Collision-free motions of an arm: with skiros2_sim_msgs/PlanMotion; with MoveIt if it has `skiros:MoveItGroup`."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ CHECKS = 20
 _RANGE = 1.0
 
 
-class _Closed(Exception):  # noqa: N818 - it ends a thread, nothing has failed
+class _Closed(Exception):
     """The caller does not continue the search."""
 
 

@@ -2,8 +2,8 @@
 
 The corners are rounded by parabolas, so that the arm does not stop at them. The speed along the path is as high as the
 limits allow, by a pass forward and a pass backward over the path (Bobrow, Dubowsky and Gibson, Time-Optimal Control of
-Robotic Manipulators Along Specified Paths, 1985; Kunz and Stilman, Time-Optimal Trajectory Generation for Path Following
-with Bounded Acceleration and Velocity, 2012). With the position q along the path s:
+Robotic Manipulators Along Specified Paths, 1985; Kunz and Stilman, Time-Optimal Trajectory Generation for Path
+Following with Bounded Acceleration and Velocity, 2012). With the position q along the path s:
 
     q. = q' s.      q.. = q'' s.^2 + q' s..
 """

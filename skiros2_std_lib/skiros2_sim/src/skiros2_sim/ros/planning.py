@@ -65,8 +65,17 @@ class PlanningJob:
         return PlanMotionFeedback(self._search.spent)
 
     def result(self, outcome: Outcome) -> PlanMotionResult:
-        search = self._search
-        return PlanMotionResult(outcome.code, outcome.text, _trajectory(search.plan), search.spent)
+        return plan_result(self._search, outcome)
+
+
+def plan_result(search: ArmPlanning, outcome: Outcome | None = None) -> PlanMotionResult:
+    """Returns the result of a search.
+
+    :param outcome: None for that of the search, which has ended.
+    """
+    ended = outcome or search.outcome
+    assert ended is not None
+    return PlanMotionResult(ended.code, ended.text, _trajectory(search.plan), search.spent)
 
 
 def refused_plan(text: str) -> PlanMotionResult:

@@ -25,8 +25,8 @@ T = TypeVar("T")
 
 #: Distance between checked positions along a path (rad or m, norm over all joints).
 RESOLUTION = 0.03
-#: Number of collision checks in a piece: 1 to 2 ms.
-CHECKS = 20
+#: Number of collision checks in a piece: 1.5 to 2.5 ms.
+CHECKS = 10
 #: Maximum length of a branch of the search tree (rad).
 _RANGE = 1.0
 

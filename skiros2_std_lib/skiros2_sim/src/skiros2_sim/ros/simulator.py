@@ -90,6 +90,7 @@ class Simulator:
         self._stepper.close()
         for server in self._servers:
             server.close()
+        self._planning_scene.close()
 
     def _make_controllers(self, world: World) -> None:
         for robot in world.robots.values():

@@ -306,45 +306,6 @@ def test_the_stiffness_of_the_compliant_controller_is_a_topic(sim: SimulatorClie
     topic.unregister()
 
 
-# -- its end ----------------------------------------------------------------------------------------------------------
-
-
-class Turn(SkillDescription):
-    pass
-
-
-class turn_arm(PrimitiveActionClient):
-    """A skill that sends an arm aside."""
-
-    goal: Any = None
-
-    def createDescription(self) -> None:
-        self.setDescription(Turn(), "turn_arm")
-
-    def buildClient(self) -> Any:
-        name = "/mobile_manipulator/arm/follow_joint_trajectory"
-        return actionlib.SimpleActionClient(name, FollowJointTrajectoryAction)
-
-    def buildGoal(self) -> Any:
-        point = JointTrajectoryPoint(positions=list(ASIDE), time_from_start=rospy.Duration(20))
-        return FollowJointTrajectoryGoal(trajectory=JointTrajectory(joint_names=JOINTS, points=[point]))
-
-
-def test_a_skill_whose_robot_is_lost_fails_with_the_reason(sim: SimulatorClient) -> None:
-    # The last one: the simulator is started anew after each, perhaps so soon that it says it does not know the goal.
-    ends = {signal.SIGINT: ("/sim ended before the goal did",), signal.SIGKILL: ("LOST", "has not been heard of")}
-    for starts, (number, reasons) in enumerate(ends.items(), start=1):
-        wait_until(lambda starts=starts: sim.program.output.count("world is ready") == starts, WAIT, "a new simulator")
-        skill = turn_arm()
-        assert skill.init(None)
-        skill.onStart()
-        wait_until(lambda skill=skill: skill.execute() and skill.client.get_state() == GoalStatus.ACTIVE, WAIT)
-        os.kill(sim.ros.master.node_pid("/sim"), number)
-        wait_until(lambda skill=skill: skill.execute() is State.Failure, WAIT, "a skill that has failed")
-        assert any(reason in skill.progress_msg for reason in reasons)
-        skill.onEnd()
-
-
 # -- planned motions --------------------------------------------------------------------------------------------------
 
 
@@ -418,3 +379,42 @@ def test_a_plan_is_cancelled_and_aborted_by_a_reset(sim: SimulatorClient) -> Non
     sim.reset()
     request.wait()
     assert "reset" in request.text
+
+
+# -- its end ----------------------------------------------------------------------------------------------------------
+
+
+class Turn(SkillDescription):
+    pass
+
+
+class turn_arm(PrimitiveActionClient):
+    """A skill that sends an arm aside."""
+
+    goal: Any = None
+
+    def createDescription(self) -> None:
+        self.setDescription(Turn(), "turn_arm")
+
+    def buildClient(self) -> Any:
+        name = "/mobile_manipulator/arm/follow_joint_trajectory"
+        return actionlib.SimpleActionClient(name, FollowJointTrajectoryAction)
+
+    def buildGoal(self) -> Any:
+        point = JointTrajectoryPoint(positions=list(ASIDE), time_from_start=rospy.Duration(20))
+        return FollowJointTrajectoryGoal(trajectory=JointTrajectory(joint_names=JOINTS, points=[point]))
+
+
+def test_a_skill_whose_robot_is_lost_fails_with_the_reason(sim: SimulatorClient) -> None:
+    # The last one: the simulator is started anew after each, perhaps so soon that it says it does not know the goal.
+    ends = {signal.SIGINT: ("/sim ended before the goal did",), signal.SIGKILL: ("LOST", "has not been heard of")}
+    for starts, (number, reasons) in enumerate(ends.items(), start=1):
+        wait_until(lambda starts=starts: sim.program.output.count("world is ready") == starts, WAIT, "a new simulator")
+        skill = turn_arm()
+        assert skill.init(None)
+        skill.onStart()
+        wait_until(lambda skill=skill: skill.execute() and skill.client.get_state() == GoalStatus.ACTIVE, WAIT)
+        os.kill(sim.ros.master.node_pid("/sim"), number)
+        wait_until(lambda skill=skill: skill.execute() is State.Failure, WAIT, "a skill that has failed")
+        assert any(reason in skill.progress_msg for reason in reasons)
+        skill.onEnd()

@@ -187,7 +187,10 @@ class Changes:
         self._count = run.log.count
         tree = run.latest.nodes
         for line in itertools.islice(run.log.lines, max(0, len(run.log) - new), None):
-            if line.path and line.state in (*ENDS, RUNNING):
+            if not line.path and line.state == RUNNING and line.message:  # paused, and why
+                text = f"{line.time - run.start:6.1f} s  {first_line(line.message)}"
+                yield Line(self._screen.fitted(text), _COLOURS["paused"])
+            elif line.path and line.state in (*ENDS, RUNNING):
                 style, node = style_of(line.state), tree[line.path]
                 name = "  " * (len(line.path) - 1) + _title(self._screen, style, line.name, node.processor)
                 message = _message(node)

@@ -11,7 +11,7 @@ from typing import Any
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import RobotStopped, SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_msgs import msg as msgs
@@ -23,12 +23,14 @@ from skiros2_skill.core.lint.linter import log_faults
 from skiros2_skill.core.runtime.diagnosis import add_authors, inspect
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.request import TaskStarter
+from skiros2_skill.core.runtime.safety_sources import SafetySettings
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
 from skiros2_skill.ros.messages import ProgressPublisher, explanations_json, param_messages, skill_request, wire_text
 from skiros2_skill.ros.registration import Registration
+from skiros2_skill.ros.safety import SafetyMonitor
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_world_model.core.last_will import last_will_author
 
@@ -52,6 +54,7 @@ class SkillManager(DiscoverableNode):
     :param wmi: the world model; None creates a `WorldModelInterface` with a replica.
     :param tick_rate: ticks per second.
     :param preempt_timeout: s that a preempted task has to end; see `Scheduler`.
+    :param safety: the sources of stops of the robot, and what they do with tasks.
     """
 
     def __init__(
@@ -61,6 +64,7 @@ class SkillManager(DiscoverableNode):
         wmi: WorldModelPort | None = None,
         tick_rate: float = TICK_RATE,
         preempt_timeout: float = PREEMPT_TIMEOUT,
+        safety: SafetySettings = SafetySettings(),  # noqa: B008 - immutable
     ) -> None:
         if wmi is None:
             from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -71,6 +75,7 @@ class SkillManager(DiscoverableNode):
         self._registration = Registration(wmi, prefix, robot_name, rospy.get_name())
         self._tick_rate = tick_rate
         self._preempt_timeout = preempt_timeout
+        self._safety_settings = safety
         self._history = History()
         self._ready = threading.Event()
         self._registering = threading.Lock()
@@ -112,6 +117,7 @@ class SkillManager(DiscoverableNode):
             self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot
         )
         self._execute = ExecuteAction(self._starter, scheduler)
+        self._safety = SafetyMonitor(self._safety_settings, scheduler)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
@@ -137,6 +143,7 @@ class SkillManager(DiscoverableNode):
         self.stop_discovery()
         for service in self._services:
             service.shutdown()
+        self._safety.close()
         self._scheduler.stop()
         self._execute.close()
         self._wmi.remove_listener(self._on_world_change)
@@ -221,9 +228,14 @@ class SkillManager(DiscoverableNode):
         if request.execution_id != ALL:
             self._catch_up()
             task_id = int(request.execution_id)
+            scheduler.start(task_id, ticks)
         else:
-            task_id = self._starter.make(request.author, [skill_request(skill) for skill in request.skills]).id
-        scheduler.start(task_id, ticks)
+            task = self._starter.make(request.author, [skill_request(skill) for skill in request.skills])
+            task_id = task.id
+            try:
+                scheduler.start(task_id, ticks)
+            except RobotStopped as stopped:  # just now
+                raise self._starter.withdraw(task, stopped) from None
         if ticks and not scheduler.wait_until_idle([task_id], TICK_TIMEOUT):
             log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_TIMEOUT)
         return task_id

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
+from skiros2_common.core.errors import FOREIGN_ERRORS, RobotStopped
+from skiros2_common.core.explanation import EXCEPTION, PREEMPT, STOP, Explanation
 from skiros2_common.core.params import Param
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort, changed_ids
 from skiros2_runs.core.states import TaskState
@@ -78,10 +78,12 @@ class Task:
         self._step_budget: _StepBudget | None = None
         self._deciding = threading.Lock()
         self._decided = False
+        #: Whether it runs on while the robot is stopped.
+        self.allowed_when_stopped = False
         #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
         self.preempted_at: float | None = None
         self._stopping = False  # all running nodes were preempted
-        self._reason = "Preempted"
+        self._reason, self._stage, self._code = "Preempted", PREEMPT, ENDED_FAILURE
         self._abandons_ending = False
         self._hung: HungHook | None = None
         self._id_overflow_logged = False
@@ -108,13 +110,18 @@ class Task:
 
     # -- commands, from any thread -----------------------------------------------------------------------------
 
-    def preempt(self) -> bool:
+    def preempt(self, stop: str = "") -> bool:
         """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills. Returns
-        False if it had ended before."""
+        False if it had ended before.
+
+        :param stop: the stop of the robot that fails the task; "": a command preempts it.
+        """
         with self._deciding:
             if self._decided:
                 return False
             if self.preempted_at is None:
+                if stop:
+                    self._reason, self._stage, self._code = stop, STOP, RobotStopped.CODE
                 self.preempted_at = time.monotonic()
                 self._executor.halt_requested = True
             return True
@@ -228,7 +235,7 @@ class Task:
             overruled = self.preempted_at is not None and not self._stopping
         if overruled:
             self._stopping = True
-            self._executor.failures.record(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
+            self._executor.failures.record(self.root, Failure(self._stage, self._code, self._reason))
             self.root._setState(State.Failure)
             return State.Failure
         return state
@@ -238,7 +245,7 @@ class Task:
             try:
                 return self._tick()
             except Halt:
-                return self._stop(PREEMPT, self._reason)
+                return self._stop(self._stage, self._reason, self._code)
         except BreakpointReached as reached:
             self.pause(str(reached))
             return State.Running
@@ -258,12 +265,12 @@ class Task:
             self._abandons_ending = False
             abandon_ending_nodes(self._executor)
         if self.preempted_at is not None and not self._stopping:
-            return self._stop(PREEMPT, self._reason)
+            return self._stop(self._stage, self._reason, self._code)
         return self._executor.tick(self.root)
 
-    def _stop(self, stage: str, reason: str) -> State:
+    def _stop(self, stage: str, reason: str, code: int = ENDED_FAILURE) -> State:
         """Preempts all running nodes."""
-        self._executor.failures.record(self.root, Failure(stage, ENDED_FAILURE, reason))
+        self._executor.failures.record(self.root, Failure(stage, code, reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False
         if self.preempted_at is None:

@@ -29,7 +29,7 @@ class RecoverFromStop(SkillDescription):
 
     def createDescription(self) -> None:
         self.addParam(
-            "Call", "", ParamTypes.Optional, description="Service or action of the driver; empty: the manager's ~recovery"
+            "Call", "", ParamTypes.Optional, description="The driver's service or action; by default ~recovery"
         )
         self.addParam("Type", Recovery.type, ParamTypes.Optional, description="package/Type, or package/TypeAction")
         self.addParam("Timeout", 10.0, ParamTypes.Optional, description="For call and end", unit="s", minimum=0.0)
@@ -38,7 +38,7 @@ class RecoverFromStop(SkillDescription):
 
 
 class recover_from_stop(PrimitiveBase):
-    """Calls a service (a field `success` that is false is a failure) or an action with an empty request, in a thread."""
+    """Calls a service or an action with an empty request, in a thread. A false `success` in an answer is a failure."""
 
     def createDescription(self) -> None:
         self.setDescription(RecoverFromStop(), self.__class__.__name__)

@@ -71,7 +71,8 @@ class ManagerConnections(DiscoveryInterface):
         status = self._safety.get(name)
         if status is None or not status.stops:
             return "", ""
-        return f"Stopped since {clock(status.since.to_sec())}: {'; '.join(status.stops)}.", status.state.replace("_", " ")
+        text = f"Stopped since {clock(status.since.to_sec())}: {'; '.join(status.stops)}."
+        return text, status.state.replace("_", " ")
 
     def check(self) -> None:
         """Detects closed connections before the discovery times out. To be called periodically."""

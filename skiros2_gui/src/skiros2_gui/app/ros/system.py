@@ -162,7 +162,9 @@ class _Connections:
             event_queue.put(ConnectionChanged())
 
         self.world = WorldModelConnection(author, event_queue.put, on_change)
-        self.managers = ManagerConnections(author, event_queue.put, lambda: event_queue.put(ManagersChanged()), on_change)
+        self.managers = ManagerConnections(
+            author, event_queue.put, lambda: event_queue.put(ManagersChanged()), on_change
+        )
         self.task_manager = TaskManagerConnection(on_change)
         self.markers = MarkerConnection(event_queue.put)
 

@@ -56,7 +56,7 @@ class SourceRules:
 
     :param kind: of its stops.
     :param timeout: s without a report after which a required source counts as stopped; None: it is not required.
-    :param clear_delay: s without a stop in the reports after which its stop ends, so that a flapping signal is one stop.
+    :param clear_delay: s without a stop in the reports after which its stop ends: a flapping signal is one stop.
     """
 
     name: str
@@ -113,7 +113,7 @@ class _Input:
 
 
 class SafetyState:
-    """The state machine of one robot: the worst of the stops of all sources. One thread at a time; any may read `stops`.
+    """The state machine of one robot: the worst of the stops of all sources. One thread at a time; any reads `stops`.
 
     :param sources: with different names.
     :param now: s, monotonic. Required sources are stopped until their first report.

@@ -132,7 +132,7 @@ def read_settings(
         problems += [f"{place}: {problem}" for problem in own]
         if source is not None:
             if source.rules.name in {one.rules.name for one in read}:
-                problems.append(f"{place}: the name {source.rules.name!r} is used twice; set different values of 'name'")
+                problems.append(f"{place}: the name {source.rules.name!r} is used twice; set another 'name'")
             other = next((s.type for s in read if s.topic == source.topic and s.type != source.type), "")
             if other:
                 problems.append(f"{place}: topic {source.topic} has type {other} in another source")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.errors import RobotStopped, SkirosError, UnknownName
+from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_msgs import msg as msgs
@@ -54,7 +54,7 @@ class SkillManager(DiscoverableNode):
     :param wmi: the world model; None creates a `WorldModelInterface` with a replica.
     :param tick_rate: ticks per second.
     :param preempt_timeout: s that a preempted task has to end; see `Scheduler`.
-    :param safety: the sources of stops of the robot, and what they do with tasks.
+    :param safety: the sources of stops of the robot, and what they do with tasks; None: no source.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class SkillManager(DiscoverableNode):
         wmi: WorldModelPort | None = None,
         tick_rate: float = TICK_RATE,
         preempt_timeout: float = PREEMPT_TIMEOUT,
-        safety: SafetySettings = SafetySettings(),  # noqa: B008 - immutable
+        safety: SafetySettings | None = None,
     ) -> None:
         if wmi is None:
             from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -75,7 +75,7 @@ class SkillManager(DiscoverableNode):
         self._registration = Registration(wmi, prefix, robot_name, rospy.get_name())
         self._tick_rate = tick_rate
         self._preempt_timeout = preempt_timeout
-        self._safety_settings = safety
+        self._safety_settings = safety or SafetySettings()
         self._history = History()
         self._ready = threading.Event()
         self._registering = threading.Lock()
@@ -225,17 +225,12 @@ class SkillManager(DiscoverableNode):
 
     def _on_start(self, request: Any, ticks: int = 0) -> int:
         scheduler = self._running()
-        if request.execution_id != ALL:
+        if request.execution_id == ALL:
+            task_id = self._starter.start(request.author, [skill_request(skill) for skill in request.skills], ticks)
+        else:
             self._catch_up()
             task_id = int(request.execution_id)
             scheduler.start(task_id, ticks)
-        else:
-            task = self._starter.make(request.author, [skill_request(skill) for skill in request.skills])
-            task_id = task.id
-            try:
-                scheduler.start(task_id, ticks)
-            except RobotStopped as stopped:  # just now
-                raise self._starter.withdraw(task, stopped) from None
         if ticks and not scheduler.wait_until_idle([task_id], TICK_TIMEOUT):
             log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_TIMEOUT)
         return task_id
@@ -301,11 +296,7 @@ class SkillManager(DiscoverableNode):
         except SkirosError as error:
             log.warning("breakpoint: %s refused: %s", request.action, error)
             raise rospy.ServiceException(f"{request.action} refused: {error}") from error
-        known = [
-            {"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when}
-            for n, b in self._running().breakpoints.all().items()
-        ]
-        return srvs.SkillBreakpointResponse(True, number, json.dumps(known))
+        return srvs.SkillBreakpointResponse(True, number, _breakpoints_json(self._running().breakpoints.all()))
 
     def _add_breakpoint(self, request: Any) -> int:
         breakpoint = Breakpoint(request.kind, request.pattern, request.when)
@@ -356,6 +347,10 @@ class SkillManager(DiscoverableNode):
                     log.info("the world model had lost %s, which is registered again", self._registration.robot_id)
             except SkirosError as error:
                 log.error("the world model has another scene, and the robot cannot be registered: %s", error)
+
+
+def _breakpoints_json(known: Mapping[int, Breakpoint]) -> str:
+    return json.dumps([{"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when} for n, b in known.items()])
 
 
 def _for_tasks(execution_id: int, one: Callable[[int], None], all_tasks: Callable[[], None]) -> int:

@@ -324,6 +324,19 @@ class TaskStarter:
         self._history.refuse(record)
         raise TaskRefused(record)
 
+    def start(self, author: str, requests: Sequence[SkillRequest], ticks: int = 0) -> int:
+        """Creates and starts a task. Returns its id.
+
+        :param ticks: pauses after this many ticks; 0: does not.
+        :raises TaskRefused: the request is wrong, or the robot is stopped; the history has the record.
+        """
+        task = self.make(author, requests)
+        try:
+            self._scheduler.start(task.id, ticks)
+        except RobotStopped as stopped:  # just now
+            raise self.withdraw(task, stopped) from None
+        return task.id
+
     def withdraw(self, task: Task, stopped: RobotStopped) -> TaskRefused:
         """Discards a task that a stop has kept from its first start. Returns the refusal."""
         self._scheduler.discard(task)

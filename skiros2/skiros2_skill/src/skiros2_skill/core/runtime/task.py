@@ -83,7 +83,7 @@ class Task:
         #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
         self.preempted_at: float | None = None
         self._stopping = False  # all running nodes were preempted
-        self._reason, self._stage, self._code = "Preempted", PREEMPT, ENDED_FAILURE
+        self._reason, self._stage = "Preempted", PREEMPT
         self._abandons_ending = False
         self._hung: HungHook | None = None
         self._id_overflow_logged = False
@@ -121,7 +121,7 @@ class Task:
                 return False
             if self.preempted_at is None:
                 if stop:
-                    self._reason, self._stage, self._code = stop, STOP, RobotStopped.CODE
+                    self._reason, self._stage = stop, STOP
                 self.preempted_at = time.monotonic()
                 self._executor.halt_requested = True
             return True
@@ -235,7 +235,7 @@ class Task:
             overruled = self.preempted_at is not None and not self._stopping
         if overruled:
             self._stopping = True
-            self._executor.failures.record(self.root, Failure(self._stage, self._code, self._reason))
+            self._executor.failures.record(self.root, Failure(self._stage, _code(self._stage), self._reason))
             self.root._setState(State.Failure)
             return State.Failure
         return state
@@ -245,7 +245,7 @@ class Task:
             try:
                 return self._tick()
             except Halt:
-                return self._stop(self._stage, self._reason, self._code)
+                return self._stop(self._stage, self._reason)
         except BreakpointReached as reached:
             self.pause(str(reached))
             return State.Running
@@ -265,12 +265,12 @@ class Task:
             self._abandons_ending = False
             abandon_ending_nodes(self._executor)
         if self.preempted_at is not None and not self._stopping:
-            return self._stop(self._stage, self._reason, self._code)
+            return self._stop(self._stage, self._reason)
         return self._executor.tick(self.root)
 
-    def _stop(self, stage: str, reason: str, code: int = ENDED_FAILURE) -> State:
+    def _stop(self, stage: str, reason: str) -> State:
         """Preempts all running nodes."""
-        self._executor.failures.record(self.root, Failure(stage, code, reason))
+        self._executor.failures.record(self.root, Failure(stage, _code(stage), reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False
         if self.preempted_at is None:
@@ -330,24 +330,7 @@ class Task:
         with self._numbering:
             self._number_nodes()
         reason = "" if self.ended.is_set() or not self.paused else "paused"
-        return [
-            NodeProgress(
-                id=node.id,
-                parent_id=node.parent.id if node.parent is not None else -1,
-                parent_label=node.parent.label if node.parent is not None else "",
-                type=node.type,
-                label=node.label if not isinstance(node, Skill) else node.label or node.processor.printType(),
-                processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
-                state=node.state,
-                progress_code=node.progress_code,
-                progress_period=node.progress_period,
-                progress_time=node.progress_time,
-                progress_message=node.progress_msg or (reason if node is self.root else ""),
-                params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
-            )
-            for node in self.nodes()
-            if node._id >= 0
-        ]
+        return [_progress_of(node, reason if node is self.root else "") for node in self.nodes() if node._id >= 0]
 
     def _number_nodes(self) -> None:
         nodes = list(self.nodes())
@@ -361,3 +344,26 @@ class Task:
         if nodes[-1]._id < 0 and not self._id_overflow_logged:
             self._id_overflow_logged = True
             log.warning("task %s has %s nodes; only the first %s are reported", self.id, len(nodes), MAX_ID + 1)
+
+
+def _progress_of(node: SkillInterface, reason: str) -> NodeProgress:
+    """:param reason: the message of a node without one."""
+    return NodeProgress(
+        id=node.id,
+        parent_id=node.parent.id if node.parent is not None else -1,
+        parent_label=node.parent.label if node.parent is not None else "",
+        type=node.type,
+        label=node.label if not isinstance(node, Skill) else node.label or node.processor.printType(),
+        processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
+        state=node.state,
+        progress_code=node.progress_code,
+        progress_period=node.progress_period,
+        progress_time=node.progress_time,
+        progress_message=node.progress_msg or reason,
+        params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
+    )
+
+
+def _code(stage: str) -> int:
+    """The code of the failure that ends a task."""
+    return RobotStopped.CODE if stage == STOP else ENDED_FAILURE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import queue
 import threading
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from skiros2_skill.core.runtime.safety import MAX_REASON, Safety, SafetyState, S
 from skiros2_skill.core.runtime.safety_guard import Policy, SafetyGuard
 from skiros2_skill.core.runtime.safety_sources import DIAGNOSTICS, Recovery, SafetySettings, read_settings
 from skiros2_skill.core.runtime.scheduler import Scheduler
-from unit.skiros2_skill.skills import Work, primitive
+from unit.skiros2_skill.skills import Work, describe, primitive
 
 BUTTON = SourceRules("/e_stop", Safety.EMERGENCY_STOP, clear_delay=0.5)
 ARM = SourceRules("/arm", Safety.PROTECTIVE_STOP, clear_delay=0.0)
@@ -278,7 +279,8 @@ class Robot:
         self.ended: list[Any] = []
         bench.load(primitive(Work, "work", execute=lambda self: self.step("moving")))
         bench.load(primitive(Reset, "reset", execute=lambda self: self.step("resetting")))
-        self.scheduler = Scheduler(rate=200)
+        self.reported: queue.Queue[tuple[int, State, str]] = queue.Queue()  # paused tasks
+        self.scheduler = Scheduler(rate=200, on_progress=self._report)
         self.history = History()
         self.starter = TaskStarter(bench.library, bench.wmi, self.scheduler, self.history, lambda: bench.robot)
         self.published: list[list[str]] = []
@@ -287,6 +289,10 @@ class Robot:
         self.guard = SafetyGuard(
             sources, {Safety(k): Policy(p) for k, p in policies.items()}, self.scheduler, self._publish
         )
+
+    def _report(self, task: Any) -> None:
+        if task.paused and not task.ended.is_set():
+            self.reported.put((task.id, task.state, task.root.progress_msg))
 
     def _publish(self, stops: Any) -> None:
         self.published.append([*map(str, stops)])
@@ -324,6 +330,23 @@ def test_protective_stop_pauses_tasks_until_they_are_resumed(robot: Robot) -> No
     robot.scheduler.start(task.id)
     assert task.status is TaskState.RUNNING
     assert robot.published == [[], ["protective stop by /arm: collision"], []]
+
+
+def test_task_that_is_paused_before_its_first_tick_reports_the_stop(robot: Robot, bench: Any) -> None:
+    entered, released = threading.Event(), threading.Event()
+
+    def block(self: Any) -> State:
+        entered.set()
+        released.wait(5)
+        return self.success("done")
+
+    bench.load(primitive(describe("Block"), "block", execute=block))
+    robot.start("Block")
+    assert entered.wait(5)  # the other tasks are not ticked for 0.1 s
+    task = robot.start()
+    robot.guard.report("/arm", "collision")
+    released.set()
+    assert robot.reported.get(timeout=5) == (task.id, State.Idle, "paused: protective stop by /arm: collision")
 
 
 def test_emergency_stop_fails_running_and_paused_tasks_with_the_reason(robot: Robot) -> None:

@@ -166,8 +166,8 @@ class Worker:
 
     def _report(self, scheduled: ScheduledTask) -> None:
         task = scheduled.task
-        if task.state is State.Idle:
-            return  # not started yet
+        if task.state is State.Idle and not scheduled.started:
+            return
         now = time.monotonic()
         if task.update_revision() or task.ended.is_set() or now - scheduled.reported_at >= self._settings.keep_alive:
             scheduled.reported_at = now

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -31,6 +32,8 @@ SOURCES = (
     "{topic: /diagnostics, type: diagnostic_msgs/DiagnosticArray, names: ['arm*'], clear_delay: 0.0}]"
 )
 RUNNING = "running"
+
+_numbers = itertools.count()
 
 
 def launch(ros: Ros) -> None:
@@ -269,13 +272,15 @@ def test_recovery_by_an_action(robot: SkillManagerInterface, driver: Driver) -> 
             server.set_preempted()
             cancelled.set()
 
-    server = actionlib.SimpleActionServer("/error_recovery", msgs.AssignTaskAction, work, auto_start=False)
+    # In one process, connections to an earlier server of the same name may outlive it for a moment.
+    name = f"/error_recovery_{next(_numbers)}"
+    server = actionlib.SimpleActionServer(name, msgs.AssignTaskAction, work, auto_start=False)
     server.start()
-    step = recovery_step(Call="/error_recovery", Type="skiros2_msgs/AssignTaskAction")
+    step = recovery_step(Call=name, Type="skiros2_msgs/AssignTaskAction")
     driver.set_mode(4)
     driver.wait_for("protective_stop")
     outcome[0] = "abort"
-    assert robot.run([step]).result(30).message.endswith("/error_recovery has failed: still in contact")
+    assert robot.run([step]).result(30).message.endswith(f"{name} has failed: still in contact")
     outcome[0] = "long"
     run = robot.run([step])
     wait_until(lambda: outcome[0] == "began")

@@ -269,7 +269,7 @@ def test_diagnostics_with_an_unknown_level_are_a_stop() -> None:
 
 class Reset(SkillDescription):
     def createDescription(self) -> None:
-        self.setAllowedWhenStopped()
+        self.allowed_when_stopped = True
 
 
 class Robot:

@@ -34,7 +34,7 @@ class RecoverFromStop(SkillDescription):
         self.addParam("Type", Recovery.type, ParamTypes.Optional, description="package/Type, or package/TypeAction")
         self.addParam("Timeout", 10.0, ParamTypes.Optional, description="For call and end", unit="s", minimum=0.0)
         self.setAvailableForPlanning(False)
-        self.setAllowedWhenStopped()
+        self.allowed_when_stopped = True
 
 
 class recover_from_stop(PrimitiveBase):

@@ -45,7 +45,8 @@ class SkillDescription:
         self._post_conditions: list[cond.ConditionBase] = []
         self._exported_conditions: list[cond.ConditionBase] = []  # post-conditions for planners, never checked
         self._available_for_planning = True
-        self._allowed_when_stopped = False
+        #: Whether the skill, and the children of a compound, may start and run while the robot is stopped.
+        self.allowed_when_stopped = False
         self._duration: float | None = None
         self._source_locations: dict[str, SourceLocation | None] = {}  # of each parameter's declaration
         self._wmi = cast(WorldModelPort, None)  # until the skill is loaded
@@ -101,18 +102,6 @@ class SkillDescription:
     def setAvailableForPlanning(self, available: bool = True) -> None:
         """Sets whether the task manager may plan with the skill."""
         self._available_for_planning = available
-
-    @property
-    def allowed_when_stopped(self) -> bool:
-        """Whether the skill may start and run while its robot is stopped."""
-        return self._allowed_when_stopped
-
-    def setAllowedWhenStopped(self, allowed: bool = True) -> None:
-        """Sets whether the skill may start and run while its robot is stopped: for skills that clear stops.
-
-        The children of a compound with this property may run too.
-        """
-        self._allowed_when_stopped = allowed
 
     @property
     def duration(self) -> float | None:

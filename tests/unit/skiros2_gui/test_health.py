@@ -41,6 +41,12 @@ def test_parts_that_are_down_and_never_up_have_different_signs(
     assert sign(Part(TASK_MANAGER, "/tm", is_up, since)) == expected
 
 
+def test_stopped_robot_names_its_stop() -> None:
+    robot = Part(MANAGER, "/arm", True, NOW, "Stopped since then: collision.", "protective stop")
+    assert (short(robot), sign(robot)) == ("robot arm: protective stop", ("■", "failure"))
+    assert sentence(robot) == f"The robot /arm has been there since {AT}. Stopped since then: collision."
+
+
 def test_part_that_was_never_up_has_no_time() -> None:
     assert sentence(Part(TASK_MANAGER, "/tm", False, 0.0)) == "The task manager is not there yet."
     assert missing([Part(WORLD_MODEL, "/wm", False, 0.0)], (WORLD_MODEL,)) == "The world model is not there yet."

@@ -4,6 +4,7 @@ import json
 from typing import Any, NamedTuple
 
 import pytest
+import rospy
 
 from skiros2_common.command_line.command import Unavailable, UsageError
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
@@ -67,9 +68,13 @@ class FakeManager:
         self.known_breakpoints: dict[int, Breakpoint] = {}
         self.refuses = ""
         self.run_by_number: list[int] = []
+        self.status = msgs.SafetyStatus(state="running")
 
     def read_skills(self):
         return self._skills
+
+    def safety(self):
+        return self.status
 
     def command(self, action, task_id, skills=()):
         if self.refuses:
@@ -447,6 +452,19 @@ def test_task_is_resumed_or_ticked_once(run, manager):
     assert run("resume", "3").out == "task 3 is resumed\n"
     assert run("step", "3").out == "task 3 was ticked once\n"
     assert manager.calls == [("start", 3), ("tick_once", 3)]
+
+
+def test_stop_of_the_robot_is_shown(run, manager):
+    assert run("safety") == (0, f"{ROBOT} is not stopped\n", "")
+    stops = ["emergency stop by /e_stop: data is True", "fault by /arm: hot"]
+    manager.status = msgs.SafetyStatus("emergency_stop", "/e_stop", "data is True", rospy.Time(1795291003), stops)
+    first, second = run("safety").out.splitlines()
+    assert first.startswith(f"{ROBOT} is stopped since ")
+    assert (first.endswith(stops[0]), second) == (True, stops[1])
+    shown = json.loads(run("safety", "--json").out)
+    assert (shown["state"], shown["since"], shown["stops"]) == ("emergency_stop", 1795291003.0, stops)
+    assert run("list").out.splitlines()[:2] == [first, second]
+    assert run("watch", "--once").out.splitlines()[:2] == [first, second]
 
 
 def test_resume_without_number_resumes_all_paused_tasks(run, manager):

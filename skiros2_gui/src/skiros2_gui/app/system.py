@@ -26,6 +26,7 @@ class Part:
     :param name: the node name, or the master's URI.
     :param since: when the status changed last (s since the epoch); 0.0 if the part has never been up.
     :param text: details for users.
+    :param stop: the stop of a robot, such as "emergency stop"; "" while it is not stopped.
     """
 
     kind: str
@@ -33,6 +34,7 @@ class Part:
     is_up: bool
     since: float
     text: str = ""
+    stop: str = ""
 
 
 class Manager(Protocol):
@@ -137,13 +139,14 @@ def part_of(system: System, kind: str, name: str = "") -> Part | None:
 
 def short(part: Part) -> str:
     """Returns the name of a part for the status line."""
-    return f"{part.kind} {part.name.lstrip('/')}" if part.kind == MANAGER else part.kind
+    name = f"{part.kind} {part.name.lstrip('/')}" if part.kind == MANAGER else part.kind
+    return f"{name}: {part.stop}" if part.is_up and part.stop else name
 
 
 def sign(part: Part) -> tuple[str, str]:
     """Returns the status symbol of a part and its colour role."""
     if part.is_up:
-        return "●", "success"
+        return ("■", "failure") if part.stop else ("●", "success")
     return ("✕", "failure") if part.since else ("○", "idle")
 
 
@@ -153,9 +156,9 @@ def sentence(part: Part) -> str:
         return f"{_never(part.kind)} {part.text}".rstrip()
     name = f"The {part.kind} {part.name}" if part.kind in (MASTER, MANAGER) else f"The {part.kind}"
     since = clock(part.since)
-    if part.is_up:
-        return f"{name} has been there since {since}."
     more = f" {part.text}" if part.text else ""
+    if part.is_up:
+        return f"{name} has been there since {since}.{more if part.stop else ''}"
     return f"{name} has not been there since {since}.{more}"
 
 

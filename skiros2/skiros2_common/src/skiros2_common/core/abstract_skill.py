@@ -168,6 +168,7 @@ class SkillCore(SkillDescription):
         SkillDescription.setDescription(self, *description.getDescription())
         self._options = {key: list(options) for key, options in description.options.items()}
         self._available_for_planning = description.available_for_planning
+        self.allowed_when_stopped = description.allowed_when_stopped
         self._duration = description.duration
         self._source_locations = dict(description._source_locations)
         self._description = description

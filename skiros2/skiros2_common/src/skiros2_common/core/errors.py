@@ -6,7 +6,8 @@
     ├── WrongValue          also ValueError    an unusable value of the right type
     │   └── OutOfLimits                        a parameter value that its declaration does not allow
     ├── Refused             also RuntimeError  a request that the current state does not allow
-    │   └── Conflict                           a request based on an outdated revision
+    │   ├── Conflict                           a request based on an outdated revision
+    │   └── RobotStopped                       a start while the robot is stopped
     ├── TimedOut            also TimeoutError  no response before the timeout
     ├── ConfigurationError  also ValueError    a mistake in parameters or files that a restart cannot fix
     │   └── MissingPackage  also ImportError   a missing Python package, or one that cannot be imported
@@ -66,6 +67,14 @@ class Conflict(Refused):
     """A request based on data that has changed since it was read."""
 
     code = "conflict"
+
+
+class RobotStopped(Refused):
+    """A start of a skill while a stop of its robot is active."""
+
+    code = "robot_stopped"
+    #: The progress code of a task that was refused or has failed because of a stop.
+    CODE = -5
 
 
 class TimedOut(SkirosError, TimeoutError):

@@ -10,10 +10,10 @@ from skiros2_common.core.json_data import JsonData
 
 #: The stage of a skill run that failed: START (no implementation, or `onStart` failed), PARAMETER (a value of the wrong
 #: type), INFERENCE (no elements for unset parameters), PRE, HOLD and POST (unsatisfied condition), EXECUTE (`fail` or a
-#: returned bool), EXCEPTION (a hook raised), PREEMPT.
+#: returned bool), EXCEPTION (a hook raised), PREEMPT, STOP (the robot is stopped).
 START, PARAMETER, INFERENCE, PRE, HOLD = "start", "parameter", "inference", "pre", "hold"
-EXECUTE, POST, EXCEPTION, PREEMPT = "execute", "post", "exception", "preempt"
-STAGES = (START, PARAMETER, INFERENCE, PRE, HOLD, EXECUTE, POST, EXCEPTION, PREEMPT)
+EXECUTE, POST, EXCEPTION, PREEMPT, STOP = "execute", "post", "exception", "preempt", "stop"
+STAGES = (START, PARAMETER, INFERENCE, PRE, HOLD, EXECUTE, POST, EXCEPTION, PREEMPT, STOP)
 
 #: The sources of a parameter's value: the client that started the task, `specify` in a tree, the declared default, an
 #: ancestor (which may hold a sibling's output), the conditions, the skill's own code. The values are stored data.

@@ -45,6 +45,8 @@ class SkillDescription:
         self._post_conditions: list[cond.ConditionBase] = []
         self._exported_conditions: list[cond.ConditionBase] = []  # post-conditions for planners, never checked
         self._available_for_planning = True
+        #: Whether the skill, and the children of a compound, may start and run while the robot is stopped.
+        self.allowed_when_stopped = False
         self._duration: float | None = None
         self._source_locations: dict[str, SourceLocation | None] = {}  # of each parameter's declaration
         self._wmi = cast(WorldModelPort, None)  # until the skill is loaded

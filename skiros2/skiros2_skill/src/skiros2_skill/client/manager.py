@@ -249,6 +249,7 @@ _SERVICES = {
     "preview": srvs.SkillPreview,
     "breakpoint": srvs.SkillBreakpoint,
     "reload": srvs.SkillReload,
+    "safety": srvs.SkillSafety,
 }
 
 
@@ -369,6 +370,10 @@ class ManagerClient:
         if not answer.ok:
             raise UnknownName(f"{self.name}: {answer.text}")
         return answer
+
+    def safety(self) -> Any:
+        """Returns the `SafetyStatus` of the robot."""
+        return self._call("safety", srvs.SkillSafetyRequest()).safety
 
     # -- breakpoints -------------------------------------------------------------------------------------------
 

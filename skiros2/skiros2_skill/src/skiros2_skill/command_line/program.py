@@ -88,6 +88,14 @@ def breakpoint_(manager: ManagerClient, arguments: argparse.Namespace, screen: S
     return CommandResult(lines, [{"number": number, **vars(b)} for number, b in known.items()])
 
 
+def safety(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Shows whether the robot is stopped, and why. This is no safety-rated function."""
+    status = manager.safety()
+    known = {"state": status.state, "source": status.source, "reason": status.reason, "stops": list(status.stops)}
+    lines = queries.stop_lines(manager.name, status) or [f"{manager.name} is not stopped"]
+    return CommandResult(lines, {"robot": manager.name, **known, "since": status.since.to_sec()})
+
+
 Command = Callable[[ManagerClient, argparse.Namespace, Screen], CommandResult]
 
 _VALUES = (
@@ -203,4 +211,5 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "breakpoint": (breakpoint_, _breakpoint, _BREAKPOINTS),
     "watch": (watch.watch, _watch),
     "reload": (reload, _libraries),
+    "safety": (safety, _nothing),
 }

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,6 +21,8 @@ from skiros2_common.core.world_element import Element
 from skiros2_skill.client.description import REQUIRED, Parameter, Skill, did_you_mean, find_skill
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_world_model.command_line.program import connect
+
+log = logging.getLogger(__name__)
 
 #: The relations from a skill to its conditions, by stage.
 CONDITIONS = {
@@ -171,12 +175,27 @@ def _reference(element: Element) -> dict[str, Any]:
     return {**known, "last_update": 0.0, "properties": {}, "relations": []}
 
 
+def stop_lines(robot: str, status: Any) -> list[str]:
+    """The stops in a `SafetyStatus`, a line each; [] while there is none."""
+    since = time.strftime("%H:%M:%S", time.localtime(status.since.to_sec()))
+    return [f"{robot} is stopped since {since}: {status.stops[0]}", *status.stops[1:]] if status.stops else []
+
+
+def present_stops(manager: ManagerClient) -> list[str]:
+    """The stops of a manager's robot, a line each; [] while there is none, and when the manager does not say."""
+    try:
+        return stop_lines(manager.name, manager.safety())
+    except SkirosError as error:
+        log.debug("the safety state of %s is not known: %s", manager.name, error)
+        return []
+
+
 def list_skills(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Lists the skills of a robot with their parameters; optional ones are in brackets."""
     skills = sorted(manager.read_skills(), key=lambda skill: (skill.type, skill.label))
     rows = [(s.label, s.type, " ".join(_short(p) for p in _in_order(s) if p.key != "Robot")) for s in skills]
     lines = table(screen, rows, ("skill", "type", "parameters")) if rows else [f"{manager.name} has no skills"]
-    return CommandResult(lines, [_skill_json(skill) for skill in skills])
+    return CommandResult([*present_stops(manager), *lines], [_skill_json(skill) for skill in skills])
 
 
 def describe(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:

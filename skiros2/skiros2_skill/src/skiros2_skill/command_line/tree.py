@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from skiros2_common.command_line.layout import Branch, Screen, drawn, table
 from skiros2_runs.core.frame import Frame, NodeProgress
 from skiros2_runs.core.progress import NodeMessage
-from skiros2_runs.core.states import ENDS, FAILURE, IDLE, RUNNING, StateStyle, style_of
+from skiros2_runs.core.states import ENDS, FAILURE, IDLE, RUNNING, StateStyle, TaskState, style_of
 from skiros2_runs.core.task_run import TaskRun
 
 #: The ANSI colour of each colour role.
@@ -41,7 +41,7 @@ def frame_of(nodes: Sequence[NodeMessage]) -> Frame:
 def summary(frame: Frame, robot: str) -> str:
     """A task in one line."""
     word, message = style_of(frame.task_state).word, first_line(frame.message(0))
-    if not message or frame.state(0) not in (FAILURE, RUNNING):
+    if not message or (frame.state(0) not in (FAILURE, RUNNING) and frame.task_state is not TaskState.PAUSED):
         text = word
     elif message.lower().startswith(word):  # "paused at breakpoint 1", "Preempted"
         text = word + message[len(word):]
@@ -187,7 +187,10 @@ class Changes:
         self._count = run.log.count
         tree = run.latest.nodes
         for line in itertools.islice(run.log.lines, max(0, len(run.log) - new), None):
-            if line.path and line.state in (*ENDS, RUNNING):
+            if not line.path and line.state == RUNNING and line.message:  # paused, and why
+                text = f"{line.time - run.start:6.1f} s  {first_line(line.message)}"
+                yield Line(self._screen.fitted(text), _COLOURS["paused"])
+            elif line.path and line.state in (*ENDS, RUNNING):
                 style, node = style_of(line.state), tree[line.path]
                 name = "  " * (len(line.path) - 1) + _title(self._screen, style, line.name, node.processor)
                 message = _message(node)

@@ -15,6 +15,7 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_runs.core.progress import NodeMessage, has_ended, task_state
 from skiros2_runs.core.states import SUCCESS, state_name
 from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.command_line.queries import present_stops
 from skiros2_skill.command_line.tree import Changes, frame_of, picture, summary
 
 #: A task: the `SkillProgress` of each node, parents before children.
@@ -27,7 +28,8 @@ _PERIOD = 0.1
 def watch(manager: ManagerClient, arguments: argparse.Namespace, page: Screen) -> CommandResult:
     """Shows tasks: a live tree on a terminal, otherwise one line per change; by default all tasks, until Ctrl-C."""
     if arguments.once:
-        return _picture(_tasks(manager, arguments.task), page)
+        shown = _picture(_tasks(manager, arguments.task), page)
+        return CommandResult([*present_stops(manager), *shown.lines], shown.data)
     from skiros2_skill.command_line.connection import TaskMonitor, become_node
 
     become_node("skill_watch")

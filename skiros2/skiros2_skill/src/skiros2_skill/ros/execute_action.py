@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
 from skiros2_common.core.params import Param
 from skiros2_common.ros.goal_server import GoalServer
 from skiros2_msgs import msg as msgs
@@ -110,6 +110,8 @@ class ExecuteAction(GoalServer):
         log.info("execute by %s: task %s", goal.author or "unknown", task.id)
         try:
             self._scheduler.start(task.id)
+        except RobotStopped as stopped:  # just now
+            self.end(task, self._starter.withdraw(task, stopped).record)
         except Refused:
             log.debug("task %s runs already", task.id)
         except UnknownName:  # all tasks have just been preempted

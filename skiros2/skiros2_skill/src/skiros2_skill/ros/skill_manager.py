@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import rospy
@@ -24,12 +24,14 @@ from skiros2_skill.core.lint.linter import log_faults
 from skiros2_skill.core.runtime.diagnosis import add_authors, inspect
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.request import TaskStarter
+from skiros2_skill.core.runtime.safety_sources import SafetySettings
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
 from skiros2_skill.ros.messages import ProgressPublisher, explanations_json, param_messages, skill_request, wire_text
 from skiros2_skill.ros.registration import Registration
+from skiros2_skill.ros.safety import SafetyMonitor
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_world_model.core.last_will import last_will_author
 
@@ -53,6 +55,7 @@ class SkillManager(DiscoverableNode):
     :param wmi: the world model; None creates a `WorldModelInterface` with a replica.
     :param tick_rate: ticks per second.
     :param preempt_timeout: s that a preempted task has to end; see `Scheduler`.
+    :param safety: the sources of stops of the robot, and what they do with tasks; None: no source.
     """
 
     def __init__(
@@ -62,6 +65,7 @@ class SkillManager(DiscoverableNode):
         wmi: WorldModelPort | None = None,
         tick_rate: float = TICK_RATE,
         preempt_timeout: float = PREEMPT_TIMEOUT,
+        safety: SafetySettings | None = None,
     ) -> None:
         if wmi is None:
             from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -72,6 +76,7 @@ class SkillManager(DiscoverableNode):
         self._registration = Registration(wmi, prefix, robot_name, rospy.get_name())
         self._tick_rate = tick_rate
         self._preempt_timeout = preempt_timeout
+        self._safety_settings = safety or SafetySettings()
         self._history = History()
         self._ready = threading.Event()
         self._registering = threading.Lock()
@@ -112,6 +117,7 @@ class SkillManager(DiscoverableNode):
         )  # fmt: skip
         self._starter = TaskStarter(self._library, self._wmi, tasks, self._history, lambda: self._registration.robot)
         self._execute = ExecuteAction(self._starter, tasks)
+        self._safety = SafetyMonitor(self._safety_settings, tasks)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
@@ -137,6 +143,7 @@ class SkillManager(DiscoverableNode):
         self.stop_discovery()
         for service in self._services:
             service.shutdown()
+        self._safety.close()
         self._scheduler.stop()
         self._signals.close()
         self._execute.close()
@@ -219,12 +226,12 @@ class SkillManager(DiscoverableNode):
 
     def _on_start(self, request: Any, ticks: int = 0) -> int:
         scheduler = self._running()
-        if request.execution_id != ALL:
+        if request.execution_id == ALL:
+            task_id = self._starter.start(request.author, [skill_request(skill) for skill in request.skills], ticks)
+        else:
             self._catch_up()
             task_id = int(request.execution_id)
-        else:
-            task_id = self._starter.make(request.author, [skill_request(skill) for skill in request.skills]).id
-        scheduler.start(task_id, ticks)
+            scheduler.start(task_id, ticks)
         if ticks and not scheduler.wait_until_idle([task_id], TICK_TIMEOUT):
             log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_TIMEOUT)
         return task_id
@@ -290,11 +297,7 @@ class SkillManager(DiscoverableNode):
         except SkirosError as error:
             log.warning("breakpoint: %s refused: %s", request.action, error)
             raise rospy.ServiceException(f"{request.action} refused: {error}") from error
-        known = [
-            {"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when}
-            for n, b in self._running().breakpoints.all().items()
-        ]
-        return srvs.SkillBreakpointResponse(True, number, json.dumps(known))
+        return srvs.SkillBreakpointResponse(True, number, _breakpoints_json(self._running().breakpoints.all()))
 
     def _add_breakpoint(self, request: Any) -> int:
         breakpoint = Breakpoint(request.kind, request.pattern, request.when)
@@ -345,6 +348,10 @@ class SkillManager(DiscoverableNode):
                     log.info("the world model had lost %s, which is registered again", self._registration.robot_id)
             except SkirosError as error:
                 log.error("the world model has another scene, and the robot cannot be registered: %s", error)
+
+
+def _breakpoints_json(known: Mapping[int, Breakpoint]) -> str:
+    return json.dumps([{"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when} for n, b in known.items()])
 
 
 def _for_tasks(execution_id: int, one: Callable[[int], None], all_tasks: Callable[[], None]) -> int:

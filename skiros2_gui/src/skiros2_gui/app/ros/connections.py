@@ -14,6 +14,8 @@ from actionlib_msgs.msg import GoalStatusArray
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_gui.app.events import TaskProgress
 from skiros2_gui.app.ros.progress import QuickTreeProgress
+from skiros2_gui.app.system import clock
+from skiros2_msgs.msg import SafetyStatus
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
@@ -31,15 +33,25 @@ class ManagerConnections(DiscoveryInterface):
     :param author: identifies this window in the managers' logs.
     :param on_progress: called with each state of a task, in ROS threads.
     :param on_change: called when a manager has connected or disconnected, in ROS threads.
+    :param on_stop: called when the safety state of a robot has changed, in ROS threads.
     """
 
-    def __init__(self, author: str, on_progress: Callable[[TaskProgress], None], on_change: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        author: str,
+        on_progress: Callable[[TaskProgress], None],
+        on_change: Callable[[], None],
+        on_stop: Callable[[], None],
+    ) -> None:
         self._author = author
         self._report = on_progress
         self._on_change = on_change
+        self._on_stop = on_stop
         self._up: dict[str, ManagerClient] = {}
         self._since: dict[str, float] = {}
         self._subscribers: dict[str, Any] = {}
+        self._safety_subscribers: dict[str, Any] = {}
+        self._safety: dict[str, Any] = {}  # the last `SafetyStatus` of each connected manager
         self._connected: set[str] = set()  # managers whose publisher has connected
         self.init_discovery(NAMESPACE, self._on_up, self._on_down)
 
@@ -53,6 +65,14 @@ class ManagerConnections(DiscoveryInterface):
         """Returns name, whether it is up, and since when (s since the epoch) for each manager seen so far."""
         with self._discovery_lock:
             return [(name, name in self._up, since) for name, since in sorted(self._since.items())]
+
+    def stop_of(self, name: str) -> tuple[str, str]:
+        """Returns the stops of a manager's robot as a sentence, and the kind of the worst; ("", "") for none."""
+        status = self._safety.get(name)
+        if status is None or not status.stops:
+            return "", ""
+        text = f"Stopped since {clock(status.since.to_sec())}: {'; '.join(status.stops)}."
+        return text, status.state.replace("_", " ")
 
     def check(self) -> None:
         """Detects closed connections before the discovery times out. To be called periodically."""
@@ -68,8 +88,9 @@ class ManagerConnections(DiscoveryInterface):
         """Disconnects."""
         self.stop_discovery()
         with self._discovery_lock:
-            subscribers, self._subscribers = self._subscribers, {}
-        for subscriber in subscribers.values():
+            subscribers = [*self._subscribers.values(), *self._safety_subscribers.values()]
+            self._subscribers, self._safety_subscribers = {}, {}
+        for subscriber in subscribers:
             subscriber.unregister()
 
     def _on_up(self, name: str) -> None:
@@ -78,6 +99,7 @@ class ManagerConnections(DiscoveryInterface):
         self._subscribers[name] = rospy.Subscriber(
             f"{name}/monitor", QuickTreeProgress, self._on_progress, name, queue_size=_QUEUE
         )
+        self._safety_subscribers[name] = rospy.Subscriber(f"{name}/safety", SafetyStatus, self._on_safety, name)
         threading.Thread(target=self._catch_up, args=(manager,), name="window tasks", daemon=True).start()
         self._on_change()
 
@@ -86,11 +108,17 @@ class ManagerConnections(DiscoveryInterface):
         self._since[name] = time.time()
         self._connected.discard(name)
         self._subscribers.pop(name).unregister()
+        self._safety_subscribers.pop(name).unregister()
+        self._safety.pop(name, None)
         self._on_change()
 
     def _on_progress(self, message: Any, name: str) -> None:
         if message.progress:
             self._report(TaskProgress(name, message.progress, time.time()))
+
+    def _on_safety(self, status: Any, name: str) -> None:
+        self._safety[name] = status
+        self._on_stop()
 
     def _catch_up(self, manager: ManagerClient) -> None:
         """Reports the tasks that exist already; a paused task publishes nothing."""

@@ -162,7 +162,9 @@ class _Connections:
             event_queue.put(ConnectionChanged())
 
         self.world = WorldModelConnection(author, event_queue.put, on_change)
-        self.managers = ManagerConnections(author, event_queue.put, lambda: event_queue.put(ManagersChanged()))
+        self.managers = ManagerConnections(
+            author, event_queue.put, lambda: event_queue.put(ManagersChanged()), on_change
+        )
         self.task_manager = TaskManagerConnection(on_change)
         self.markers = MarkerConnection(event_queue.put)
 
@@ -170,7 +172,10 @@ class _Connections:
         world, tasks = self.world, self.task_manager
         return [
             Part(WORLD_MODEL, world.name, world.is_up, world.since, world.problem),
-            *(Part(MANAGER, name, is_up, since) for name, is_up, since in self.managers.states()),
+            *(
+                Part(MANAGER, name, is_up, since, *self.managers.stop_of(name))
+                for name, is_up, since in self.managers.states()
+            ),
             Part(TASK_MANAGER, tasks.name, tasks.is_up, tasks.since),
         ]
 

@@ -57,7 +57,8 @@ class Record:
         if self.state is State.Idle:
             yield f"a task{by} was refused: {self.message}"
         elif self.state is State.Running:
-            yield f"task {self.task_id}{by} runs{': nothing has failed' if not self.explanations else ''}"
+            runs = f"runs{': nothing has failed' if not self.explanations else ''}"
+            yield f"task {self.task_id}{by} {f'is {self.message}' if self.message else runs}"
         else:
             words = "has succeeded" if self.state is State.Success else "has failed"
             yield f"task {self.task_id}{by} {words}: {self.message}"
@@ -128,9 +129,14 @@ class History:
             raise UnknownName(f"task {task_id} neither runs nor is it among the last {MAX_TASKS} that have ended")
         return task
 
-    def refuse(self, record: Record) -> None:
-        """Adds the record of a refused task."""
+    def refuse(self, record: Record, task: Task | None = None) -> None:
+        """Adds the record of a refused task.
+
+        :param task: was added by `begin`, and is removed.
+        """
         with self._lock:
+            if task is not None and self._running.get(task.id) is task:
+                del self._running[task.id]
             self._add(record)
 
     def get(self, task_id: int) -> Record:

@@ -8,8 +8,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import OutOfLimits, Refused, SkirosError, UnknownName, WrongType, WrongValue
-from skiros2_common.core.explanation import GIVEN, PARAMETER, START, Explanation, Provenance
+from skiros2_common.core.errors import (
+    OutOfLimits,
+    Refused,
+    RobotStopped,
+    SkirosError,
+    UnknownName,
+    WrongType,
+    WrongValue,
+)
+from skiros2_common.core.explanation import GIVEN, PARAMETER, START, STOP, Explanation, Provenance
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
@@ -293,10 +301,14 @@ class TaskStarter:
         :raises TaskRefused: the request is wrong; the history has the record.
         """
         explanation = None
+        code = REFUSED_CODE
         try:
             self._wmi.catch_up()  # the client may have changed the world model just before
             try:
                 return self._make(author, requests)
+            except RobotStopped as stopped:
+                code = stopped.CODE
+                raise
             except SkirosError:
                 explanation = explain_refusal(requests, self.library, self._wmi, REFUSED_CODE)
                 raise
@@ -307,18 +319,47 @@ class TaskStarter:
             text = f"internal error: {type(error).__name__}: {error}"
         text = one_line(text)
         if explanation is None:
-            explanation = _explanation(requests, text)
-        record = Record(REFUSED, author, State.Idle, REFUSED_CODE, text, [explanation])
+            explanation = _explanation(requests, text, code)
+        record = Record(REFUSED, author, State.Idle, code, text, [explanation])
         self._history.refuse(record)
         raise TaskRefused(record)
 
+    def start(self, author: str, requests: Sequence[SkillRequest], ticks: int = 0) -> int:
+        """Creates and starts a task. Returns its id.
+
+        :param ticks: pauses after this many ticks; 0: does not.
+        :raises TaskRefused: the request is wrong, or the robot is stopped; the history has the record.
+        """
+        task = self.make(author, requests)
+        try:
+            self._scheduler.start(task.id, ticks)
+        except RobotStopped as stopped:  # just now
+            raise self.withdraw(task, stopped) from None
+        return task.id
+
+    def withdraw(self, task: Task, stopped: RobotStopped) -> TaskRefused:
+        """Discards a task that a stop has kept from its first start. Returns the refusal."""
+        self._scheduler.discard(task)
+        why = Explanation(STOP, task.root.type, task.root.label, task.id, stopped.CODE, str(stopped))
+        record = Record(REFUSED, task.author, State.Idle, stopped.CODE, str(stopped), [why])
+        self._history.refuse(record, task)
+        return TaskRefused(record)
+
     def _make(self, author: str, requests: Sequence[SkillRequest]) -> Task:
         nodes = make_nodes(requests, self.library, self._wmi)
+        self._check_stop(nodes)
         robot = self._robot()
         task = self._scheduler.new_task(self._wmi, author)
+        task.allowed_when_stopped = _allowed_when_stopped(nodes)
         _fill(task.root, robot, nodes)
         self._history.begin(task)
         return task
+
+    def _check_stop(self, nodes: Sequence[SkillWrapper]) -> None:
+        """Raises RobotStopped when the robot is stopped, unless the skills are allowed then."""
+        stop = self._scheduler.stop_reason()
+        if stop and not _allowed_when_stopped(nodes):
+            raise RobotStopped(stop)
 
     def preview(self, requests: Sequence[SkillRequest], partial: bool = False) -> StartPreview:
         """Previews a start with the code that starts tasks. Starts, locks and changes nothing.
@@ -330,6 +371,9 @@ class TaskStarter:
         assumed = {key for i in self.library.implementations() for key in i.declared.params} if partial else ()
         try:
             nodes = make_nodes(requests, self.library, self._wmi, assumed)
+            self._check_stop(nodes)
+        except RobotStopped as stopped:
+            return StartPreview(refusal=_explanation(requests, str(stopped), stopped.CODE))
         except SkirosError as error:
             refusal = explain_refusal(requests, self.library, self._wmi, REFUSED_CODE, assumed)
             return StartPreview(refusal=refusal or _explanation(requests, str(error)))
@@ -346,12 +390,18 @@ class TaskStarter:
         return StartPreview(first.implementation.label, found)
 
 
+def _allowed_when_stopped(nodes: Sequence[SkillWrapper]) -> bool:
+    """Whether each implementation of the skills may run while the robot is stopped."""
+    return all(implementation.declared.allowed_when_stopped for node in nodes for implementation in node.candidates())
+
+
 def _fill(root: Root, robot: Element, nodes: Sequence[SkillWrapper]) -> None:
     root.params.addParam("Robot", robot, ParamTypes.Inferred, "The manager's robot")
     root(*nodes)
 
 
-def _explanation(requests: Sequence[SkillRequest], text: str) -> Explanation:
+def _explanation(requests: Sequence[SkillRequest], text: str, code: int = REFUSED_CODE) -> Explanation:
+    stage = STOP if code == RobotStopped.CODE else START
     if len(requests) == 1:
-        return Explanation(START, requests[0].type, requests[0].label, -1, REFUSED_CODE, text)
-    return Explanation(START, ":Root", "", -1, REFUSED_CODE, text)
+        return Explanation(stage, requests[0].type, requests[0].label, -1, code, text)
+    return Explanation(stage, ":Root", "", -1, code, text)

@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Collection
 
-from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
 from skiros2_common.core.signals import SignalSource
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
 from skiros2_skill.core.engine.breakpoints import Breakpoints
@@ -50,6 +50,8 @@ class Scheduler:
         self._stopped = False
         self._signals = signals
         self.breakpoints = Breakpoints()
+        #: Returns why the robot is stopped; "" while it is not. Set by a `SafetyGuard`; must not block.
+        self.stop_reason: Callable[[], str] = lambda: ""
         settings = TickSettings(1.0 / rate, keep_alive, on_tick, on_progress)
         self._watchdog = Watchdog(
             settings, self._lock, self._remove, preempt_timeout, min(hook_timeout, preempt_timeout)
@@ -89,6 +91,7 @@ class Scheduler:
 
         :raises UnknownName: there is no such task.
         :raises Refused: it is running or was preempted.
+        :raises RobotStopped: the robot is stopped.
         """
         with self._lock:
             scheduled = self._get(task_id)
@@ -96,6 +99,10 @@ class Scheduler:
                 raise Refused(f"task {task_id} was preempted")
             if not scheduled.task.paused:
                 raise Refused(f"task {task_id} runs already")
+            stop = self.stop_reason()
+            if stop and not scheduled.task.allowed_when_stopped:
+                raise RobotStopped(stop)
+            scheduled.started = True
             scheduled.task.resume(ticks)
             self._request_tick(scheduled)
 
@@ -140,6 +147,38 @@ class Scheduler:
         with self._lock:
             for scheduled in self._scheduled.values():
                 scheduled.task.pause()
+
+    def pause_running(self, reason: str) -> list[int]:
+        """Pauses the running tasks, except those that are allowed when stopped. Returns their ids.
+
+        :param reason: see `Task.pause`.
+        """
+        with self._lock:
+            running = [s.task for s in self._scheduled.values() if s.task.wants_tick and s.task.preempted_at is None]
+            tasks = [task for task in running if not task.allowed_when_stopped]
+            for task in tasks:
+                task.pause(reason)
+            return [task.id for task in tasks]
+
+    def fail_running(self, stop: str) -> list[int]:
+        """Fails the tasks that have started, also paused ones, except those that are allowed when stopped.
+
+        :param stop: see `Task.preempt`.
+        :returns: their ids.
+        """
+        with self._lock:
+            started = [s for s in self._scheduled.values() if s.started and not s.task.allowed_when_stopped]
+            failed = [s for s in started if s.task.preempt(stop)]
+            for scheduled in failed:
+                self._request_tick(scheduled)
+            return [scheduled.task.id for scheduled in failed]
+
+    def set_pause_reason(self, task_ids: Collection[int], reason: str) -> None:
+        """Changes the reason of those tasks that are still paused."""
+        with self._lock:
+            for scheduled in map(self._scheduled.get, task_ids):
+                if scheduled is not None and scheduled.task.paused and not scheduled.task.ended.is_set():
+                    scheduled.task.pause(reason)
 
     def get(self, task_id: int) -> Task:
         """The task with that id.

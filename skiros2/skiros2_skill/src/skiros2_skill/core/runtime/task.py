@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
+from skiros2_common.core.errors import FOREIGN_ERRORS, RobotStopped
+from skiros2_common.core.explanation import EXCEPTION, PREEMPT, STOP, Explanation
 from skiros2_common.core.params import Param
 from skiros2_common.core.signals import SignalSource
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort, changed_ids
@@ -82,10 +82,12 @@ class Task:
         self._step_budget: _StepBudget | None = None
         self._deciding = threading.Lock()
         self._decided = False
+        #: Whether it runs on while the robot is stopped.
+        self.allowed_when_stopped = False
         #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
         self.preempted_at: float | None = None
         self._stopping = False  # all running nodes were preempted
-        self._reason = "Preempted"
+        self._reason, self._stage = "Preempted", PREEMPT
         self._abandons_ending = False
         self._hung: HungHook | None = None
         self._id_overflow_logged = False
@@ -112,13 +114,18 @@ class Task:
 
     # -- commands, from any thread -----------------------------------------------------------------------------
 
-    def preempt(self) -> bool:
+    def preempt(self, stop: str = "") -> bool:
         """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills. Returns
-        False if it had ended before."""
+        False if it had ended before.
+
+        :param stop: the stop of the robot that fails the task; "": a command preempts it.
+        """
         with self._deciding:
             if self._decided:
                 return False
             if self.preempted_at is None:
+                if stop:
+                    self._reason, self._stage = stop, STOP
                 self.preempted_at = time.monotonic()
                 self._executor.halt_requested = True
             return True
@@ -232,7 +239,7 @@ class Task:
             overruled = self.preempted_at is not None and not self._stopping
         if overruled:
             self._stopping = True
-            self._executor.failures.record(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
+            self._executor.failures.record(self.root, Failure(self._stage, _code(self._stage), self._reason))
             self.root._setState(State.Failure)
             return State.Failure
         return state
@@ -242,7 +249,7 @@ class Task:
             try:
                 return self._tick()
             except Halt:
-                return self._stop(PREEMPT, self._reason)
+                return self._stop(self._stage, self._reason)
         except BreakpointReached as reached:
             self.pause(str(reached))
             return State.Running
@@ -262,12 +269,12 @@ class Task:
             self._abandons_ending = False
             abandon_ending_nodes(self._executor)
         if self.preempted_at is not None and not self._stopping:
-            return self._stop(PREEMPT, self._reason)
+            return self._stop(self._stage, self._reason)
         return self._executor.tick(self.root)
 
     def _stop(self, stage: str, reason: str) -> State:
         """Preempts all running nodes."""
-        self._executor.failures.record(self.root, Failure(stage, ENDED_FAILURE, reason))
+        self._executor.failures.record(self.root, Failure(stage, _code(stage), reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False
         if self.preempted_at is None:
@@ -327,24 +334,7 @@ class Task:
         with self._numbering:
             self._number_nodes()
         reason = "" if self.ended.is_set() or not self.paused else "paused"
-        return [
-            NodeProgress(
-                id=node.id,
-                parent_id=node.parent.id if node.parent is not None else -1,
-                parent_label=node.parent.label if node.parent is not None else "",
-                type=node.type,
-                label=node.label if not isinstance(node, Skill) else node.label or node.processor.printType(),
-                processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
-                state=node.state,
-                progress_code=node.progress_code,
-                progress_period=node.progress_period,
-                progress_time=node.progress_time,
-                progress_message=node.progress_msg or (reason if node is self.root else ""),
-                params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
-            )
-            for node in self.nodes()
-            if node._id >= 0
-        ]
+        return [_progress_of(node, reason if node is self.root else "") for node in self.nodes() if node._id >= 0]
 
     def _number_nodes(self) -> None:
         nodes = list(self.nodes())
@@ -358,3 +348,26 @@ class Task:
         if nodes[-1]._id < 0 and not self._id_overflow_logged:
             self._id_overflow_logged = True
             log.warning("task %s has %s nodes; only the first %s are reported", self.id, len(nodes), MAX_ID + 1)
+
+
+def _progress_of(node: SkillInterface, reason: str) -> NodeProgress:
+    """:param reason: the message of a node without one."""
+    return NodeProgress(
+        id=node.id,
+        parent_id=node.parent.id if node.parent is not None else -1,
+        parent_label=node.parent.label if node.parent is not None else "",
+        type=node.type,
+        label=node.label if not isinstance(node, Skill) else node.label or node.processor.printType(),
+        processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
+        state=node.state,
+        progress_code=node.progress_code,
+        progress_period=node.progress_period,
+        progress_time=node.progress_time,
+        progress_message=node.progress_msg or reason,
+        params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
+    )
+
+
+def _code(stage: str) -> int:
+    """The code of the failure that ends a task."""
+    return RobotStopped.CODE if stage == STOP else ENDED_FAILURE

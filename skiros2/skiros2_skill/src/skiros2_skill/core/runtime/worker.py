@@ -23,6 +23,7 @@ _WARNING_PERIOD = 60.0  # s between two warnings about the same slow hook
 class ScheduledTask:
     """A task with its scheduling state.
 
+    :param started: whether it has been started.
     :param reported_at: when its progress was last reported (s, monotonic).
     :param woken: whether a tick at once is requested.
     :param wakes: the number of requested ticks in this period.
@@ -30,6 +31,7 @@ class ScheduledTask:
     """
 
     task: Task
+    started: bool = False
     reported_at: float = 0.0
     woken: bool = True
     wakes: int = 0
@@ -164,8 +166,8 @@ class Worker:
 
     def _report(self, scheduled: ScheduledTask) -> None:
         task = scheduled.task
-        if task.state is State.Idle:
-            return  # not started yet
+        if task.state is State.Idle and not scheduled.started:
+            return
         now = time.monotonic()
         if task.update_revision() or task.ended.is_set() or now - scheduled.reported_at >= self._settings.keep_alive:
             scheduled.reported_at = now

@@ -98,7 +98,7 @@ def arm(robot):
     force = Element("skiros:WristForce", "wrist_force")
     for key, value in (("SignalTopic", TOPIC), ("MessageField", "wrench.force"), ("Unit", "N")):
         force.setProperty(f"skiros:{key}", value)
-    force.addRelation(found.id, "skiros:hasSignal", "-1")
+    force.addRelation(found.id, "skiros:hasA", "-1")
     wmi.add_element(force)
     return found
 

@@ -51,7 +51,6 @@ OURS = {
     "skiros:WristTorque",
     "skiros:JointTorque",
     "skiros:Distance",
-    "skiros:hasSignal",
     "skiros:SignalProperty",
     "skiros:SignalTopic",
     "skiros:MessageField",

@@ -40,7 +40,7 @@ class Cell:
     def __init__(self, bench, rate=0.001):
         self.bench, self.signals = bench, bench.signals
         self.arm = bench.add("rparts:ArmDevice", "arm", bench.robot, "skiros:hasA")
-        self.sensor = bench.add("skiros:WristForce", "wrist", self.arm, "skiros:hasSignal")
+        self.sensor = bench.add("skiros:WristForce", "wrist", self.arm, "skiros:hasA")
         self.write(self.sensor, SignalTopic="/wrist", Unit="N")
         self.scheduler = Scheduler(rate=rate, keep_alive=1e6, signals=self.signals)
 

@@ -43,7 +43,7 @@ class ConditionSignal(ConditionBase):
     published, has no number, or does not exist violates the condition too.
 
     :param signal: the class of the signal, or its label. It belongs to the element, or to one of its parts
-        (`skiros:hasA`, `skiros:hasSignal`).
+        (`skiros:hasA`).
     :param subj: key of the parameter with the element.
     :param minimum, maximum: see `SignalLimits`; or the key of a parameter.
     :param duration, hysteresis, timeout: see `SignalLimits`.

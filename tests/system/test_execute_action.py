@@ -449,7 +449,7 @@ def test_early_or_unknown_cancellation_has_no_effect(ros, robot):
 
 
 def test_hundreds_of_simultaneous_goals_all_end(robot):
-    stays = [robot.run([skill(robot, "stay")]) for _ in range(400)]
+    stays = [robot.run([skill(robot, "stay")]) for _ in range(200)]
     for run in stays:
         run.wait_for_task(60)
     robot.preempt_all()

@@ -13,6 +13,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, PREEMPT, START, Explanation
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.preempt_handler import PreemptHandler
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
@@ -61,6 +62,8 @@ class Executor:
         self._root: SkillInterface | None = None
         #: Preempted nodes that are still running.
         self.ending: list[SkillWrapper] = []
+        #: The preempted nodes that have an `on_preempt`; None: they are not collected.
+        self.preempted: list[tuple[SkillWrapper, PreemptHandler]] | None = None
         self.failures = Failures(wmi)
         self.hooks = Hooks(self.failures)
         self.guard = self.hooks.guard
@@ -147,6 +150,7 @@ class Executor:
             return _FAILURE
         if node in self.ending:
             return _RUNNING
+        self.collect_handler(node)
         self.parameters.try_pull(node)
         state = self.hooks.on_preempt(node)
         self._copy_progress(node)
@@ -155,6 +159,18 @@ class Executor:
             node.steady = False
             return _RUNNING
         return self.end(node, state, preempted=True)
+
+    def collect_handler(self, node: SkillWrapper) -> None:
+        """Collects the `on_preempt` of a node that is being preempted with its task, if it has one."""
+        if self.preempted is None or node.instance is None or not node.has_started:
+            return
+        handler = node.instance.on_preempt
+        if handler is not None and all(known is not node for known, _ in self.preempted):
+            self.preempted.append((node, handler))
+
+    def ignore_breakpoints(self) -> None:
+        """Stops at no breakpoints any more."""
+        self._breakpoints = TaskBreakpoints(None)
 
     # -- start -------------------------------------------------------------------------------------------------
 
@@ -388,6 +404,8 @@ def end_hung_node(executor: Executor, hung: HungHook) -> None:
     node = hung.node
     if node in executor.ending:
         executor.ending.remove(node)
+    else:
+        executor.collect_handler(node)
     executor.parameters.end(node)
     node.abandon()
     node._setProgress(hung.reason, PREEMPT_RAISED)

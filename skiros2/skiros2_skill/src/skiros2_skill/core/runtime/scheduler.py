@@ -124,11 +124,11 @@ class Scheduler:
             tasks = [s for number in task_ids if (s := self._scheduled.get(number)) is not None]
             return self._lock.wait_for(lambda: all(map(self._is_idle, tasks)), timeout)
 
-    def preempt_all(self) -> None:
-        """Preempts all tasks."""
+    def preempt_all(self, shuts_down: bool = False) -> None:
+        """Preempts all tasks; see `Task.preempt`."""
         with self._lock:
             for scheduled in self._scheduled.values():
-                scheduled.task.preempt()
+                scheduled.task.preempt(shuts_down)
                 self._request_tick(scheduled)
 
     def pause_all(self) -> None:
@@ -151,7 +151,7 @@ class Scheduler:
             return [s.task for s in self._scheduled.values() if not s.task.ended.is_set()]
 
     def stop(self, timeout: float = 2.0) -> None:
-        """Preempts all tasks, ticks until they have ended, and ends the threads.
+        """Preempts all tasks, ticks until they have ended, and ends the threads. No `on_preempt` runs.
 
         :param timeout: s that the tasks have to end, if that is less than `preempt_timeout`; hooks that have not
             returned are then abandoned.
@@ -159,7 +159,7 @@ class Scheduler:
         with self._lock:
             self._stopped = True
             self._watchdog.limit_timeouts(timeout)
-            self.preempt_all()
+            self.preempt_all(shuts_down=True)
         self._watchdog.stop(2 * timeout)
 
     # -- wakes, from any thread --------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.executor import Executor, Halt, abandon_ending_nodes, end_hung_node, preempt_all
 from skiros2_skill.core.engine.failures import Failure
+from skiros2_skill.core.engine.preemption import PreemptHandlers
 from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.tree.node import Root, Skill, SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -81,6 +82,8 @@ class Task:
         #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
         self.preempted_at: float | None = None
         self._stopping = False  # all running nodes were preempted
+        self._handlers: PreemptHandlers | None = None  # of the preempted task
+        self._no_handlers = ""  # why no handlers may run
         self._reason = "Preempted"
         self._abandons_ending = False
         self._hung: HungHook | None = None
@@ -100,6 +103,8 @@ class Task:
     def status(self) -> TaskState:
         """The state of the task as clients see it."""
         if not self.ended.is_set():
+            if self._handlers is not None and self._handlers.is_active:
+                return TaskState.ENDING
             return TaskState.PAUSED if self.paused else TaskState.RUNNING
         if self.state is State.Success:
             return TaskState.SUCCEEDED
@@ -108,16 +113,34 @@ class Task:
 
     # -- commands, from any thread -----------------------------------------------------------------------------
 
-    def preempt(self) -> bool:
-        """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills. Returns
-        False if it had ended before."""
+    def preempt(self, shuts_down: bool = False) -> bool:
+        """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills, except
+        the `on_preempt` of its skills. A request while such a handler runs abandons it.
+
+        :param shuts_down: no handler runs, because the manager shuts down.
+        :returns: False if it had ended before.
+        """
         with self._deciding:
             if self._decided:
                 return False
             if self.preempted_at is None:
                 self.preempted_at = time.monotonic()
                 self._executor.halt_requested = True
+            elif not shuts_down and self._handlers is not None and self._handlers.is_running:
+                self._handlers.abandon("the task was stopped again")
+            if shuts_down:
+                self._no_handlers = "the manager shuts down"
+                if self._handlers is not None:
+                    self._handlers.abandon(self._no_handlers)
             return True
+
+    @property
+    def grace_start(self) -> float | None:
+        """From when on the hooks and nodes of the preempted task must end in time (s, monotonic): its preemption, or
+        the deadline of an `on_preempt` that runs; None: the task was not preempted."""
+        if self.preempted_at is None or self._handlers is None:
+            return self.preempted_at
+        return max(self.preempted_at, self._handlers.deadline)
 
     def pause(self, reason: str = "") -> None:
         """Stops ticking the task; all nodes keep their state.
@@ -166,7 +189,7 @@ class Task:
         pending: list[SkillInterface] = [self.root]
         while pending:
             node = pending.pop()
-            if node.state is not State.Running:
+            if node.state is not State.Running and node is not self.root:
                 continue
             pending += node.children
             if any(c.affected_by(changed, node._params) for c in node.hold_conditions):
@@ -251,6 +274,7 @@ class Task:
     def _tick(self) -> State:
         if self._hung is not None:
             hung, self._hung = self._hung, None
+            self._prepare_handlers()
             self._reason += f"; {hung.reason}"
             end_hung_node(self._executor, hung)
             self._stopping = False
@@ -259,10 +283,34 @@ class Task:
             abandon_ending_nodes(self._executor)
         if self.preempted_at is not None and not self._stopping:
             return self._stop(PREEMPT, self._reason)
-        return self._executor.tick(self.root)
+        return self._advance()
+
+    def _advance(self) -> State:
+        """Ticks the nodes and, when the task was preempted, its `on_preempt` handlers."""
+        state = self._executor.tick(self.root)
+        handlers = self._handlers
+        if handlers is None or (state is State.Running and not handlers.is_running):
+            return state
+        if handlers.tick():
+            return State.Running
+        if handlers.problems:
+            self._reason += "; " + "; ".join(handlers.problems)
+            handlers.problems.clear()
+            self._executor.failures.record(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
+        return state
+
+    def _prepare_handlers(self) -> None:
+        if self._handlers is None:
+            self._handlers = PreemptHandlers(self._executor, self.root, self._wmi)
+            if self._no_handlers:
+                self._handlers.abandon(self._no_handlers)
 
     def _stop(self, stage: str, reason: str) -> State:
         """Preempts all running nodes."""
+        if stage == PREEMPT:
+            self._prepare_handlers()
+        elif self._handlers is not None:
+            self._handlers.abandon(reason)
         self._executor.failures.record(self.root, Failure(stage, ENDED_FAILURE, reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False
@@ -270,7 +318,7 @@ class Task:
             self.preempted_at = time.monotonic()
         preempt_all(self._executor, self.root)
         self.root._setState(State.Failure)
-        return self._executor.tick(self.root)
+        return self._advance()
 
     def _close(self, state: State) -> None:
         for node in self.nodes():

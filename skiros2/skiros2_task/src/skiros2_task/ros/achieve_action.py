@@ -77,6 +77,7 @@ class AchieveAction(GoalServer):
             limits=self._options.limits(message.seconds),
             planner=self._options.planner(message.wish),
             max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
+            interrupts=message.interrupts,
         )
 
 

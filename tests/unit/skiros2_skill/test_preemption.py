@@ -11,7 +11,7 @@ from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.skill import ParallelFf, ParallelFs, SerialStar, Skill, SkillBase
-from unit.skiros2_skill.skills import INFERRED, OPTIONAL, REQUIRED, Work, contains, describe, primitive
+from unit.skiros2_skill.skills import INFERRED, OPTIONAL, REQUIRED, Work, describe, primitive
 
 GRIPPER = ("Gripper", Element("rparts:GripperEffector"), INFERRED)
 PutDown = describe("PutDown", [GRIPPER, ("Held", Element("skiros:Product"), REQUIRED), ("Speed", 0.1, OPTIONAL)])

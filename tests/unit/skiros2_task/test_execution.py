@@ -238,7 +238,10 @@ def test_goal_is_reached_despite_failures(
 
 EVENTS = st.lists(
     st.tuples(
-        st.sampled_from(["move", "lose", "find", "cancel", "interrupt"]), st.floats(0.05, 6.0), st.integers(0, 3), st.integers(0, 3)
+        st.sampled_from(["move", "lose", "find", "cancel", "interrupt"]),
+        st.floats(0.05, 6.0),
+        st.integers(0, 3),
+        st.integers(0, 3),
     ),
     max_size=6,
 )

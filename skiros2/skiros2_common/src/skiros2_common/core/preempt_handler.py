@@ -21,8 +21,8 @@ class PreemptHandler:
 
     :param skill: its type: `PutDown`, `:PutDown` or `skiros:PutDown`.
     :param label: of the implementation; "" for any.
-    :param bind: by key of the handler, the key of the preempted skill whose values it gets. Equal keys are bound without
-        being listed.
+    :param bind: by key of the handler, the key of the preempted skill whose values it gets. Equal keys are bound
+        without being listed.
     :param condition: the handler runs only if it holds after the preemption, for the parameters of the preempted skill;
         None: it always runs.
     :param seconds: that it may run.

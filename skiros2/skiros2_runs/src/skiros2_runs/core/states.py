@@ -24,9 +24,8 @@ ENDS = (SUCCESS, FAILURE)
 class TaskState(StrEnum):
     """The state of a task.
 
-    `ENDING` is a preempted task that runs an `on_preempt` of its skills, or is about to. `PREEMPTED` is a task that failed
-    because it was preempted by a command. `LOST` is a task whose manager has
-    disconnected while it was running.
+    `ENDING` is a preempted task that runs an `on_preempt` of its skills, or is about to. `PREEMPTED` is a task that
+    failed because it was preempted by a command. `LOST` is a task whose manager has disconnected while it was running.
     """
 
     RUNNING = "running"

@@ -11,8 +11,8 @@ current world to the goal. Then no further step starts. Running steps continue, 
 it will be when they have succeeded; running steps that the new plan does not need are stopped. If there is no such
 plan, all steps are stopped and a plan is made for the current world.
 
-A goal that is interrupted by one with a higher priority stops the steps that use the same robots, which may take a while:
-a manager runs the `on_preempt` of the preempted skills. Then a plan is made for the world as it is by then.
+A goal that is interrupted by one with a higher priority stops the steps that use the same robots, which may take a
+while: a manager runs the `on_preempt` of the preempted skills. Then a plan is made for the world as it is by then.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Runs the `on_preempt` handlers of a preempted task: skills that its descriptions state, such as putting down an object.
+"""Runs the `on_preempt` handlers of a preempted task: skills that descriptions state, such as putting an object down.
 
 All running nodes are preempted first. When they have ended, the handlers run as children of the task's root, one after
 another, innermost first, each once and with a deadline of its own.

@@ -3,6 +3,7 @@
 - Every test has the marker of the folder it lies in: `pytest -m "unit or contract"` needs no mark in the files.
 - A run that is told to end (SIGTERM) ends like one that is interrupted: with all that it has started.
 - Tests of skills have the fixtures of `skiros2_skill.testing`, and those of recorded runs the fixture `replayed`.
+- Generated tests have no time limit for an example, and use the same examples each time, unless FUZZ is set.
 - Tests on real nodes have the fixtures `ros_master` and `ros`; what these give is described in tests/support/ros.py.
 """
 
@@ -13,6 +14,7 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from support.ros import Ros, RosMaster, SharedSystem
@@ -23,6 +25,9 @@ TESTS = Path(__file__).parent
 
 #: The slowest tests are listed after a run of at least this many tests.
 _MANY_TESTS, _SLOWEST = 1000, 20
+
+hypothesis.settings.register_profile("repeatable", deadline=None, derandomize="FUZZ" not in os.environ)
+hypothesis.settings.load_profile("repeatable")
 
 _ROS = pytest.StashKey[Ros]()
 

@@ -92,8 +92,6 @@ def fuzz_settings(examples: int, steps: int) -> settings:
     return settings(
         max_examples=examples * max(longer, 1),
         stateful_step_count=steps,
-        derandomize=not longer,
-        deadline=None,
         suppress_health_check=list(HealthCheck),
         phases=set(Phase) - {Phase.explain, Phase.reuse},  # explaining traces each line, which takes minutes
     )

@@ -191,8 +191,8 @@ def test_a_terminal_shows_a_live_tree(run: Run, ros_master: RosMaster) -> None:
     task = task_of(run("run", "pick", "Object=Product A", "--detach"))
     with Terminal(["rosrun", "skiros2_skill", "watch", task], ros_master) as terminal:
         terminal.wait_for("paused at breakpoint")
+        terminal.wait_for("\x1b[32m├── ✓ move_arm_timed")
         assert "\x1b[36m▶ pick" in terminal.written
-        assert "\x1b[32m├── ✓ move_arm_timed" in terminal.written
         run("stop", task)
         assert terminal.wait() == 1
     assert f"task {task} on /mobile_manipulator: preempted" in terminal.written

@@ -6,7 +6,7 @@ import json
 import sys
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from skiros2_common.core.errors import SkirosError
@@ -54,13 +54,11 @@ def read_or_refused(read, *arguments):
         assert str(error)
 
 
-@settings(deadline=None, derandomize=True)
 @given(params | json_values)
 def test_random_json_is_a_parameter_or_rejected(value):
     read_or_refused(utils.deserializeParamMap, [msgs.Param(json.dumps(value))])
 
 
-@settings(deadline=None, derandomize=True)
 @given(elements | json_values)
 @example({"id": "", "label": "", "type": "", "last_update": "soon", "properties": {}, "relations": []})
 @example({"id": "", "label": "", "type": "", "last_update": 10**400, "properties": {}, "relations": []})
@@ -68,7 +66,6 @@ def test_random_json_is_an_element_or_rejected(value):
     read_or_refused(utils.decodeElement, json.dumps(value))
 
 
-@settings(deadline=None, derandomize=True)
 @given(st.sampled_from(TYPES), (json_values | elements).map(json.dumps) | st.text(max_size=5))
 @example("float", f"[{10**400}]")
 @example("float", f"[{'9' * 5000}]")

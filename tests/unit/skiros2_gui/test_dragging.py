@@ -60,7 +60,7 @@ def test_drag_without_feedback_ends_after_timeout() -> None:
     assert not dragging.is_held("a", 3.1)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.integers(0, 5)), min_size=1, max_size=30))
 def test_last_target_of_any_drag_is_written(moves: list[tuple[float, int]]) -> None:
     dragging, now, written, times = Dragging(), 0.0, [], []

@@ -144,7 +144,7 @@ _PIECES = st.sampled_from(["(", ")", "forall", "=", "?x", "-", " ", "\n", '"', "
 
 
 @given(st.lists(_PIECES, max_size=12).map("".join), st.integers(-3, 40))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_completion_and_syntax_check_accept_any_text(text: str, cursor: int) -> None:
     word = Completion("skiros:at", "at", "relation")
     found = complete(text, max(cursor, 0), Vocabulary((word,), (word,), (word,), (word,), (word,)))

@@ -39,7 +39,7 @@ def written(progress: list[msgs.SkillProgress]) -> bytes:
     return buffer.getvalue()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.lists(nodes, max_size=6), min_size=1, max_size=4))
 def test_deserialised_progress_equals_serialised_progress(trees: list[list[msgs.SkillProgress]]) -> None:
     for tree in trees:

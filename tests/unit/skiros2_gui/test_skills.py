@@ -207,7 +207,7 @@ _KINDS = st.sampled_from(["str", "int", "float", "bool", "list", "dict", "geomet
 
 
 @given(_KINDS, st.text(max_size=8) | st.floats().map(str) | st.integers().map(str), st.text(max_size=30))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_any_text_is_a_value_or_an_error(wire_type: str, text: str, description: str) -> None:
     field = _field(wire_type, description=description)
     field.write(text)

@@ -25,7 +25,7 @@ def children_of(steps: list[int]) -> list[list[int]]:
     return children
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(trees)
 def test_layout_keeps_order_and_distance_and_centres_parents(steps: list[int]) -> None:
     children = children_of(steps)

@@ -165,7 +165,7 @@ class EditsAmongOthers(UndoStack):
         self.window.process_events()
 
 
-_FEW = settings(max_examples=15, stateful_step_count=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+_FEW = settings(max_examples=15, stateful_step_count=20, suppress_health_check=[HealthCheck.too_slow])
 TestEdits = UndoStack.TestCase
 TestEdits.settings = _FEW
 TestEditsAmongOthers = EditsAmongOthers.TestCase

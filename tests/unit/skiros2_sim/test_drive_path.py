@@ -109,7 +109,7 @@ things = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(start=poses, goal=poses, obstacles=things)
 def test_paths_reach_the_goal_without_collision(start: Pose2D, goal: Pose2D, obstacles: list[Obstacle]) -> None:
     floor = Floor(HUSKY, obstacles)

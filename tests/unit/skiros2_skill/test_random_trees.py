@@ -97,7 +97,7 @@ def compound(bench, processor, nodes):
     return bench.node("Group", label)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(shape=tree, preempted_at=st.integers(0, 12))
 def test_ended_tree_has_no_running_nodes_and_no_locks(shape, preempted_at):
     act.balance = Balance()

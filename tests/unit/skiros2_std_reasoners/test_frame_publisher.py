@@ -147,7 +147,7 @@ POSITIONS = st.tuples(*[st.integers(-3, 3)] * 3)
 TURNS = st.sampled_from([(0, 0, 0, 1), QUARTER, from_euler(math.pi / 2, 0, 0)])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.data())
 def test_published_frames_are_connected_to_the_root(data):
     world, elements = World(), []

@@ -122,7 +122,7 @@ class Poses(RuleBasedStateMachine):
 
 def test_arbitrary_poses_are_stored_or_rejected() -> None:
     run_state_machine_as_test(
-        Poses, settings=settings(max_examples=60, stateful_step_count=20, derandomize=True, deadline=None)
+        Poses, settings=settings(max_examples=60, stateful_step_count=20)
     )
 
 

@@ -224,7 +224,7 @@ SIZES = st.tuples(st.integers(1, 3), st.integers(2, 4), st.integers(1, 4))
 
 
 @given(size=SIZES, failing=st.sets(st.integers(1, 40), max_size=5))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_goal_is_reached_despite_failures(
     size: tuple[int, int, int], failing: set[int]
 ) -> None:
@@ -248,7 +248,7 @@ EVENTS = st.lists(
 
 
 @given(size=SIZES, failing=st.sets(st.integers(1, 40), max_size=5), events=EVENTS, max_replans=st.integers(0, 4))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_execution_ends_with_true_verdict(
     size: tuple[int, int, int], failing: set[int], events: list[tuple[str, float, int, int]], max_replans: int
 ) -> None:

@@ -78,7 +78,7 @@ def test_only_changes_are_sent(connect, endpoint):
 
 
 @given(requests=st.lists(st.lists(OPERATIONS, max_size=4), max_size=6), asked=st.lists(st.booleans(), min_size=6))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_endpoint_graph_equals_the_saved_file(tmp_path_factory, requests, asked):
     folder = tmp_path_factory.mktemp("ws")
     with SparqlEndpoint() as endpoint:

@@ -45,7 +45,7 @@ OPERATIONS = st.one_of(
 
 
 @given(st.lists(st.lists(OPERATIONS, max_size=4), max_size=8), st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_synced_graph_equals_the_saved_file(tmp_path_factory, requests, data):
     folder = tmp_path_factory.mktemp("ws")
     model = WorldModel(source_ontologies(), folder)

@@ -69,7 +69,7 @@ def test_names_invalid_in_rdf_are_refused_in_every_position(wm, model, name):
     wm.query_ontology("ASK {}", context="scene")
 
 
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(max_examples=200)
 @given(
     st.text(st.characters(exclude_categories=[]), max_size=12),
     st.sampled_from(["", ":", "skiros:", "lab:", "SUMO:", "http://x.org/a#"]),

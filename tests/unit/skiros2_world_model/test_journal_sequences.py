@@ -152,7 +152,7 @@ def replayed(entries: list[HistoryEntry]) -> dict[str, Any]:
 
 
 @pytest.mark.filterwarnings("ignore")
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @example(  # a relation of another context is refused, after the context of the request was created
     sequence=[("transact", [Relate(IDS[0], "skiros:contain", IDS[0]), Add(Element(TYPES[0]))], "memory")]
 )

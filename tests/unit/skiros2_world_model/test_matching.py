@@ -42,7 +42,7 @@ ELEMENTS = st.lists(st.tuples(st.integers(0, 12), TYPES, LABELS, PROPERTIES), ma
 
 
 @given(ELEMENTS, ELEMENTS, st.sampled_from(["", "Unknown", "sumo:Object", "skiros:Product"]), LABELS, PROPERTIES)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_matches_equal_those_of_a_linear_search(before, after, etype, label, values):
     scene = Scene()
     wanted = Element(etype, label)

@@ -207,7 +207,7 @@ class Model:
 
 
 @given(STEPS, STEPS, st.sampled_from(["commit", "roll back", "invert", "read and invert", "nested"]), st.booleans())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_index_matches_a_model_after_random_changes_and_roll_backs(first, second, ending, by_value):
     scene, model = Scene(), Model()
     if by_value:

@@ -1,7 +1,7 @@
 """The Turtle of a scene equals its triples."""
 
 import pyoxigraph as ox
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skiros2_common.core.property import Property
@@ -38,7 +38,6 @@ EXTRAS = [
 
 
 @given(NODES, RELATIONS, st.booleans())
-@settings(deadline=None)
 def test_a_scene_is_written_as_its_triples_are(nodes, relations, with_extras):
     scene = Scene()
     for eid, etype, label, values in nodes:

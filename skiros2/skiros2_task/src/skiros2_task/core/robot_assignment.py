@@ -72,9 +72,12 @@ class RobotAssigner:
             fastest[name] = min(seconds, fastest.get(name, seconds))
         least = [sum(fastest.get(self._order.steps[i].action, 0.0) for i in part.steps) for part in self._parts]
         queue = self._topological_order([0.0] * len(self._parts))
+        if queue is None:
+            return None
         best: list[PlanStep] | None = None
         low, high = sum(least) / len(self._robots), makespan
-        for order in dict.fromkeys((queue, self._topological_order(self._critical_paths(least)))):
+        urgent = self._topological_order(self._critical_paths(least, queue))
+        for order in dict.fromkeys((queue, urgent or queue)):
             balanced = self._assign(order, self._end_first)
             if balanced is not None and balanced[1] < high:
                 best, high = balanced
@@ -87,22 +90,28 @@ class RobotAssigner:
                 best, high = filled
         return tuple(best) if best is not None else None
 
-    def _critical_paths(self, least: Sequence[float]) -> list[float]:
-        """Returns the shortest time from the start of each part to the end of all parts that depend on it (s)."""
+    def _critical_paths(self, least: Sequence[float], order: Sequence[int]) -> list[float]:
+        """Returns the shortest time from the start of each part to the end of all parts that depend on it (s).
+
+        :param order: an executable order of the parts.
+        """
         found = list(least)
-        for number in reversed(self._topological_order(least)):
+        for number in reversed(order):
             for before in self._parts[number].after:
                 found[before] = max(found[before], least[before] + found[number])
         return found
 
-    def _topological_order(self, urgency: Sequence[float]) -> tuple[int, ...]:
+    def _topological_order(self, urgency: Sequence[float]) -> tuple[int, ...] | None:
         """Returns the indices of the parts in an executable order, the most urgent of the ready ones first; equally
         urgent ones in the plan's order. Parts that the goal needs for facts about their robot are last.
+        None if parts depend on each other in a circle.
         """
         waiting = dict(enumerate(self._parts))
         found = []
         while waiting:
             ready = [n for n, part in waiting.items() if not part.after & waiting.keys()]
+            if not ready:  # steps of two robots alternate: as whole parts, each would have to be first
+                return None
             found.append(min(ready, key=lambda n: (self._parts[n].final, -urgency[n])))
             del waiting[found[-1]]
         return tuple(found)

@@ -13,6 +13,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_std_skills.clock import Stopwatch
 
 GRIPPER, PLACE, PRODUCT = "rparts:GripperEffector", "skiros:Location", "skiros:Product"
+TAKEN = "skiros:Taken"  # of the bench: nothing can be put down
 
 
 class Haul(SkillDescription):
@@ -32,7 +33,7 @@ class Haul(SkillDescription):
 
 
 class PutDown(SkillDescription):
-    """Puts the held product down on the bench."""
+    """Puts the held product down on the bench, once this is not taken."""
 
     def createDescription(self) -> None:
         self.addParam("Gripper", Element(GRIPPER), ParamTypes.Inferred)
@@ -65,7 +66,7 @@ class Timed(PrimitiveBase):
 
 class haul(Timed):
     def createDescription(self) -> None:
-        self.describe(Haul(), 2.0)
+        self.describe(Haul(), 1.0)
 
     def onStart(self) -> bool:
         self.move(self.params["Object"].value, self.params["Gripper"].value.id)
@@ -80,11 +81,11 @@ class haul(Timed):
 
 class put_down(Timed):
     def createDescription(self) -> None:
-        self.describe(PutDown(), 1.0)
+        self.describe(PutDown(), 0.3)
 
     def execute(self) -> State:
-        if self.is_at_work():
-            return self.step("lowering")
         (bench,) = self.wmi.resolve_elements(Element(PLACE, "bench"))
+        if self.is_at_work() or bench.value_of(TAKEN):
+            return self.step("lowering")
         self.move(self.params["Held"].value, bench.id)
         return self.success("put down")

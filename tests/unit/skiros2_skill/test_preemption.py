@@ -134,6 +134,29 @@ class hold_and_insert(SkillBase):
         skill(self.skill("Insert", ""))
 
 
+def test_handler_gets_bound_values_and_keeps_its_defaults(held):
+    seen = {}
+    put = [GRIPPER, ("Held", Element("skiros:Product"), REQUIRED), ("Speed", 0.1, OPTIONAL), ("Force", 5.0, OPTIONAL)]
+
+    class hold(primitive(Hold, "hold", execute=forever)):
+        def createDescription(self):
+            super().createDescription()
+            self.addParam("Speed", 1.0, OPTIONAL)
+            self.addParam("Limit", 8.0, OPTIONAL)
+            self.set_on_preempt("PutDown", bind={"Held": "Object", "Force": "Limit"})
+
+    def execute(self):
+        seen.update({key: param.value for key, param in self.params.items()})
+        return self.success("")
+
+    held.load(hold, primitive(describe("PutDown", put), "put_down", execute=execute))
+    task = started(held, held.node("hold", Object=held.element("product"), Gripper=held.element("gripper")))
+    task.preempt()
+    task.run()
+    assert (seen["Speed"], seen["Force"]) == (0.1, 8.0)
+    assert [seen[key].label for key in ("Held", "Gripper", "Robot")] == ["product", "gripper", "skiros:robot"]
+
+
 def test_nested_handlers_run_innermost_first_and_each_once(held):
     order = []
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.names import full_name
+from skiros2_common.core.params import Param
 from skiros2_common.core.source_location import SourceLocation
 
 #: The default of `PreemptHandler.seconds`.
@@ -22,7 +23,7 @@ class PreemptHandler:
     :param skill: its type: `PutDown`, `:PutDown` or `skiros:PutDown`.
     :param label: of the implementation; "" for any.
     :param bind: by key of the handler, the key of the preempted skill whose values it gets. Equal keys are bound
-        without being listed.
+        without being listed, unless the parameter of the handler has a default.
     :param condition: the handler runs only if it holds after the preemption, for the parameters of the preempted skill;
         None: it always runs.
     :param seconds: that it may run.
@@ -47,6 +48,10 @@ class PreemptHandler:
         if self.condition is not None and not isinstance(self.condition, ConditionBase):
             raise WrongType(f"on_preempt {self.skill}: expected a condition, got {self.condition!r}")
         object.__setattr__(self, "bind", dict(self.bind))
+
+    def source_of(self, key: str, param: Param) -> str:
+        """The key of the preempted skill whose values a parameter of the handler gets; "" for none."""
+        return self.bind.get(key, "" if param.has_bound_default() else key)
 
     @property
     def type(self) -> str:

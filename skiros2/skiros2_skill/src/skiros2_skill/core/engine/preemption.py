@@ -145,8 +145,8 @@ def _bound_node(node: SkillWrapper, handler: PreemptHandler) -> SkillWrapper:
     """
     child = SkillWrapper(handler.skill, handler.label, node.library)
     own = node._params.getParamMap()
-    for key in child.declared_params():
-        source = own.get(handler.bind.get(key, key))
+    for key, param in child.declared_params().items():
+        source = own.get(handler.source_of(key, param))
         values = [v for v in source.current if not (isinstance(v, Element) and v.isAbstract())] if source else []
         if values:
             child.specifyParamDefault(key, values)

@@ -55,7 +55,7 @@ def _param_faults(
     place = handler.source_location
     for key in dict.fromkeys(key for option in options for key in option.skill.params):
         having = [option.skill.params.getParamMap()[key] for option in options if option.skill.params.hasParam(key)]
-        source = own.get(handler.bind.get(key, key))
+        source = own.get(handler.source_of(key, having[0]))
         if source is None:
             if len(having) == len(options) and all(map(_must_be_given, having)) and not described.is_open:
                 text = f"on_preempt: {handler} requires {key!r}, and no parameter of {described.name} is bound to it"

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
-from skiros2_task.core.execution import End, StepState
+from skiros2_task.core.execution import StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict

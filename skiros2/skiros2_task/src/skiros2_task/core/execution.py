@@ -23,9 +23,10 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.plan import Step
+from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
+from skiros2_task.core.plan import Step, plan_flaw
 from skiros2_task.core.planning import Verdict
-from skiros2_task.core.semantics import Facts, unsatisfied
+from skiros2_task.core.semantics import Facts
 from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
@@ -60,73 +61,6 @@ class StepState(Enum):
     FAILED = "failed"
     STOPPED = "stopped"
     DROPPED = "dropped"
-
-
-# -- commands --------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class MakePlan:
-    """Make a plan; answered by `planned` or `no_plan`.
-
-    :param running: steps that run, whose effects are assumed.
-    :param lost: the managers that do not run.
-    :param avoided: (manager, skill label) pairs to plan without if possible.
-    """
-
-    running: tuple[Step, ...]
-    lost: frozenset[str]
-    avoided: frozenset[tuple[str, str]]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """Request these robots and devices, in place of the last request; answered by `granted` once all are free.
-
-    :param in_use: the requested ones that running steps use.
-    """
-
-    requested: frozenset[str]
-    in_use: frozenset[str]
-
-
-@dataclass(frozen=True)
-class Start:
-    """Start a step; answered by `ended`."""
-
-    step: Step
-
-
-@dataclass(frozen=True)
-class Stop:
-    """Stop a running step; answered by `ended`."""
-
-    number: int
-
-
-@dataclass(frozen=True)
-class ReadWorld:
-    """Read the world model after `delay` (s); answered by `world`."""
-
-    delay: float = 0.0
-
-
-@dataclass(frozen=True)
-class Wake:
-    """Call `wake` after `delay` (s)."""
-
-    delay: float
-
-
-@dataclass(frozen=True)
-class End:
-    """The execution has ended. `verdict` is `PLANNED` if the goal was reached."""
-
-    verdict: Verdict
-    message: str
-
-
-Command = MakePlan | Claim | Start | Stop | ReadWorld | Wake | End
 
 
 @dataclass
@@ -294,11 +228,9 @@ class ExecutionStateMachine:
         self.message = "interrupted by a goal with a higher priority"
         self._drop_waiting()
         self._broken_since, self._blocked_until, self._interrupted = None, None, True
-        stops = self._stop(step for step in self.running if names & step.uses)
-        if self.phase is Phase.PLANNING:
-            self._outdated = True
-            return [*stops, self._claim()]
-        return [*stops, self._claim(), *self._plan_when_stopped()]
+        self._outdated = self.phase is Phase.PLANNING
+        commands = [*self._stop(step for step in self.running if names & step.uses), self._claim()]
+        return commands if self._outdated else [*commands, *self._plan_when_stopped()]
 
     def robot_lost(self, manager: str) -> list[Command]:
         """A manager has disappeared; its steps have ended."""
@@ -371,17 +303,8 @@ class ExecutionStateMachine:
         :param without: running steps that are left out.
         """
         assert self._task is not None
-        facts = self._facts
-        for step in self.running:
-            if step not in without and step.number not in self._stopped:
-                facts = step.apply(facts)
-        for step in self.waiting:
-            missing = unsatisfied(step.precondition, facts)
-            if missing:
-                return f"{step} needs {missing}"
-            facts = step.apply(facts)
-        missing = unsatisfied(self._task.goal, facts)
-        return f"the goal's {missing} would not hold" if missing else ""
+        running = [s for s in self.running if s not in without and s.number not in self._stopped]
+        return plan_flaw(running, self.waiting, self._facts, self._task.goal)
 
     def _update_facts(self, task: PlanningTask) -> None:
         """Adopts the facts of the world. Facts about objects that the plan has created are kept: the names that the

@@ -14,20 +14,9 @@ from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
+from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.engines import Limits
-from skiros2_task.core.execution import (
-    Claim,
-    Command,
-    End,
-    ExecutionStateMachine,
-    MakePlan,
-    Phase,
-    ReadWorld,
-    Start,
-    StepRecord,
-    Stop,
-    Wake,
-)
+from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict

@@ -11,7 +11,8 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
-from skiros2_task.core.execution import End, Phase, StepRecord, StepState
+from skiros2_task.core.commands import End
+from skiros2_task.core.execution import Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planning import Verdict
 from skiros2_task.ros.plan_actions import PlanningOptions, end_goal

@@ -13,7 +13,6 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, PREEMPT, START, Explanation
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.preempt_handler import PreemptHandler
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
@@ -58,12 +57,10 @@ class Executor:
 
     def __init__(self, wmi: WorldModelPort, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
         self._wmi, self._wake = wmi, wake
-        self._breakpoints = TaskBreakpoints(breakpoints)
+        self.breakpoints = TaskBreakpoints(breakpoints)
         self._root: SkillInterface | None = None
-        #: Preempted nodes that are still running.
-        self.ending: list[SkillWrapper] = []
-        #: The preempted nodes that have an `on_preempt`; None: they are not collected.
-        self.preempted: list[tuple[SkillWrapper, PreemptHandler]] | None = None
+        self.ending: list[SkillWrapper] = []  # preempted nodes that are still running
+        self.on_preempting: Callable[[SkillWrapper], None] = lambda node: None  # called before each preemption
         self.failures = Failures(wmi)
         self.hooks = Hooks(self.failures)
         self.guard = self.hooks.guard
@@ -84,8 +81,8 @@ class Executor:
         state: State = root.state
         if state is not _SUCCESS and state is not _FAILURE:
             state = self.execute(root)
-        if self._breakpoints and state is _RUNNING and not self.ending:
-            self._breakpoints.raise_if_reached()
+        if self.breakpoints and state is _RUNNING and not self.ending:
+            self.breakpoints.raise_if_reached()
         return _RUNNING if self.ending else state
 
     # -- one node ----------------------------------------------------------------------------------------------
@@ -150,7 +147,7 @@ class Executor:
             return _FAILURE
         if node in self.ending:
             return _RUNNING
-        self.collect_handler(node)
+        self.on_preempting(node)
         self.parameters.try_pull(node)
         state = self.hooks.on_preempt(node)
         self._copy_progress(node)
@@ -160,26 +157,14 @@ class Executor:
             return _RUNNING
         return self.end(node, state, preempted=True)
 
-    def collect_handler(self, node: SkillWrapper) -> None:
-        """Collects the `on_preempt` of a node that is being preempted with its task, if it has one."""
-        if self.preempted is None or node.instance is None or not node.has_started:
-            return
-        handler = node.instance.on_preempt
-        if handler is not None and all(known is not node for known, _ in self.preempted):
-            self.preempted.append((node, handler))
-
-    def ignore_breakpoints(self) -> None:
-        """Stops at no breakpoints any more."""
-        self._breakpoints = TaskBreakpoints(None)
-
     # -- start -------------------------------------------------------------------------------------------------
 
     def _start(self, node: SkillWrapper) -> bool:
         """Selects an implementation and starts it. Returns False if that failed; the node's progress has the reason."""
         if self.halt_requested:
             raise Halt
-        if self._breakpoints:
-            self._breakpoints.before_start(node)
+        if self.breakpoints:
+            self.breakpoints.before_start(node)
         node.begin_progress()
         node.has_started = False
         node.evaluated = {}
@@ -247,8 +232,8 @@ class Executor:
 
     def _record(self, node: SkillWrapper, failure: Failure) -> None:
         self.guard.call(node, "the explanation of its failure", self.failures.record, node, failure)
-        if self._breakpoints:
-            self._breakpoints.at_failure(failure.conditions)
+        if self.breakpoints:
+            self.breakpoints.at_failure(failure.conditions)
 
     def fail_running(self, node: SkillWrapper, failure: Failure | None = None) -> State:
         """Preempts a running node and fails it, with its present progress or with a failure."""
@@ -331,8 +316,8 @@ class Executor:
         else:
             node.release()
         self.set_state(node, state)
-        if self._breakpoints:
-            self._breakpoints.after_end(node)
+        if self.breakpoints:
+            self.breakpoints.after_end(node)
         self.parameters.update_revision()
         return state
 
@@ -405,7 +390,7 @@ def end_hung_node(executor: Executor, hung: HungHook) -> None:
     if node in executor.ending:
         executor.ending.remove(node)
     else:
-        executor.collect_handler(node)
+        executor.on_preempting(node)
     executor.parameters.end(node)
     node.abandon()
     node._setProgress(hung.reason, PREEMPT_RAISED)

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
+from skiros2_common.core.explanation import PREEMPT
 from skiros2_common.core.preempt_handler import PreemptHandler
 from skiros2_common.core.source_location import format_error_line
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import refresh_elements
 from skiros2_skill.core.engine.executor import Executor, preempt_all
+from skiros2_skill.core.engine.failures import Failure
+from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_skill.core.tree.hook_guard import HookAbandoned
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -40,52 +43,70 @@ class _Running:
 
 
 class PreemptHandlers:
-    """The handlers of one preempted task. For the thread that ticks the task, except for `abandon`.
+    """The handlers of one task. For the thread that ticks it, except for properties, `on_stop` and `forbid`.
 
-    :param executor: of the task; from now on it collects the handlers of the nodes that it preempts.
+    :param executor: of the task.
     :param wmi: the world model as the task sees it.
     """
 
     def __init__(self, executor: Executor, root: SkillInterface, wmi: WorldModelPort) -> None:
         self._executor, self._root, self._wmi = executor, root, wmi
-        self._pending: deque[tuple[SkillWrapper, PreemptHandler]] | None = None  # None: nodes are still preempted
+        self._collected: list[tuple[SkillWrapper, PreemptHandler]] | None = None  # None: nodes are not preempted yet
+        self._pending: deque[tuple[SkillWrapper, PreemptHandler]] = deque()
         self._running: _Running | None = None
         self._abandoned = ""
         #: When the handlers have to begin to end (s, monotonic): the deadline of the running one; 0: none has run.
         self.deadline = 0.0
         #: Why handlers have failed, for people.
         self.problems: list[str] = []
-        executor.preempted = []
-
-    @property
-    def is_running(self) -> bool:
-        """Whether a handler runs. Any thread."""
-        return self._running is not None
 
     @property
     def is_active(self) -> bool:
-        """Whether a handler runs or will be considered. Any thread."""
-        return self._running is not None or bool(self._executor.preempted or self._pending)
+        """Whether a handler runs or will be considered."""
+        return self._running is not None or bool(self._collected or self._pending)
 
-    def abandon(self, reason: str) -> None:
-        """Ends the running handler at the next tick, and starts no others. Any thread."""
-        self._abandoned = reason
+    def on_stop(self, shuts_down: bool) -> None:
+        """Handles a request to stop the task. Abandons a running handler; when the manager shuts down, none runs."""
+        if shuts_down or self._running is not None:
+            self.forbid("the manager shuts down" if shuts_down else "the task was stopped again")
+
+    def forbid(self, reason: str) -> None:
+        """Ends the running handler at the next tick, and starts no others."""
+        self._abandoned = self._abandoned or reason
         self.deadline = min(self.deadline, time.monotonic())
 
-    def tick(self) -> bool:
-        """Ticks the running handler, and starts the next one when no node is ending. Returns False after the last."""
+    def begin(self) -> None:
+        """Collects the handlers of the nodes that are preempted from now on; no-op when called again."""
+        if self._collected is None:
+            self._collected = []
+            self._executor.on_preempting = self._collect
+
+    def _collect(self, node: SkillWrapper) -> None:
+        if self._collected is None or node.instance is None or not node.has_started:
+            return
+        handler = node.instance.on_preempt
+        if handler is not None and all(known is not node for known, _ in self._collected):
+            self._collected.append((node, handler))
+
+    def tick(self, state: State) -> State:
+        """Ticks the running handler, and starts the next one when no node is ending.
+
+        :param state: of the task without handlers; Running while nodes are ending.
+        :returns: Running until the last handler has ended, then `state`.
+        """
         executor = self._executor
-        if self._pending is None:
-            innermost_first = sorted(executor.preempted or (), key=lambda pair: -pair[0].depth)
-            self._pending, executor.preempted = deque(innermost_first), None
-            executor.ignore_breakpoints()
+        if self._collected is None or (state is State.Running and self._running is None):
+            return state
+        if self._collected:
+            self._pending = deque(sorted(self._collected, key=lambda pair: -pair[0].depth))  # innermost first
+            self._collected = []
+            executor.breakpoints.ignore_all()
+        executor.on_preempting = lambda node: None
         if self._running is not None:
             self._tick_running(self._running)
-        while self._running is None and not executor.ending:
-            if not self._pending:
-                return False
+        while self._running is None and not executor.ending and self._pending:
             self._start(*self._pending.popleft())
-        return True
+        return State.Running if self._running is not None or executor.ending else state
 
     def _start(self, node: SkillWrapper, handler: PreemptHandler) -> None:
         name = f"on_preempt of {node.type}-{node.label} ({handler})"
@@ -135,6 +156,7 @@ class PreemptHandlers:
 
     def _report(self, problem: str) -> None:
         self.problems.append(problem)
+        self._executor.failures.record(self._root, Failure(PREEMPT, PREEMPTED, problem))
         log.warning("%s: %s", self._root.label, problem)
 
 

@@ -82,13 +82,11 @@ class Task:
         #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
         self.preempted_at: float | None = None
         self._stopping = False  # all running nodes were preempted
-        self._handlers: PreemptHandlers | None = None  # of the preempted task
-        self._no_handlers = ""  # why no handlers may run
+        self._handlers = PreemptHandlers(self._executor, self.root, wmi)
         self._reason = "Preempted"
         self._abandons_ending = False
         self._hung: HungHook | None = None
-        self._id_overflow_logged = False
-        self._numbering = threading.Lock()
+        self._node_ids = _NodeIds()
         #: Counts the changes of states and progress that `update_revision` has seen.
         self.revision = 0
         self.ended = threading.Event()
@@ -103,9 +101,8 @@ class Task:
     def status(self) -> TaskState:
         """The state of the task as clients see it."""
         if not self.ended.is_set():
-            if self._handlers is not None and self._handlers.is_active:
-                return TaskState.ENDING
-            return TaskState.PAUSED if self.paused else TaskState.RUNNING
+            running = TaskState.PAUSED if self.paused else TaskState.RUNNING
+            return TaskState.ENDING if self._handlers.is_active else running
         if self.state is State.Success:
             return TaskState.SUCCEEDED
         cause = self.cause()
@@ -126,21 +123,13 @@ class Task:
             if self.preempted_at is None:
                 self.preempted_at = time.monotonic()
                 self._executor.halt_requested = True
-            elif not shuts_down and self._handlers is not None and self._handlers.is_running:
-                self._handlers.abandon("the task was stopped again")
-            if shuts_down:
-                self._no_handlers = "the manager shuts down"
-                if self._handlers is not None:
-                    self._handlers.abandon(self._no_handlers)
+            self._handlers.on_stop(shuts_down)
             return True
 
     @property
     def grace_start(self) -> float | None:
-        """From when on the hooks and nodes of the preempted task must end in time (s, monotonic): its preemption, or
-        the deadline of an `on_preempt` that runs; None: the task was not preempted."""
-        if self.preempted_at is None or self._handlers is None:
-            return self.preempted_at
-        return max(self.preempted_at, self._handlers.deadline)
+        """When the preempted task, or its `on_preempt`, had to begin to end (s, monotonic); None: not preempted."""
+        return None if self.preempted_at is None else max(self.preempted_at, self._handlers.deadline)
 
     def pause(self, reason: str = "") -> None:
         """Stops ticking the task; all nodes keep their state.
@@ -274,7 +263,7 @@ class Task:
     def _tick(self) -> State:
         if self._hung is not None:
             hung, self._hung = self._hung, None
-            self._prepare_handlers()
+            self._handlers.begin()
             self._reason += f"; {hung.reason}"
             end_hung_node(self._executor, hung)
             self._stopping = False
@@ -283,34 +272,14 @@ class Task:
             abandon_ending_nodes(self._executor)
         if self.preempted_at is not None and not self._stopping:
             return self._stop(PREEMPT, self._reason)
-        return self._advance()
-
-    def _advance(self) -> State:
-        """Ticks the nodes and, when the task was preempted, its `on_preempt` handlers."""
-        state = self._executor.tick(self.root)
-        handlers = self._handlers
-        if handlers is None or (state is State.Running and not handlers.is_running):
-            return state
-        if handlers.tick():
-            return State.Running
-        if handlers.problems:
-            self._reason += "; " + "; ".join(handlers.problems)
-            handlers.problems.clear()
-            self._executor.failures.record(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
-        return state
-
-    def _prepare_handlers(self) -> None:
-        if self._handlers is None:
-            self._handlers = PreemptHandlers(self._executor, self.root, self._wmi)
-            if self._no_handlers:
-                self._handlers.abandon(self._no_handlers)
+        return self._handlers.tick(self._executor.tick(self.root))
 
     def _stop(self, stage: str, reason: str) -> State:
         """Preempts all running nodes."""
         if stage == PREEMPT:
-            self._prepare_handlers()
-        elif self._handlers is not None:
-            self._handlers.abandon(reason)
+            self._handlers.begin()
+        else:
+            self._handlers.forbid(reason)
         self._executor.failures.record(self.root, Failure(stage, ENDED_FAILURE, reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False
@@ -318,7 +287,7 @@ class Task:
             self.preempted_at = time.monotonic()
         preempt_all(self._executor, self.root)
         self.root._setState(State.Failure)
-        return self._advance()
+        return self._handlers.tick(self._executor.tick(self.root))
 
     def _close(self, state: State) -> None:
         for node in self.nodes():
@@ -336,7 +305,7 @@ class Task:
         if state is State.Success:
             return "End"
         if self._stopping:
-            return self._reason
+            return "; ".join([self._reason, *self._handlers.problems])
         cause = self._executor.failures.cause()
         if cause is None:
             return "Failure"
@@ -368,8 +337,7 @@ class Task:
 
     def progress(self) -> list[NodeProgress]:
         """The progress of the nodes, parents before children; nodes without an id are omitted. Any thread."""
-        with self._numbering:
-            self._number_nodes()
+        self._node_ids.assign(self)
         reason = "" if self.ended.is_set() or not self.paused else "paused"
         return [
             NodeProgress(
@@ -390,15 +358,25 @@ class Task:
             if node._id >= 0
         ]
 
-    def _number_nodes(self) -> None:
-        nodes = list(self.nodes())
-        new = [node for node in nodes if node._id < 0]
-        if not new:
-            return
-        used = {node._id for node in nodes}
-        free = (number for number in range(MAX_ID + 1) if number not in used)
-        for node in new:
-            node._id = next(free, -1)
-        if nodes[-1]._id < 0 and not self._id_overflow_logged:
-            self._id_overflow_logged = True
-            log.warning("task %s has %s nodes; only the first %s are reported", self.id, len(nodes), MAX_ID + 1)
+
+class _NodeIds:
+    """Assigns ids to the nodes of a task. Any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._overflow_logged = False
+
+    def assign(self, task: Task) -> None:
+        """Assigns ids to the nodes that have none, as long as there are free ones."""
+        with self._lock:
+            nodes = list(task.nodes())
+            new = [node for node in nodes if node._id < 0]
+            if not new:
+                return
+            used = {node._id for node in nodes}
+            free = (number for number in range(MAX_ID + 1) if number not in used)
+            for node in new:
+                node._id = next(free, -1)
+            if nodes[-1]._id < 0 and not self._overflow_logged:
+                self._overflow_logged = True
+                log.warning("task %s has %s nodes; only the first %s are reported", task.id, len(nodes), MAX_ID + 1)

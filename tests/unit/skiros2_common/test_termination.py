@@ -71,3 +71,13 @@ def test_end_processes_ends_descendants() -> None:
     end_processes([deaf, meek], 0.01)
     assert (deaf.returncode, meek.returncode) == (-signal.SIGKILL, -signal.SIGINT)
     wait_until(lambda: not any(process.running for process in family))
+
+
+def test_descendants_that_end_meanwhile_are_omitted() -> None:
+    busy = subprocess.Popen(["bash", "-c", "while true; do (:) & done"])
+    try:
+        for _ in range(500):
+            descendants(busy.pid)
+    finally:
+        busy.kill()
+        busy.wait()

@@ -102,11 +102,14 @@ def end_processes(processes: Sequence[subprocess.Popen[bytes]], timeout: float) 
 
 
 def descendants(pid: int) -> list[int]:
-    """The ids of all descendants of a process."""
+    """The ids of all descendants of a process, without those that end meanwhile."""
     children: list[int] = []
-    for file in Path(f"/proc/{pid}/task").glob("*/children"):  # of each thread
+    threads: list[Path] = []
+    with contextlib.suppress(OSError):
+        threads += Path(f"/proc/{pid}/task").iterdir()
+    for thread in threads:
         with contextlib.suppress(OSError):
-            children += map(int, file.read_text().split())
+            children += map(int, (thread / "children").read_text().split())
     return children + [pid for child in children for pid in descendants(child)]
 
 

@@ -62,6 +62,7 @@ class Cell:
             skill.ph.specify(key, value)
         run = self.manager.run([skill])
         self.wait_until_held(self.products[0])
+        assert run.wait_for_task(WAIT) >= 0
         return run
 
     def take_bench(self, is_taken: bool) -> None:

@@ -13,13 +13,16 @@ from actionlib_msgs.msg import GoalStatus
 
 from control_msgs.msg import FollowJointTrajectoryResult, GripperCommandResult
 from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.arm_planning import ArmPlanning, PlanningGoal
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
 from skiros2_sim.core.gripper import GripperMotion
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint
 from skiros2_sim.core.perception import detect
+from skiros2_sim.core.planning_scene import PlanningScene
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World
+from skiros2_sim.ros.planning import plan_result
 from skiros2_sim_msgs.msg import CartesianMotionResult, Detection
 from skiros2_sim_msgs.srv import DetectResponse, SwitchControllerResponse
 from skiros2_std_reasoners.core import spatial_data as space
@@ -41,6 +44,7 @@ class PhysicalDrivers(StandInDrivers):
         self._arm = next(iter(self._robot.arms.values()))
         self._controller = ArmController(self.world, self._robot, self._arm)
         self._running: dict[Client, Any] = {}
+        self._scene: PlanningScene | None = None
         self._using = threading.Lock()  # services are called in threads of their own
         self._tell_poses()
 
@@ -69,6 +73,8 @@ class PhysicalDrivers(StandInDrivers):
 
     def close(self) -> None:
         """Ends the world."""
+        if self._scene is not None:
+            self._scene.close()
         self.world.close()
 
     def _motion(self, kind: str, goal: Any) -> Any:
@@ -76,14 +82,23 @@ class PhysicalDrivers(StandInDrivers):
             return BaseMotion.to_pose(self.world, self._robot, pose_of(goal.target_pose.pose))
         if kind == "gripper_action":
             return GripperMotion(self._arm.gripper, goal.command.position, goal.command.max_effort)
+        if kind == "plan_motion":
+            tool = pose_of(goal.target.pose) if goal.target.header.frame_id else None
+            wanted = PlanningGoal(tuple(goal.joint_names), tuple(goal.positions), tool, clearance=goal.clearance)
+            if self._scene is None:
+                self._scene = PlanningScene(self.world.scene)
+            return ArmPlanning(self._controller, wanted, self._scene)
         if kind == "follow_joint_trajectory":
-            points = [JointPoint(p.time_from_start.to_sec(), tuple(p.positions)) for p in goal.trajectory.points]
+            points = [
+                JointPoint(p.time_from_start.to_sec(), tuple(p.positions), tuple(p.velocities))
+                for p in goal.trajectory.points
+            ]
             return JointMotion(self._controller, JointGoal(tuple(goal.trajectory.joint_names), tuple(points)))
         target = pose_of(goal.target.pose)
         if goal.target.header.frame_id != "map":  # the only other one that the skills use
             target = composed(self._arm.tool_pose(), target)
-        wanted = CartesianGoal(target, speed=goal.speed, max_force=goal.max_force, contact_force=goal.contact_force)
-        return CartesianMotion(self._controller, wanted)
+        line = CartesianGoal(target, speed=goal.speed, max_force=goal.max_force, contact_force=goal.contact_force)
+        return CartesianMotion(self._controller, line)
 
     def _usual(self, name: str, goal: Any) -> Any:
         with self._using:
@@ -120,4 +135,6 @@ def _answer(motion: Any) -> Answer:
         result = FollowJointTrajectoryResult(error_code=code, error_string=text)
     elif isinstance(motion, CartesianMotion):
         result = CartesianMotionResult(error_code=code, error_string=text)
+    elif isinstance(motion, ArmPlanning):
+        result = plan_result(motion)
     return int(state) if state else GoalStatus.LOST, result, text

@@ -25,7 +25,7 @@ from control_msgs.msg import (
     GripperCommandGoal,
 )
 from skiros2_common.core.abstract_skill import SkillDescription, State
-from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
+from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal, PlanMotionAction, PlanMotionGoal
 from skiros2_sim_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from support.ros import wait_until
@@ -304,6 +304,81 @@ def test_the_stiffness_of_the_compliant_controller_is_a_topic(sim: SimulatorClie
     topic.publish(Wrench(Vector3(math.nan, 0, 0), Vector3()))
     wait_until(lambda: "stiffness of arm" in sim.program.output, WAIT, "a warning")
     topic.unregister()
+
+
+# -- planned motions --------------------------------------------------------------------------------------------------
+
+
+def plan(sim: SimulatorClient, **goal: Any) -> Request:
+    return Request(sim.client("/mobile_manipulator/arm/plan_motion", PlanMotionAction), PlanMotionGoal(**goal))
+
+
+def follow(sim: SimulatorClient, trajectory: JointTrajectory) -> Request:
+    client = sim.client("/mobile_manipulator/arm/follow_joint_trajectory", FollowJointTrajectoryAction)
+    return Request(client, FollowJointTrajectoryGoal(trajectory=trajectory))
+
+
+def test_a_planned_trajectory_is_followed(sim: SimulatorClient) -> None:
+    target = pose_stamped((0.1, 0.3, -0.1), frame="mobile_manipulator/arm/tool")
+    x, y, z = sim.position(GRIPPER)
+    request = plan(sim, target=target, clearance=0.02)
+    request.wait_until_active()
+    with sim.running():
+        result = request.wait()
+        assert (result.error_code, request.status) == (PlanMotionGoal.SUCCESSFUL, GoalStatus.SUCCEEDED), request.text
+        assert result.trajectory.joint_names == JOINTS
+        motion = follow(sim, result.trajectory)
+        assert motion.wait().error_code == FollowJointTrajectoryResult.SUCCESSFUL, motion.text
+    # the tool looks down, its x axis forward
+    assert sim.position(GRIPPER) == pytest.approx((x + 0.1, y - 0.3, z + 0.1), abs=0.01)
+
+
+def test_same_seed_gives_the_same_plan(sim: SimulatorClient) -> None:
+    trajectories = []
+    for _ in range(2):
+        sim.reset()
+        request = plan(sim, joint_names=JOINTS, positions=ASIDE, seed=5)
+        request.wait_until_active()
+        with sim.running():
+            trajectories.append(request.wait().trajectory)
+    assert trajectories[0].points
+    assert trajectories[0] == trajectories[1]
+
+
+def test_impossible_plans_name_the_reason(sim: SimulatorClient) -> None:
+    request = plan(sim, target=pose_stamped((9.0, 0.0, 0.5), (1, 0, 0, 0), "map"))
+    with sim.running():
+        assert request.wait().error_code == PlanMotionGoal.UNREACHABLE
+    into_the_base = plan(sim, joint_names=JOINTS, positions=(3.1 - 0.3, 1.7, 0.0, -0.5, 0.0, 1.0, 0.0))
+    with sim.running():
+        result = into_the_base.wait()
+    assert result.error_code == PlanMotionGoal.GOAL_IN_COLLISION
+    assert "mobile_manipulator/arm/panda_" in result.error_string
+    assert "mobile_manipulator/base" in result.error_string
+    for goal, text in (
+        ({"joint_names": JOINTS[:3], "positions": [0.0] * 3}, "panda_joint4"),
+        ({"target": pose_stamped((0.5, 0.0, 0.5), frame="nowhere")}, "nowhere"),
+        ({"target": pose_stamped((0.5, 0.0, 0.5))}, "no frame"),
+        ({}, "either joint positions or a pose"),
+        ({"joint_names": JOINTS, "positions": ASIDE, "clearance": math.nan}, "clearance nan"),
+    ):
+        rejected = plan(sim, **goal)
+        assert rejected.wait().error_code == PlanMotionGoal.INVALID_GOAL
+        assert rejected.status == GoalStatus.REJECTED
+        assert text in rejected.text
+
+
+def test_a_plan_is_cancelled_and_aborted_by_a_reset(sim: SimulatorClient) -> None:
+    request = plan(sim, joint_names=JOINTS, positions=ASIDE)
+    request.wait_until_active()
+    request.handle.cancel()
+    with sim.running():
+        assert request.wait().error_code == PlanMotionGoal.PREEMPTED
+    request = plan(sim, joint_names=JOINTS, positions=ASIDE)
+    request.wait_until_active()
+    sim.reset()
+    request.wait()
+    assert "reset" in request.text
 
 
 # -- its end ----------------------------------------------------------------------------------------------------------

@@ -42,6 +42,15 @@ OURS = {
     "skiros:SkillProperty",
     "skiros:RobotProperty",
     "skiros:Velocity",
+    "skiros:Signal",
+    "skiros:WristForce",
+    "skiros:WristTorque",
+    "skiros:JointTorque",
+    "skiros:Distance",
+    "skiros:hasSignal",
+    "skiros:SignalProperty",
+    "skiros:SignalTopic",
+    "skiros:MessageField",
 }
 CONDITION_CLASSES = [
     "ConditionRelation",
@@ -53,6 +62,7 @@ CONDITION_CLASSES = [
     "ConditionOnType",
     "ConditionOr",
     "ConditionFunction",
+    "ConditionSignal",
 ]
 
 

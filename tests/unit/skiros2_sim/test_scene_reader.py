@@ -121,6 +121,7 @@ def test_robot_has_parts_and_default_names() -> None:
     assert (arm.name, arm.model, arm.pose) == ("left_arm", PANDA, at(0.3, 0.0, 0.4))
     assert arm.trajectory_action == "/mobile_manipulator/left_arm/follow_joint_trajectory"
     assert arm.cartesian_action == "/mobile_manipulator/left_arm/cartesian_motion"
+    assert arm.planning_action == "/mobile_manipulator/left_arm/plan_motion"
     assert arm.wrench_topic == "/mobile_manipulator/left_arm/wrench"
     assert arm.stiffness_topic == "/mobile_manipulator/left_arm/stiffness"
     assert (arm.position_controller, arm.compliant_controller) == ("position", "compliant")
@@ -134,7 +135,7 @@ def test_robot_has_parts_and_default_names() -> None:
 
 def test_names_in_elements_override_defaults() -> None:
     parts = robot(NavigationExe="/drive")
-    for key in ("MotionExe", "CartesianGoalAction", "CartesianWrenchTopic", "CartesianStiffnessTopic"):
+    for key in ("MotionExe", "CartesianGoalAction", "MotionPlanner", "CartesianWrenchTopic", "CartesianStiffnessTopic"):
         parts[2].setProperty(f"skiros:{key}", f"/{key}")
     parts[2].setProperty("skiros:CompliantController", "soft")
     parts[3].setProperty("skiros:DriverAddress", "/grip")
@@ -144,9 +145,18 @@ def test_names_in_elements_override_defaults() -> None:
     assert made.move_action == "/drive"
     assert arm.trajectory_action == "/MotionExe"
     assert (arm.cartesian_action, arm.wrench_topic) == ("/CartesianGoalAction", "/CartesianWrenchTopic")
+    assert arm.planning_action == "/MotionPlanner"
     assert (arm.stiffness_topic, arm.compliant_controller) == ("/CartesianStiffnessTopic", "soft")
     assert arm.gripper is not None
     assert (arm.gripper.action, made.cameras[0].rgb_topic) == ("/grip", "/rgb")
+
+
+def test_arm_of_moveit_has_no_planner() -> None:
+    parts = robot()
+    parts[2].setProperty("skiros:MotionPlanner", "/move_group")
+    parts[2].setProperty("skiros:MoveItGroup", "left")
+    (made,) = read(*parts).robots
+    assert made.arms[0].planning_action == ""
 
 
 def test_camera_may_be_mounted_on_a_body_or_the_map() -> None:

@@ -38,7 +38,11 @@ Grasp = describe(
         ("Options", dict, OPTIONAL),
     ],
     pre=[contains()],
-    hold=[contains(), lambda d: d.getPropCond("Light", "skiros:Weight", "Object", "<", 2.0, True)],
+    hold=[
+        contains(),
+        lambda d: d.getPropCond("Light", "skiros:Weight", "Object", "<", 2.0, True),
+        lambda d: d.getSignalCond("Gentle", "skiros:WristForce", "Container", maximum="Force"),
+    ],
     post=[contains(state=False), lambda d: d.getHasPropCond("Weighed", "skiros:Weight", "Object", True)],
 )
 
@@ -184,6 +188,7 @@ def test_describe_shows_parameters_conditions_package_and_other_implementations(
     assert "Object required skiros:Product" in lines
     assert lines[lines.index("pre-conditions") + 1] == "Contains Container skiros:contain Object"
     assert "Light Object skiros:Weight < 2.0" in lines[lines.index("hold-conditions") :]
+    assert "Gentle skiros:WristForce of Container is at most Force" in lines[lines.index("hold-conditions") :]
     after = lines[lines.index("post-conditions") :]
     assert "Contains not Container skiros:contain Object" in after
     assert "Weighed Object has a value of skiros:Weight" in after

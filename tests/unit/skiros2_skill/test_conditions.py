@@ -3,7 +3,7 @@
 import pytest
 
 from skiros2_common.core.abstract_skill import SkillDescription
-from skiros2_common.core.condition import Cost
+from skiros2_common.core.condition_record import Cost
 from skiros2_common.core.conditions import ConditionBase, ConditionFunction, condition_from
 from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.params import ParamHandler, ParamTypes

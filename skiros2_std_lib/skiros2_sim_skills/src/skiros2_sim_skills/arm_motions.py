@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
+from genpy import Message
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal, FollowJointTrajectoryResult
@@ -40,7 +41,8 @@ from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 #: Distance below the expected contact to which a motion until contact may continue (m).
 _GIVE = 0.025
 
-_JOINT_CODES = {
+#: Meaning of the error codes of control_msgs/FollowJointTrajectory.
+JOINT_CODES = {
     FollowJointTrajectoryResult.INVALID_GOAL: "the arm rejects the posture",
     FollowJointTrajectoryResult.INVALID_JOINTS: "the joints are not those of the arm",
     FollowJointTrajectoryResult.OLD_HEADER_TIMESTAMP: "the goal is too late",
@@ -85,7 +87,7 @@ class move_arm_joints(DriverAction):
     def onDone(self, status: int, msg: FollowJointTrajectoryResult) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: there")
-        return self.failed(_reason(_JOINT_CODES, msg, self.status_text()), status)
+        return self.failed(format_reason(JOINT_CODES, msg, self.status_text()), status)
 
 
 class tuck_arm(move_arm_joints):
@@ -115,7 +117,7 @@ class _ToolMotion(DriverAction):
     def onDone(self, status: int, msg: CartesianMotionResult) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: done")
-        return self.failed(_reason(_CARTESIAN_CODES, msg, self.status_text()), status)
+        return self.failed(format_reason(_CARTESIAN_CODES, msg, self.status_text()), status)
 
 
 class move_tool_to_object(_ToolMotion):
@@ -188,9 +190,7 @@ class lift_tool(_ToolMotion):
         )
 
 
-def _reason(
-    codes: dict[int, str], result: FollowJointTrajectoryResult | CartesianMotionResult | None, text: str
-) -> str:
+def format_reason(codes: dict[int, str], result: Message | None, text: str) -> str:
     """Describes a result: its code, and the text of the driver."""
     words = codes.get(getattr(result, "error_code", 0), "")
     own = str(getattr(result, "error_string", "") or text)

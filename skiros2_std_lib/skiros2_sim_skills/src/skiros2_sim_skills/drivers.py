@@ -50,7 +50,11 @@ class DriverAction(_Parameters, PrimitiveActionClient):
         return str(self.label)
 
     def buildClient(self) -> actionlib.SimpleActionClient:
-        return actionlib.SimpleActionClient(*self.address())
+        return self.make_client(*self.address())
+
+    def make_client(self, name: str, kind: type) -> actionlib.SimpleActionClient:
+        """Returns a client of an action."""
+        return actionlib.SimpleActionClient(name, kind)
 
     def onStart(self) -> bool:
         try:

@@ -29,6 +29,48 @@ class MoveArmJoints(SkillDescription):
         )
 
 
+class MoveArmCollisionFree(SkillDescription):
+    """Moves an arm to a named posture, or its tool to a pose, on a planned path without collisions."""
+
+    def createDescription(self) -> None:
+        self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
+        self.addParam(
+            "Posture", "", ParamTypes.Optional, description="Name in skiros:Postures of the arm; empty with a target"
+        )
+        self.addParam(
+            "Target",
+            Element("skiros:TransformationPose"),
+            ParamTypes.Optional,
+            description="Pose of the tool; empty with a posture",
+        )
+        self.addParam(
+            "PlanningTime",
+            5.0,
+            ParamTypes.Optional,
+            description="Limit of the search",
+            unit="s",
+            minimum=0.1,
+            maximum=60,
+        )
+        self.addParam(
+            "Clearance",
+            0.01,
+            ParamTypes.Optional,
+            description="Minimum distance from everything else",
+            unit="m",
+            minimum=0,
+            maximum=0.5,
+        )
+        self.addParam(
+            "Speed",
+            0.5,
+            ParamTypes.Optional,
+            description="Fraction of the joints' limits of velocity and acceleration",
+            minimum=0.01,
+            maximum=1.0,
+        )
+
+
 class MoveTool(ArmAndGripper):
     """Base of the straight motions of the tool."""
 

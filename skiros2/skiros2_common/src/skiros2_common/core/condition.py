@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from enum import IntEnum
 from itertools import islice
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeGuard
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeGuard
 
+from skiros2_common.core.condition_record import ConditionRecord, Cost
 from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, Finding, NearMatch
 from skiros2_common.core.names import ANY_TYPE, id_order
@@ -15,6 +15,7 @@ from skiros2_common.core.source_location import SourceLocation
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
+    from skiros2_common.core.signals import SignalSource
     from skiros2_common.core.world_model_port import WorldModelPort
 
 #: The methods that state how a condition is evaluated, and those that say the same in a faster way.
@@ -22,40 +23,6 @@ _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_infe
 _SHORTCUTS = (
     "element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields", "planned_as"
 )
-
-
-class Cost(IntEnum):
-    """The cost of an evaluation: an indexed lookup, one element, a lookup that must find nothing, code of a skill, a
-    relation computed by a reasoner."""
-
-    LOOKUP, ELEMENT, ABSENCE, CODE, REASONER = range(5)
-
-
-class ConditionRecord(Protocol):
-    """A condition as read from the world model; see `ConditionBase.toElement`.
-
-    :param kind: the name of its class.
-    :param name: the relation, property or class that it tests.
-    """
-
-    @property
-    def kind(self) -> str: ...
-    @property
-    def label(self) -> str: ...
-    @property
-    def subject(self) -> str: ...
-    @property
-    def object(self) -> str: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def operator(self) -> str: ...
-    @property
-    def value(self) -> str | bool | float | None: ...
-    @property
-    def state(self) -> bool: ...
-    @property
-    def parts(self) -> Sequence[ConditionRecord]: ...
 
 
 class _OfParameters:
@@ -184,7 +151,8 @@ class ConditionBase(_OfParameters):
     #: The fields of a `ConditionRecord` that the constructor takes; None: `from_record` creates none.
     record_fields: ClassVar[tuple[str, ...] | None] = None
 
-    #: Its planning predicate: a `Kind` of `skiros2_task.core.formula`, `specified`, `any` (of its parts), or "" (none).
+    #: Its planning predicate: a `Kind` of `skiros2_task.core.formula`, `specified`, `any` (of its parts), `ignored`, or
+    #: "" (none: planning ignores it and says so).
     planned_as: str = ""
 
     #: The loaded classes by name.
@@ -240,6 +208,29 @@ class ConditionBase(_OfParameters):
     def parts(self) -> Sequence[ConditionBase]:
         """The conditions that it is composed of."""
         return ()
+
+    @property
+    def element_keys(self) -> list[str]:
+        """The keys of the parameters that have to hold elements; by default all, if it `wants_elements`."""
+        return self.getKeys() if self.wants_elements else []
+
+    def faults(self, stage: str) -> list[str]:
+        """Describes mistakes of its use, for lint.
+
+        :param stage: `pre`, `hold` or `post`.
+        """
+        return []
+
+    def watch(
+        self, ph: ParamHandler, wmi: WorldModelPort, signals: SignalSource, wake: Callable[[], None]
+    ) -> Callable[[], None] | None:
+        """Called when a node with this hold-condition has started; for facts outside the world model.
+
+        :param signals: delivers live values.
+        :param wake: requests a tick at once; any thread may call it.
+        :returns: called when the node has ended; None: there is nothing to end.
+        """
+        return None
 
     def ontology_names(self) -> list[tuple[str, str]]:
         """The names of the ontology that it refers to, as pairs of kind (relation, property or class) and name."""

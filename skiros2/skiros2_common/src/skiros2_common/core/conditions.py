@@ -12,19 +12,20 @@ from typing import TYPE_CHECKING, Any, Self, TypeGuard
 
 from skiros2_common.core.condition import (
     ConditionBase,
-    ConditionRecord,
-    Cost,
     is_in_scene,
     near_matches,
 )
+from skiros2_common.core.condition_record import ConditionRecord, Cost
 from skiros2_common.core.explanation import Change, Finding, NearMatch
 from skiros2_common.core.names import full_name, is_of_class
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.property_conditions import ConditionHasProperty, ConditionProperty
 from skiros2_common.core.relation_conditions import AbstractConditionRelation, ConditionRelation
+from skiros2_common.core.signal_condition import ConditionSignal
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
+    from skiros2_common.core.signals import SignalSource
     from skiros2_common.core.world_model_port import WorldModelPort
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "ConditionOr",
     "ConditionProperty",
     "ConditionRelation",
+    "ConditionSignal",
     "condition_from",
 ]
 
@@ -82,6 +84,17 @@ class ConditionOr(ConditionBase):
             elif not condition.volatile:
                 return None
         return ids
+
+    def watch(
+        self, ph: ParamHandler, wmi: WorldModelPort, signals: SignalSource, wake: Callable[[], None]
+    ) -> Callable[[], None] | None:
+        stops = [stop for c in self._conditions if (stop := c.watch(ph, wmi, signals, wake)) is not None]
+
+        def stop_all() -> None:
+            for stop in stops:
+                stop()
+
+        return stop_all if stops else None
 
     @classmethod
     def from_record(cls, record: ConditionRecord) -> Self | None:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from skiros2_common.core.condition import (
     ConditionBase,
-    Cost,
     can_find_elements,
     is_in_scene,
     near_matches,
 )
+from skiros2_common.core.condition_record import Cost
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name, id_order

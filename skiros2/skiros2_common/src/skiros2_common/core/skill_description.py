@@ -283,6 +283,29 @@ class SkillDescription:
         """True if the value's class is the given one or a subclass of it."""
         return cond.ConditionOnType(clabel, subj, value)
 
+    def getSignalCond(
+        self,
+        clabel: str,
+        signal: str,
+        subj: str,
+        *,
+        minimum: float | str | None = None,
+        maximum: float | str | None = None,
+        duration: float = 0.0,
+        hysteresis: float = 0.0,
+        timeout: float = 0.5,
+    ) -> cond.ConditionSignal:
+        """True while a signal of the element, such as the force at a wrist, is within limits; for hold-conditions.
+
+        :param signal: its class, such as `skiros:WristForce`, or its label.
+        :param minimum, maximum: in the signal's unit, or keys of parameters; None: no limit.
+        :param duration: how long (s) the value must be outside the limits to violate them.
+        :param hysteresis: how far inside the limits a value must be to end that time, in the signal's unit.
+        :param timeout: the longest time (s) without a message; inf: any.
+        :raises WrongValue: the limits are unusable.
+        """
+        return cond.ConditionSignal(clabel, signal, subj, minimum, maximum, duration, hysteresis, timeout)
+
     # -- other forms -------------------------------------------------------------------------------------------
 
     def getModifiedParams(self) -> set[str]:

@@ -150,6 +150,8 @@ def _text(condition: Element, branch: Mapping[str, Element]) -> str:
         text = f"({' or '.join(_text(part, branch) for part in parts)})"
     elif other is not None:
         text = f"{subject} {on} {other}"
+    elif kind == "ConditionSignal":
+        text = f"{on} of {subject} is {value}"
     elif operator is not None:
         text = f"{subject} {on} {operator} {value}"
     elif kind == "ConditionHasProperty":

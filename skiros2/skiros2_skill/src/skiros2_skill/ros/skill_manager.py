@@ -14,6 +14,7 @@ from std_msgs.msg import Bool, Empty
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_common.ros.signals import RosSignals
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.engine.breakpoints import Breakpoint
@@ -104,14 +105,13 @@ class SkillManager(DiscoverableNode):
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
-        self._progress = ProgressPublisher()
-        self._scheduler = scheduler = Scheduler(
-            self._tick_rate, self._tick_pub.publish, self._on_progress, preempt_timeout=self._preempt_timeout
-        )
-        self._starter = TaskStarter(
-            self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot
-        )
-        self._execute = ExecuteAction(self._starter, scheduler)
+        self._progress, self._signals = ProgressPublisher(), RosSignals()
+        self._scheduler = tasks = Scheduler(
+            self._tick_rate, self._tick_pub.publish, self._on_progress,
+            preempt_timeout=self._preempt_timeout, signals=self._signals,
+        )  # fmt: skip
+        self._starter = TaskStarter(self._library, self._wmi, tasks, self._history, lambda: self._registration.robot)
+        self._execute = ExecuteAction(self._starter, tasks)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
@@ -138,6 +138,7 @@ class SkillManager(DiscoverableNode):
         for service in self._services:
             service.shutdown()
         self._scheduler.stop()
+        self._signals.close()
         self._execute.close()
         self._wmi.remove_listener(self._on_world_change)
         with self._registering:

@@ -11,6 +11,7 @@ from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.signals import LocalSignals
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.library.library import SkillLibrary
@@ -49,6 +50,8 @@ class SkillBench:
         self.period = period
         self.wmi = wmi if wmi is not None else self._world_model(scene)
         self.library = SkillLibrary(self.wmi, log_faults)
+        #: The signals of the robot; a test publishes their messages.
+        self.signals = LocalSignals()
         robots = sorted(self.wmi.resolve_elements(Element("cora:Robot")), key=lambda e: e.getIdNumber())
         self.robot: Element = robot or (robots[0] if robots else self.add("cora:Robot", "skiros:robot"))
 
@@ -167,7 +170,7 @@ class SkillBench:
 
         :param blackboard: values by key.
         """
-        task = BenchTask(self.wmi, self.clock, self.period)
+        task = BenchTask(self.wmi, self.clock, self.period, self.signals)
         task.root.params.addParam("Robot", self.robot, ParamTypes.Inferred)
         for key, value in blackboard.items():
             task.root.params.addParam(key, value, ParamTypes.Optional)

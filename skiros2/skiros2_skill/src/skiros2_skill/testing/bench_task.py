@@ -9,6 +9,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.signals import SignalSource
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -145,10 +146,17 @@ class BenchTask(Task):
 
     :param clock: advances by one period per tick.
     :param period: of the ticks (s).
+    :param signals: for hold-conditions on signals; None: no signal is published.
     """
 
-    def __init__(self, wmi: WorldModelPort, clock: FakeClock | None = None, period: float = 0.04) -> None:
-        super().__init__(0, wmi, "test")
+    def __init__(
+        self,
+        wmi: WorldModelPort,
+        clock: FakeClock | None = None,
+        period: float = 0.04,
+        signals: SignalSource | None = None,
+    ) -> None:
+        super().__init__(0, wmi, "test", signals=signals)
         self._clock = clock
         self._period = period
         self._threads_before = threading.active_count()

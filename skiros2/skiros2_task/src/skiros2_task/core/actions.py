@@ -277,6 +277,8 @@ class _ConditionReader:
                 return TRUE
             self._named.add(parameter.key)
             return Atom(IN_SCENE, (f"?{parameter.key}",)) if parameter.key in self._created else TRUE
+        if condition.planned_as == "ignored":
+            return None
         predicate = predicate_of(condition)
         if predicate is None:
             self.opaque.append(f"{condition.kind} {condition.label!r}")

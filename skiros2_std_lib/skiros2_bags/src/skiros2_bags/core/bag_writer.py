@@ -162,6 +162,10 @@ class Selection:
         names = [f"/{name.strip('/')}" for name in robots]
         actions = [*TASK_MANAGER_ACTIONS, *(f"{name}/execute" for name in names)]
         topics = [*INITIAL_TOPICS, *(f"{name}/monitor" for name in names), *action_topics(actions)]
+        return self.allowed(topics)
+
+    def allowed(self, topics: Iterable[str]) -> list[str]:
+        """Returns the topics that are not excluded, each once."""
         return [topic for topic in dict.fromkeys(topics) if not self._is_excluded(topic)]
 
     def select(self, topics: Iterable[tuple[str, str]]) -> list[str]:

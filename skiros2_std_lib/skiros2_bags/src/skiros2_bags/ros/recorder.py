@@ -10,7 +10,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NoReturn
@@ -32,6 +32,7 @@ from skiros2_bags.core.bag_writer import (
 from skiros2_bags.core.run import Run, check
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, USAGE, Parser, command_arguments
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.signals import TOPIC
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.node import bridge_logging, shutdown_in_thread, spin
 from skiros2_msgs import msg as msgs
@@ -173,7 +174,7 @@ class Recorder:
         topic, header, arrival, data = item
         if header["md5sum"] == msgs.WmMonitor._md5sum:
             for change in self._chains.setdefault(topic, ChangeChain(topic)).extend(_change(data)):
-                self._listen(action_topics(driver_actions(change)))
+                self._listen(self._selection.allowed([*action_topics(driver_actions(change)), *signal_topics(change)]))
                 self._writer.write(topic, header, arrival, _serialized(change))
             return
         if topic == _DESCRIPTION:
@@ -255,10 +256,20 @@ class ChangeChain:
 
 def driver_actions(change: Any) -> list[str]:
     """Returns the driver actions that the elements of a change name."""
+    return _names_in(change, ACTION_PROPERTIES)
+
+
+def signal_topics(change: Any) -> list[str]:
+    """Returns the topics of the signals that the elements of a change describe."""
+    return _names_in(change, (TOPIC,))
+
+
+def _names_in(change: Any, keys: Collection[str]) -> list[str]:
+    """Returns the full graph names that properties of the elements of a change have as values."""
     names = []
     for element in change.elements:
         for prop in element.properties:
-            if prop.key in ACTION_PROPERTIES:
+            if prop.key in keys:
                 names += [rospy.resolve_name(name) for name in _values(prop.dataValue) if is_graph_name(name)]
     return names
 

@@ -19,6 +19,7 @@ from skiros2_bags.core.bag_writer import PARAMETERS
 from skiros2_bags.core.run import Run, add_progress
 from skiros2_bags.core.world_history import read_change
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.signals import TOPIC
 from skiros2_runs.core.frame import Frame, NodeProgress
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import IDLE
@@ -89,6 +90,14 @@ class ClockTick(Event):
 
 
 @dataclass(frozen=True)
+class SignalMessage(Event):
+    """A message of a signal of the recorded scene."""
+
+    topic: str
+    message: Any
+
+
+@dataclass(frozen=True)
 class Parameters(Event):
     """The parameters of the master."""
 
@@ -147,17 +156,26 @@ class Recording(Events):
             raise BagError(f"{self.run.damage}; a replay needs a complete bag")
         runs = Runs(most_bytes=_MAX_KEPT)
         messages = enumerate(self.run.messages())
-        super().__init__(event for order, message in messages for event in _events(order, message, runs))
+        topics: set[str] = set()
+        super().__init__(event for order, message in messages for event in _events(order, message, runs, topics))
 
 
-def _events(order: int, message: Message, runs: Runs) -> Iterator[Event]:
+def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iterator[Event]:
+    """Yields the events of a message.
+
+    :param signals: the topics of the signals that earlier messages have described; updated.
+    """
     topic, kind, time = message.topic, message.type, message.time
     if kind == PROGRESS and topic.endswith("/monitor"):
         recorded = add_progress(runs, message)
         if recorded is not None and recorded.is_new_tick:
             yield TaskProgress(order, time, recorded.run, recorded.run.latest)
     elif kind == MONITOR and topic.endswith("wm/monitor"):
-        yield WorldChange(order, time, read_change(message))
+        change = read_change(message)
+        signals.update(f"/{str(e.value_of(TOPIC)).lstrip('/')}" for e in change.elements if e.hasProperty(TOPIC))
+        yield WorldChange(order, time, change)
+    elif topic in signals:
+        yield SignalMessage(order, time, topic, _ros_message(message))
     elif kind == "rosgraph_msgs/Clock":
         clock = message.content.clock
         yield ClockTick(order, time, clock.sec + clock.nanosec / 1e9)

@@ -1,8 +1,8 @@
 """Deterministic re-run: ticks the trees of a recording in this process, without ROS nodes.
 
 Each progress message stands for one tick. All recorded inputs before it are applied first: changes of the world model
-by others, answers of action servers, cancel requests, the clock. After the tick, the tree must match the progress
-message; at the end, the tasks must have made the recorded changes of the world model.
+by others, answers of action servers, signals, cancel requests, the clock. After the tick, the tree must match the
+progress message; at the end, the tasks must have made the recorded changes of the world model.
 
 Message times do not determine the order of messages within `WINDOW`, or the exact time of a tick. After a divergence,
 alternative orders and times of the inputs near it are tried.
@@ -33,6 +33,7 @@ from skiros2_bags.testing.recording import (
     Event,
     RecordedTask,
     Recording,
+    SignalMessage,
     TaskProgress,
     WorldChange,
     recorded_tasks,
@@ -176,7 +177,10 @@ def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterat
 
 
 def _is_input(event: Event) -> bool:
-    return isinstance(event, WorldChange) or (isinstance(event, ActionMessage) and event.part == "cancel")
+    """Whether an event may have arrived in another order than it was recorded."""
+    if isinstance(event, ActionMessage):
+        return event.part == "cancel"
+    return isinstance(event, WorldChange | SignalMessage)
 
 
 def _clock_step(ticks: Iterable[ClockTick]) -> float:
@@ -259,6 +263,10 @@ class RerunPass:
         elif isinstance(event, WorldChange):
             if event.order not in self._own:
                 self.model.transact(self._inputs[event.order], event.change.author)
+        elif isinstance(event, SignalMessage):
+            self.clock.advance(max(0.0, event.time - self._begin - self.clock.now))
+            for manager in self.managers.values():
+                manager.signals.publish(event.topic, event.message)
         elif isinstance(event, ActionMessage):
             if event.part == "cancel":
                 self._cancel(event)

@@ -18,6 +18,7 @@ from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError
 from skiros2_common.core.manager_names import runs_on
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.signals import LocalSignals
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
 from skiros2_runs.core.compare import CONTEXT, first_difference, path_text, report_text
@@ -49,6 +50,7 @@ class RerunManager:
         self.wmi = LocalWorldModel(name, model)
         self.library = SkillLibrary(self.wmi)
         self.actions = actions
+        self.signals = LocalSignals()
         #: The task that is currently ticked.
         self.ticked: Any = None
         self._replaced_labels = replaced_labels
@@ -192,7 +194,7 @@ class RerunTask:
             nodes = make_nodes(_requests(run), manager.library, manager.wmi)
         except Refused as error:
             nodes, self._rejection = [], str(error)
-        self._task = Task(run.run.task_id, manager.wmi, run.manager)
+        self._task = Task(run.run.task_id, manager.wmi, run.manager, signals=manager.signals)
         self._task.root.params.addParam("Robot", manager.robot, ParamTypes.Inferred, "The manager's robot")
         self._task.root(*nodes)
 

@@ -36,6 +36,10 @@ MOVE = Address("skiros:NavigationExe", "/{robot}/move_base")
 TRAJECTORY = Address("skiros:MotionExe", "/{robot}/{part}/follow_joint_trajectory")
 #: Of an arm: the action `skiros2_sim_msgs/CartesianMotion`.
 CARTESIAN = Address("skiros:CartesianGoalAction", "/{robot}/{part}/cartesian_motion")
+#: Of an arm: its planning group in MoveIt.
+MOVEIT_GROUP = "skiros:MoveItGroup"
+#: Of an arm: the action `skiros2_sim_msgs/PlanMotion`; with `skiros:MoveItGroup`, `moveit_msgs/MoveGroup`.
+PLANNER = Address("skiros:MotionPlanner", "/{robot}/{part}/plan_motion")
 #: Of an arm: the topic of the wrench at its tool.
 WRENCH = Address("skiros:CartesianWrenchTopic", "/{robot}/{part}/wrench")
 #: Of an arm: the topic that sets its stiffness.

@@ -292,6 +292,7 @@ class _Reader:
                 gripper,
                 self._address(names.TRAJECTORY, element, robot, name),
                 self._address(names.CARTESIAN, element, robot, name),
+                "" if element.value_of(names.MOVEIT_GROUP) else self._address(names.PLANNER, element, robot, name),
                 self._address(names.WRENCH, element, robot, name),
                 self._address(names.STIFFNESS, element, robot, name),
                 names.POSITION_CONTROLLER.of(element, robot, name),

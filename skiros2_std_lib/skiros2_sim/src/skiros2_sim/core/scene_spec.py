@@ -75,6 +75,7 @@ class ArmSpec:
     """An arm of a robot.
 
     :param pose: of its mount in the robot's frame.
+    :param planning_action: "" if MoveIt plans for it.
     """
 
     id: str
@@ -84,6 +85,7 @@ class ArmSpec:
     gripper: GripperSpec | None = None
     trajectory_action: str = ""
     cartesian_action: str = ""
+    planning_action: str = ""
     wrench_topic: str = ""
     stiffness_topic: str = ""
     position_controller: str = "position"

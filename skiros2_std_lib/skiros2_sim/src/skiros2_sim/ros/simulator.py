@@ -12,6 +12,7 @@ from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, 
 from skiros2_common.core.errors import Refused
 from skiros2_common.ros.node import spin
 from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.planning_scene import PlanningScene
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
 from skiros2_sim.core.scene_spec import SceneSpec
@@ -22,9 +23,10 @@ from skiros2_sim.ros.device_server import Device, DeviceServer
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.jobs import BaseJob, CartesianJob, GripperJob, JointJob, refused_motion, refused_trajectory
 from skiros2_sim.ros.options import Options, read_options
+from skiros2_sim.ros.planning import PlanningJob, refused_plan
 from skiros2_sim.ros.publishers import Cameras, SimulatedClock, StatePublisher
 from skiros2_sim.ros.services import Services
-from skiros2_sim_msgs.msg import CartesianMotionAction
+from skiros2_sim_msgs.msg import CartesianMotionAction, PlanMotionAction
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel
@@ -48,6 +50,7 @@ class Simulator:
         self._frames = Frames(world)
         self._arms: dict[str, ArmController] = {}
         self._make_controllers(world)
+        self._planning_scene = PlanningScene(world.scene)
         self._devices = {arm: Device(f"arm {arm}") for arm in world.arms}
         self._servers = [server for robot in world.robots.values() for server in self._servers_of(robot)]
         self._controllers = [
@@ -87,6 +90,7 @@ class Simulator:
         self._stepper.close()
         for server in self._servers:
             server.close()
+        self._planning_scene.close()
 
     def _make_controllers(self, world: World) -> None:
         for robot in world.robots.values():
@@ -132,6 +136,17 @@ class Simulator:
                 refused_motion,
             ),
         ]
+        if spec.planning_action:
+            servers.append(
+                DeviceServer(
+                    spec.planning_action,
+                    PlanMotionAction,
+                    stepper,
+                    Device(f"planner of arm {eid}"),
+                    lambda goal: PlanningJob(goal, eid, arms, self._planning_scene, frames),
+                    refused_plan,
+                )
+            )
         gripper = spec.gripper
         if gripper is not None and gripper.id in self._world.grippers:
             servers.append(

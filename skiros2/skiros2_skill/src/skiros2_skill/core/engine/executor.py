@@ -64,7 +64,7 @@ class Executor:
         self.failures = Failures(wmi)
         self.hooks = Hooks(self.failures)
         self.guard = self.hooks.guard
-        self.parameters = Parameters(wmi, self.guard)
+        self.parameters = Parameters(wmi, self.guard, wake)
         #: Whether the task was preempted and its nodes are not preempted yet.
         self.halt_requested = False
         #: Whether a state or progress has changed; the reader resets it.

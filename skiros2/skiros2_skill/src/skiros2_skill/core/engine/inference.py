@@ -12,7 +12,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from itertools import islice
 
-from skiros2_common.core.condition import ConditionBase, Cost
+from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.condition_record import Cost
 from skiros2_common.core.explanation import MAX_EXAMPLES, FilterStep, InferenceFailure, NearMatch
 from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes

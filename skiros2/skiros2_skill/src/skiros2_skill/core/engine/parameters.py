@@ -11,6 +11,7 @@ from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.explanation import HOLD, PARAMETER
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.revision import local_revision
+from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import Revisions, WorldModelPort
 from skiros2_skill.core.engine.blackboard import (
@@ -130,11 +131,15 @@ class Parameters:
 
     :param wmi: the world model as the task sees it.
     :param guard: guards the calls of the world model.
+    :param wake: requests a tick at once; any thread may call it.
     """
 
-    def __init__(self, wmi: WorldModelPort, guard: HookGuard) -> None:
+    def __init__(self, wmi: WorldModelPort, guard: HookGuard, wake: Callable[[], None]) -> None:
         self._wmi = wmi
         self._guard = guard
+        self._wake = wake
+        #: For hold-conditions on signals; the task sets it before its first tick.
+        self.signals: SignalSource = LocalSignals()
         self.blackboard = Blackboard(ParamHandler())  # the task's, from its first tick on
         self.local_revision = -1  # at the last `update_revision`; -1 when the world model has no version
         self.world_version = -1  # of the world model at the last `update_revision`
@@ -170,10 +175,20 @@ class Parameters:
         node.volatile = any(c.volatile for c in node.hold_conditions)
         node.stale = bool(node.hold_conditions) or not is_current
         self._readers.add(node)
+        if node.hold_conditions:
+            self._guard.call(node, "the start of its hold-conditions", self._watch, node)
 
     def end(self, node: SkillWrapper) -> None:
         """Ends the refreshes of a node."""
         self._readers.remove(node)
+        while node.watches:
+            node.watches.pop()()
+
+    def _watch(self, node: SkillWrapper) -> None:
+        for condition in node.hold_conditions:
+            stop = condition.watch(node._params, self._wmi, self.signals, self._wake)
+            if stop is not None:
+                node.watches.append(stop)
 
     def refresh(self, node: SkillWrapper) -> Failure | None:
         """Refreshes the parameters of a running node if they are stale, and checks its hold-conditions.

@@ -116,6 +116,8 @@ def _condition_faults(described: Described) -> Iterator[Fault]:
             if condition.parts:
                 continue
             name = f"{stage}-condition [{condition.label}]"
+            for text in condition.faults(stage):
+                yield fault_of(described, WARNING, "wrong-stage", f"{name} {text}", place, "loaded; a start fails")
             for key in condition.getKeys():
                 param = params.get(key)
                 if param is None:
@@ -123,7 +125,7 @@ def _condition_faults(described: Described) -> Iterator[Fault]:
                         text = f"{name} refers to {key!r}; the parameters are: {known}"
                         done = "loaded; it fails where the condition is checked and no such parameter was added"
                         yield fault_of(described, WARNING, "unknown-key", text, place, done)
-                elif condition.wants_elements and not param.is_element:
+                elif key in condition.element_keys and not param.is_element:
                     text = f"{name} wants an element, parameter {key!r} is of type {type_name(param)}"
                     yield fault_of(described, WARNING, "wrong-type", text, place, "loaded; the condition does not hold")
 

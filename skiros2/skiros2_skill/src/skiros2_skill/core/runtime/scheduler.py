@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Collection
 
 from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.signals import SignalSource
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
 from skiros2_skill.core.engine.breakpoints import Breakpoints
 from skiros2_skill.core.runtime.task import MAX_ID, Task
@@ -29,6 +30,7 @@ class Scheduler:
     :param keep_alive: s.
     :param preempt_timeout: s that the skills of a preempted task have to end.
     :param hook_timeout: s after which a hook of a preempted task that has not returned is abandoned.
+    :param signals: for hold-conditions on signals; None: no signal is published.
     """
 
     def __init__(
@@ -39,12 +41,14 @@ class Scheduler:
         keep_alive: float = 1.0,
         preempt_timeout: float = 10.0,
         hook_timeout: float = 2.0,
+        signals: SignalSource | None = None,
     ) -> None:
         sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
         self._scheduled: dict[int, ScheduledTask] = {}
         self._next_id = 0
         self._lock = threading.Condition()
         self._stopped = False
+        self._signals = signals
         self.breakpoints = Breakpoints()
         settings = TickSettings(1.0 / rate, keep_alive, on_tick, on_progress)
         self._watchdog = Watchdog(
@@ -63,7 +67,7 @@ class Scheduler:
                 raise Refused("the manager is shutting down")
             while self._next_id in self._scheduled:
                 self._next_id = (self._next_id + 1) % (MAX_ID + 1)
-            task = Task(self._next_id, wmi, author, self.breakpoints)
+            task = Task(self._next_id, wmi, author, self.breakpoints, self._signals)
             task.waker = lambda: self._wake(task)
             task.pause()
             self._scheduled[task.id] = ScheduledTask(task)

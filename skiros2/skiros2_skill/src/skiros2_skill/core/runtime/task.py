@@ -12,6 +12,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
+from skiros2_common.core.signals import SignalSource
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort, changed_ids
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
@@ -64,17 +65,20 @@ class Task:
     :param wmi: the world model as the task sees it.
     :param author: the client that has started the task.
     :param breakpoints: pause the task.
+    :param signals: for hold-conditions on signals; None: no signal is published.
     """
 
     def __init__(
-        self, task_id: int, wmi: WorldModelPort, author: str = "", breakpoints: Breakpoints | None = None
-    ) -> None:
+        self, task_id: int, wmi: WorldModelPort, author: str = "", breakpoints: Breakpoints | None = None,
+        signals: SignalSource | None = None,
+    ) -> None:  # fmt: skip
         self.id = task_id
         self.author = author
         self.root = Root(f"task_{task_id}", wmi)
         self.root._id = task_id
         self._wmi = wmi
         self._executor = Executor(wmi, self.wake, breakpoints)
+        self._executor.parameters.signals = signals or self._executor.parameters.signals
         self._paused = threading.Event()
         self._step_budget: _StepBudget | None = None
         self._deciding = threading.Lock()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
@@ -187,6 +187,7 @@ class SkillWrapper(DescribedNode):
         self.steady = False  # of a running primitive: nothing has to be done before its next `execute`
         self.reads: tuple[tuple[str, ...], tuple[str, ...]] | None = None  # ids and blackboard keys; see `Readers`
         self.lent: list[Param] = []  # parameters whose list of values the skill's code has got
+        self.watches: list[Callable[[], None]] = []  # end what hold-conditions watch outside the world model
         self.has_started = False
         self.volatile = False
         self.is_compound = False

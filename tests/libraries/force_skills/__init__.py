@@ -1,0 +1,1 @@
+"""A skill that presses with an arm, within a force limit."""

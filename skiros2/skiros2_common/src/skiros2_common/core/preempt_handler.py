@@ -10,7 +10,7 @@ from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param
-from skiros2_common.core.source_location import SourceLocation
+from skiros2_common.core.source_location import SourceLocation, caller_location
 
 #: The default of `PreemptHandler.seconds`.
 HANDLER_SECONDS = 30.0
@@ -60,3 +60,28 @@ class PreemptHandler:
 
     def __str__(self) -> str:
         return f"{self.type}-{self.label}" if self.label else self.type
+
+
+class Preemptible:
+    """The part of a description that declares a handler of preemptions."""
+
+    _on_preempt: PreemptHandler | None = None
+
+    @property
+    def on_preempt(self) -> PreemptHandler | None:
+        """The skill that the manager runs when the task is preempted while this skill runs; None: none."""
+        return self._on_preempt
+
+    def set_on_preempt(
+        self,
+        skill: str,
+        label: str = "",
+        bind: Mapping[str, str] | None = None,
+        condition: ConditionBase | None = None,
+        seconds: float = HANDLER_SECONDS,
+    ) -> None:
+        """Declares what the manager does when a task is preempted while this skill runs; see `PreemptHandler`.
+
+        :raises WrongValue, WrongType: see `PreemptHandler`.
+        """
+        self._on_preempt = PreemptHandler(skill, label, bind or {}, condition, seconds, caller_location())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from enum import Enum
 from typing import Any, cast
 
@@ -12,7 +12,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
-from skiros2_common.core.preempt_handler import HANDLER_SECONDS, PreemptHandler
+from skiros2_common.core.preempt_handler import Preemptible
 from skiros2_common.core.source_location import SourceLocation, caller_location
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
@@ -27,7 +27,7 @@ DEVICE_IDLE = "Idle"
 _PLAIN_TYPES = (str, int, float, bool)
 
 
-class SkillDescription:
+class SkillDescription(Preemptible):
     """The name of a skill, its parameters and its conditions. Subclasses declare them in `createDescription`.
 
     The constructor of a subclass declares them, with `Robot` and the conditions that follow from options.
@@ -47,7 +47,6 @@ class SkillDescription:
         self._exported_conditions: list[cond.ConditionBase] = []  # post-conditions for planners, never checked
         self._available_for_planning = True
         self._duration: float | None = None
-        self._on_preempt: PreemptHandler | None = None
         self._source_locations: dict[str, SourceLocation | None] = {}  # of each parameter's declaration
         self._wmi = cast(WorldModelPort, None)  # until the skill is loaded
         if self._declares_itself and type(self) is not SkillDescription:
@@ -116,25 +115,6 @@ class SkillDescription:
         if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0.0 <= seconds < math.inf:
             raise WrongValue(f"the duration of {self._type} is {seconds!r}, expected seconds")
         self._duration = float(seconds)
-
-    @property
-    def on_preempt(self) -> PreemptHandler | None:
-        """The skill that the manager runs when the task is preempted while this skill runs; None: none."""
-        return self._on_preempt
-
-    def set_on_preempt(
-        self,
-        skill: str,
-        label: str = "",
-        bind: Mapping[str, str] | None = None,
-        condition: cond.ConditionBase | None = None,
-        seconds: float = HANDLER_SECONDS,
-    ) -> None:
-        """Declares what the manager does when a task is preempted while this skill runs; see `PreemptHandler`.
-
-        :raises WrongValue, WrongType: see `PreemptHandler`.
-        """
-        self._on_preempt = PreemptHandler(skill, label, bind or {}, condition, seconds, caller_location())
 
     def getDescription(self) -> tuple[str, ParamHandler, list[Any], list[Any], list[Any]]:
         """Type, parameters, pre-, hold- and post-conditions: the arguments of `setDescription`."""

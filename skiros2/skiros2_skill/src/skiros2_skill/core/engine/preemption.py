@@ -75,9 +75,14 @@ class PreemptHandlers:
         self._abandoned = self._abandoned or reason
         self.deadline = min(self.deadline, time.monotonic())
 
-    def begin(self) -> None:
-        """Collects the handlers of the nodes that are preempted from now on; no-op when called again."""
-        if self._collected is None:
+    def begin(self, error: str = "") -> None:
+        """Collects the handlers of the nodes that are preempted from now on; no-op when called again.
+
+        :param error: an internal error, after which no handlers run.
+        """
+        if error:
+            self.forbid(error)
+        elif self._collected is None:
             self._collected = []
             self._executor.on_preempting = self._collect
 

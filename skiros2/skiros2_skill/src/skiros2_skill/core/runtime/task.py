@@ -105,8 +105,8 @@ class Task:
     def status(self) -> TaskState:
         """The state of the task as clients see it."""
         if not self.ended.is_set():
-            running = TaskState.PAUSED if self.paused else TaskState.RUNNING
-            return TaskState.ENDING if self._handlers.is_active else running
+            other = TaskState.PAUSED if self.paused else TaskState.RUNNING
+            return TaskState.ENDING if self._handlers.is_active else other
         if self.state is State.Success:
             return TaskState.SUCCEEDED
         cause = self.cause()
@@ -280,10 +280,7 @@ class Task:
 
     def _stop(self, stage: str, reason: str) -> State:
         """Preempts all running nodes."""
-        if stage == PREEMPT:
-            self._handlers.begin()
-        else:
-            self._handlers.forbid(reason)
+        self._handlers.begin(reason if stage != PREEMPT else "")
         self._executor.failures.record(self.root, Failure(stage, ENDED_FAILURE, reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False

@@ -23,6 +23,9 @@ LONG: dict[str, str] = {
     "skiros2/skiros2_world_model/src/skiros2_world_model/core/world_model.py:WorldModel": (
         "one lock for requests and reads"
     ),
+    "skiros2/skiros2_task/src/skiros2_task/core/execution.py:ExecutionStateMachine": (
+        "one state machine: each event depends on the phase and on all steps"
+    ),
 }
 
 

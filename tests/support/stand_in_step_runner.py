@@ -21,7 +21,9 @@ class StandInStepRunner:
 
     def __init__(self, world: PlanningWorld, seconds: float = 0.02) -> None:
         self._world = world
-        self._seconds = seconds
+        self.seconds = seconds
+        self.stop_seconds = 0.0  # from a stop to the end of the step
+        self._stopping: set[int] = set()
         self._change = threading.Condition()
         self.on_change: Callable[[], None] = lambda: None
         self.started: list[tuple[float, Step]] = []  # with the start time (s, monotonic)
@@ -31,14 +33,25 @@ class StandInStepRunner:
     def start(self, step: Step, ended: Ended) -> Callable[[], None]:
         with self._change:
             self.started.append((time.monotonic(), step))
-            key = id(step)
+            key = len(self.started)
             self._running[key] = (step, ended)
             self.max_parallel = max(self.max_parallel, len(self._running))
             self._change.notify_all()
-        timer = threading.Timer(self._seconds, self._finish, (key,))
+        timer = threading.Timer(self.seconds, self._finish, (key,))
         timer.daemon = True
         timer.start()
-        return lambda: self._end(key, False, "stopped")
+        return lambda: self._stop(key)
+
+    def _stop(self, key: int) -> None:
+        """Ends a step without effects, after `stop_seconds`."""
+        if not self.stop_seconds:
+            self._end(key, False, "stopped")
+            return
+        with self._change:
+            self._stopping.add(key)
+        timer = threading.Timer(self.stop_seconds, self._end, (key, False, "stopped"))
+        timer.daemon = True
+        timer.start()
 
     def wait_for_starts(self, count: int, timeout: float = 30.0) -> None:
         """Waits until `count` steps were started."""
@@ -63,7 +76,7 @@ class StandInStepRunner:
 
     def _finish(self, key: int) -> None:
         with self._change:
-            if key not in self._running:
+            if key not in self._running or key in self._stopping:
                 return
             try:
                 do(self._world, self._running[key][0].call)

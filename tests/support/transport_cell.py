@@ -9,17 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.execution import (
-    Claim,
-    Command,
-    End,
-    ExecutionStateMachine,
-    MakePlan,
-    ReadWorld,
-    Start,
-    Stop,
-    Wake,
-)
+from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
+from skiros2_task.core.execution import ExecutionStateMachine
 from skiros2_task.core.formula import And, Atom, holds
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.plan import Step, plan_of

@@ -15,7 +15,7 @@ from skiros2_common.core.explanation import INFERENCE, PRE
 from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import TaskProgress
-from skiros2_gui.app.tasks import RESUME, STEP, is_silent
+from skiros2_gui.app.tasks import RESUME, STEP, is_silent, message_text
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import rows_of
 from skiros2_gui.skills.form import Editor, Field, ValueMode
@@ -24,7 +24,7 @@ from skiros2_gui.skills.start_status import start_status
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_skill.client.description import Parameter
-from support.progress import SUCCESS, root
+from support.progress import FAILURE, SUCCESS, root
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
@@ -361,6 +361,13 @@ def test_message_older_than_the_last_one_is_skipped(lab: Lab) -> None:
     assert [run.state for run in lab.window.tasks.rows] == ["paused"]
     lab.window.publish(TaskProgress(ROBOT, [root()], 12.0))
     assert [run.state for run in lab.window.tasks.rows] == ["running"]
+
+
+def test_task_that_runs_a_handler_of_its_preemption_is_ending(lab: Lab) -> None:
+    text = "ending: on_preempt of skiros:Hold-hold (skiros:PutDown)"
+    lab.window.publish(TaskProgress(ROBOT, [root(state=FAILURE, message=text, status=TaskState.ENDING)], 11.0))
+    (run,) = lab.window.tasks.rows
+    assert (run.state, run.is_finished, message_text(run)) == ("ending", False, text)
 
 
 def test_tasks_of_a_disconnected_robot_are_lost(lab: Lab) -> None:

@@ -64,6 +64,10 @@ def test_root_shows_why_it_failed_or_is_paused():
     paused = task(message="paused at breakpoint 1")
     paused[0].params.append(Param(status_text(TaskState.PAUSED)))
     assert lines(paused) == ["task 100 on /arm: paused at breakpoint 1"]
+    ending = task(state=FAILURE, message="ending: on_preempt of skiros:Hold-hold (skiros:PutDown)")
+    ending[0].progress_code = 0
+    ending[0].params.append(Param(status_text(TaskState.ENDING)))
+    assert lines(ending) == ["task 100 on /arm: ending: on_preempt of skiros:Hold-hold (skiros:PutDown)"]
     assert lines(task(state=SUCCESS, message="Success")) == ["task 100 on /arm: succeeded"]
 
 

@@ -178,6 +178,46 @@ def test_goal_is_cancelled_in_each_phase() -> None:
             assert cell.reached
 
 
+# -- interruptions -------------------------------------------------------------------------------------------------
+
+
+def test_interrupted_goal_stops_its_steps_and_is_planned_for_the_world_after_them() -> None:
+    cell = TransportCell(1, 3, 1)
+    cell.run(until=PLANNING_TIME + 1.0)
+    product, elsewhere = cell.task.members["skiros:Product"][0], cell.task.members["skiros:Location"][2]
+    cell.tell(cell.machine.interrupt(frozenset(cell.robots)))
+    assert cell.machine.phase is Phase.BLOCKED
+    cell.move(product, elsewhere)  # put down by the stopped step
+    plans = cell.plans
+    cell.run(until=cell.now + 0.2)
+    assert (cell.machine.phase, cell.plans) == (Phase.PLANNING, plans + 1)
+    cell.run()
+    assert cell.reached
+    assert [state for _, state in states(cell)][:2] == [StepState.STOPPED, StepState.DROPPED]
+    assert cell.machine.replans == 0, "an interruption is no replacement of a broken plan"
+    assert all(fits for _, fits in cell.started)
+
+
+def test_interruption_stops_only_the_steps_that_use_the_robot() -> None:
+    cell = TransportCell(2, 4, 4)
+    cell.run(until=PLANNING_TIME + 0.5)
+    other = next(d.step for d in cell.running.values() if d.step.call.manager == cell.robots[1])
+    cell.tell(cell.machine.interrupt(frozenset({cell.robots[0]})))
+    cell.run()
+    assert cell.reached
+    assert cell.machine.records[other.number].state is StepState.SUCCEEDED
+
+
+def test_plan_in_preparation_is_discarded_by_an_interruption() -> None:
+    cell = TransportCell(1, 3, 1)
+    cell.run(until=0.1)
+    cell.tell(cell.machine.interrupt(frozenset(cell.robots)))
+    cell.run(until=PLANNING_TIME + 0.1)
+    assert (cell.machine.phase, cell.plans, cell.started) == (Phase.PLANNING, 2, [])
+    cell.run()
+    assert cell.reached
+
+
 # -- at random -----------------------------------------------------------------------------------------------------
 
 SIZES = st.tuples(st.integers(1, 3), st.integers(2, 4), st.integers(1, 4))
@@ -198,7 +238,10 @@ def test_goal_is_reached_despite_failures(
 
 EVENTS = st.lists(
     st.tuples(
-        st.sampled_from(["move", "lose", "find", "cancel"]), st.floats(0.05, 6.0), st.integers(0, 3), st.integers(0, 3)
+        st.sampled_from(["move", "lose", "find", "cancel", "interrupt"]),
+        st.floats(0.05, 6.0),
+        st.integers(0, 3),
+        st.integers(0, 3),
     ),
     max_size=6,
 )
@@ -221,6 +264,8 @@ def test_execution_ends_with_true_verdict(
             cell.lose(robots[one % len(robots)])
         elif kind == "find":
             cell.find(robots[one % len(robots)])
+        elif kind == "interrupt":
+            cell.tell(cell.machine.interrupt(frozenset({robots[one % len(robots)]})))
         else:
             cell.tell(cell.machine.cancel())
     cell.run()

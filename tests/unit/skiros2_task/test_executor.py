@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
+from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
-from skiros2_task.core.execution import End, StepState
+from skiros2_task.core.execution import StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
@@ -35,7 +37,7 @@ class Cell:
         place = self.world.wm.get_element(self.world.places[-1])
         return all(place.hasRelation("-1", "skiros:contain", product) for product in self.world.products)
 
-    def achieve(self, goal: str = "", **options: int) -> Request:
+    def achieve(self, goal: str = "", **options: Any) -> Request:
         return Request(self.executor, Goal(goal or self.goal, **options))
 
     def move(self, product: str, start: str, end: str) -> None:
@@ -182,3 +184,34 @@ def test_internal_error_ends_goal_with_message(processes: EngineProcesses) -> No
         end = Request(executor, goal).end
         assert (end.verdict, end.message) == (Verdict.FAILED, "internal error: RuntimeError: a bug")
         executor.close()
+
+
+@pytest.mark.parametrize("interrupts", [True, False])
+def test_goal_with_higher_priority_waits_for_the_end_of_the_steps_that_it_interrupts(
+    cell: Make, interrupts: bool
+) -> None:
+    busy = cell(1, 3, 2, seconds=30.0 if interrupts else 1.0)
+    busy.step_runner.stop_seconds = 0.2
+    place, (first, second) = busy.world.places[-1], busy.world.products
+    low = busy.achieve(f"(skiros:contain {place} {first})")
+    busy.step_runner.wait_for_starts(1)
+    busy.step_runner.seconds = 0.02
+    high = busy.achieve(f"(skiros:contain {place} {second})", priority=1, interrupts=interrupts)
+    assert high.end.verdict is Verdict.PLANNED
+    assert low.end.verdict is Verdict.PLANNED
+    assert busy.reached
+    assert busy.step_runner.max_parallel == 1, "the robot was never used twice"
+    stopped = [record for record in low.execution.started if record.state is StepState.STOPPED]
+    assert len(stopped) == interrupts
+    assert low.execution.machine.replans == 0 or not interrupts
+    (high_start, high_end), low_starts = _span(high), [record.started for record in low.execution.started]
+    if interrupts:
+        assert high_start >= (stopped[0].ended or 0.0)
+        assert max(low_starts) >= high_end
+    else:
+        assert max(low_starts) <= high_start
+
+
+def _span(request: Request) -> tuple[float, float]:
+    records = request.execution.started
+    return min(r.started or 0.0 for r in records), max(r.ended or 0.0 for r in records)

@@ -42,6 +42,18 @@ def test_waiting_goal_releases_unused_resources() -> None:
     assert resources.release("one") == ["two"]
 
 
+def test_goal_knows_the_goals_of_lower_priority_that_hold_what_it_waits_for() -> None:
+    resources = Resources()
+    request(resources, "low", "ab")
+    request(resources, "equal", "c", priority=2)
+    request(resources, "high", "bcd", priority=2)
+    assert resources.lower_holders("high") == {"low": frozenset("b")}
+    assert request(resources, "low", "b", in_use="b") == ["low"]
+    assert request(resources, "low", "") == ["low"]
+    assert resources.lower_holders("high") == {}
+    assert resources.release("equal") == ["high"]
+
+
 OWNERS = st.sampled_from(["one", "two", "three"])
 ACTIONS = st.lists(st.tuples(OWNERS, st.integers(0, 2), st.frozensets(st.sampled_from("abcd"))), max_size=30)
 

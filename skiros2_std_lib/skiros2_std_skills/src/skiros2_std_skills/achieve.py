@@ -24,6 +24,9 @@ class Achieve(SkillDescription):
         self.addParam(
             "MaxReplans", -1, ParamTypes.Optional, description="Maximum number of new plans; negative: the default"
         )
+        self.addParam(
+            "Interrupts", False, ParamTypes.Optional, description="Stops goals of lower priority on the same robots"
+        )
 
 
 class achieve(PrimitiveActionClient):
@@ -43,6 +46,7 @@ class achieve(PrimitiveActionClient):
             goals=self.params["Goal"].value,
             priority=self.params["Priority"].value,
             max_replans=self.params["MaxReplans"].value,
+            interrupts=self.params["Interrupts"].value,
         )
 
     def onFeedback(self, msg: Any) -> State:

@@ -170,6 +170,7 @@ class SkillCore(SkillDescription):
         self._available_for_planning = description.available_for_planning
         self.allowed_when_stopped = description.allowed_when_stopped
         self._duration = description.duration
+        self._on_preempt = description.on_preempt
         self._source_locations = dict(description._source_locations)
         self._description = description
         self._label = label or self.__class__.__name__

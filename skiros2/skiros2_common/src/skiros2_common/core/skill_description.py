@@ -12,6 +12,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.preempt_handler import Preemptible
 from skiros2_common.core.source_location import SourceLocation, caller_location
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
@@ -26,7 +27,7 @@ DEVICE_IDLE = "Idle"
 _PLAIN_TYPES = (str, int, float, bool)
 
 
-class SkillDescription:
+class SkillDescription(Preemptible):
     """The name of a skill, its parameters and its conditions. Subclasses declare them in `createDescription`.
 
     The constructor of a subclass declares them, with `Robot` and the conditions that follow from options.

@@ -1,7 +1,7 @@
 """Reads the progress of a task: the fields of `SkillProgress` of its nodes.
 
-The fields of the message are fixed. The root has an additional parameter `STATUS_KEY` while the task is paused, and
-after it was preempted. Parameters are named values, so that other receivers may ignore it.
+The fields of the message are fixed. The root has an additional parameter `STATUS_KEY` while the task is paused or
+ending, and after it was preempted. Parameters are named values, so that other receivers may ignore it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from skiros2_runs.core.states import SUCCESS, TaskState
 #: The types of a task's root, and of nodes that only group others.
 ROOT_TYPE, GROUP_TYPE = ":Root", ":Skill"
 
-#: The key of the root's parameter whose value is a `TaskState`: `PAUSED` or `PREEMPTED`.
+#: The key of the root's parameter whose value is a `TaskState`: `PAUSED`, `ENDING` or `PREEMPTED`.
 STATUS_KEY = "TaskStatus"
 
 #: The code of an optional parameter in messages.
@@ -63,7 +63,7 @@ def task_state(root: NodeMessage) -> TaskState:
     """Returns the state of a task, from the progress of its root."""
     status = _status(root)
     if abs(root.progress_code) != 1:
-        return TaskState.PAUSED if status == TaskState.PAUSED else TaskState.RUNNING
+        return TaskState(status) if status in (TaskState.PAUSED, TaskState.ENDING) else TaskState.RUNNING
     if root.state == SUCCESS:
         return TaskState.SUCCEEDED
     return TaskState.PREEMPTED if status == TaskState.PREEMPTED else TaskState.FAILED

@@ -24,12 +24,13 @@ ENDS = (SUCCESS, FAILURE)
 class TaskState(StrEnum):
     """The state of a task.
 
-    `PREEMPTED` is a task that failed because it was preempted by a command. `LOST` is a task whose manager has
-    disconnected while it was running.
+    `ENDING` is a preempted task that runs an `on_preempt` of its skills, or is about to. `PREEMPTED` is a task that
+    failed because it was preempted by a command. `LOST` is a task whose manager has disconnected while it was running.
     """
 
     RUNNING = "running"
     PAUSED = "paused"
+    ENDING = "ending"
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     PREEMPTED = "preempted"
@@ -64,6 +65,7 @@ _STYLES: dict[int | TaskState, StateStyle] = {
     IDLE: StateStyle("○", ".", "idle", "idle"),
     TaskState.RUNNING: StateStyle("▶", ">", "running", "running"),
     TaskState.PAUSED: StateStyle("‖", "=", "paused", "paused"),
+    TaskState.ENDING: StateStyle("▼", "v", "ending", "paused"),
     TaskState.SUCCEEDED: StateStyle("✓", "+", "succeeded", "success"),
     TaskState.FAILED: StateStyle("✗", "x", "failed", "failure"),
     TaskState.PREEMPTED: StateStyle("■", "#", "preempted", "paused"),

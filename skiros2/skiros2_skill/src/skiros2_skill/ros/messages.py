@@ -93,7 +93,7 @@ def explanations_json(explanations: Iterable[Explanation]) -> str:
 
 
 #: Reported as a parameter of the root; the others follow from its state and code.
-_REPORTED_STATUS = (TaskState.PAUSED, TaskState.PREEMPTED)
+_REPORTED_STATUS = (TaskState.PAUSED, TaskState.ENDING, TaskState.PREEMPTED)
 
 
 class ProgressPublisher:

@@ -10,6 +10,9 @@ A plan is broken when a step fails, when a robot of it is lost, or when the rema
 current world to the goal. Then no further step starts. Running steps continue, and a new plan is made for the world as
 it will be when they have succeeded; running steps that the new plan does not need are stopped. If there is no such
 plan, all steps are stopped and a plan is made for the current world.
+
+A goal that is interrupted by one with a higher priority stops the steps that use the same robots, which may take a
+while: a manager runs the `on_preempt` of the preempted skills. Then a plan is made for the world as it is by then.
 """
 
 from __future__ import annotations
@@ -20,9 +23,10 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.plan import Step
+from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
+from skiros2_task.core.plan import Step, plan_flaw
 from skiros2_task.core.planning import Verdict
-from skiros2_task.core.semantics import Facts, unsatisfied
+from skiros2_task.core.semantics import Facts
 from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
@@ -57,73 +61,6 @@ class StepState(Enum):
     FAILED = "failed"
     STOPPED = "stopped"
     DROPPED = "dropped"
-
-
-# -- commands --------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class MakePlan:
-    """Make a plan; answered by `planned` or `no_plan`.
-
-    :param running: steps that run, whose effects are assumed.
-    :param lost: the managers that do not run.
-    :param avoided: (manager, skill label) pairs to plan without if possible.
-    """
-
-    running: tuple[Step, ...]
-    lost: frozenset[str]
-    avoided: frozenset[tuple[str, str]]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """Request these robots and devices, in place of the last request; answered by `granted` once all are free.
-
-    :param in_use: the requested ones that running steps use.
-    """
-
-    requested: frozenset[str]
-    in_use: frozenset[str]
-
-
-@dataclass(frozen=True)
-class Start:
-    """Start a step; answered by `ended`."""
-
-    step: Step
-
-
-@dataclass(frozen=True)
-class Stop:
-    """Stop a running step; answered by `ended`."""
-
-    number: int
-
-
-@dataclass(frozen=True)
-class ReadWorld:
-    """Read the world model after `delay` (s); answered by `world`."""
-
-    delay: float = 0.0
-
-
-@dataclass(frozen=True)
-class Wake:
-    """Call `wake` after `delay` (s)."""
-
-    delay: float
-
-
-@dataclass(frozen=True)
-class End:
-    """The execution has ended. `verdict` is `PLANNED` if the goal was reached."""
-
-    verdict: Verdict
-    message: str
-
-
-Command = MakePlan | Claim | Start | Stop | ReadWorld | Wake | End
 
 
 @dataclass
@@ -167,6 +104,8 @@ class ExecutionStateMachine:
     _outcome: End | None = None  # the end, once no step runs
     _failure: End | None = None  # the end, unless the goal is unblocked
     _blocked_until: float | None = None
+    _interrupted: bool = False  # unused resources are released, until there is a new plan
+    _outdated: bool = False  # the plan in preparation was interrupted
 
     def begin(self) -> list[Command]:
         """Returns the first commands."""
@@ -195,6 +134,8 @@ class ExecutionStateMachine:
         """
         if self.phase is not Phase.PLANNING:
             return []
+        if self._outdated:
+            return self._plan_when_stopped()
         failed = [step for step in self._assumed if self.records[step.number].state is not StepState.SUCCEEDED]
         failed = [step for step in failed if step not in self.running or step.number in self._stopped]
         if failed:
@@ -210,7 +151,7 @@ class ExecutionStateMachine:
         for step in self._assumed:
             if step not in running:  # ended during planning
                 self._facts = step.apply(self._facts)
-        self._broken_since = None
+        self._broken_since, self._interrupted = None, False
         self.phase = Phase.WAITING
         self.message = f"a plan of {len(steps)} steps" if steps else "no further steps; waiting for the running ones"
         return [*self._stop_unneeded(), self._claim()]
@@ -222,6 +163,8 @@ class ExecutionStateMachine:
         """
         if self.phase is not Phase.PLANNING:
             return []
+        if self._outdated:
+            return self._plan_when_stopped()
         running = self.running
         if running or self._assumed:  # running steps may have been in the way, or may fail
             self.message = "no plan continues the running steps; they are stopped"
@@ -269,13 +212,25 @@ class ExecutionStateMachine:
             self.message = f"{record.step} has failed: {message}"
         if self._outcome is not None:
             return self._finish(self._outcome)
-        if self.phase is Phase.BLOCKED and not self.running:
-            return self._plan()
+        released = [self._claim()] if self._interrupted else []
+        if self.phase is Phase.BLOCKED:
+            return [*released, *self._plan_when_stopped()]
         if self.phase not in (Phase.WAITING, Phase.RUNNING):
-            return []
+            return [*released]
         if record.state is StepState.FAILED:
             return self._replan(self.message)
         return self._start_ready() if self.phase is Phase.RUNNING else [self._claim()]
+
+    def interrupt(self, names: frozenset[str]) -> list[Command]:
+        """A goal with a higher priority needs these robots and devices."""
+        if self.phase not in (Phase.PLANNING, Phase.WAITING, Phase.RUNNING):
+            return []
+        self.message = "interrupted by a goal with a higher priority"
+        self._drop_waiting()
+        self._broken_since, self._blocked_until, self._interrupted = None, None, True
+        self._outdated = self.phase is Phase.PLANNING
+        commands = [*self._stop(step for step in self.running if names & step.uses), self._claim()]
+        return commands if self._outdated else [*commands, *self._plan_when_stopped()]
 
     def robot_lost(self, manager: str) -> list[Command]:
         """A manager has disappeared; its steps have ended."""
@@ -348,17 +303,8 @@ class ExecutionStateMachine:
         :param without: running steps that are left out.
         """
         assert self._task is not None
-        facts = self._facts
-        for step in self.running:
-            if step not in without and step.number not in self._stopped:
-                facts = step.apply(facts)
-        for step in self.waiting:
-            missing = unsatisfied(step.precondition, facts)
-            if missing:
-                return f"{step} needs {missing}"
-            facts = step.apply(facts)
-        missing = unsatisfied(self._task.goal, facts)
-        return f"the goal's {missing} would not hold" if missing else ""
+        running = [s for s in self.running if s not in without and s.number not in self._stopped]
+        return plan_flaw(running, self.waiting, self._facts, self._task.goal)
 
     def _update_facts(self, task: PlanningTask) -> None:
         """Adopts the facts of the world. Facts about objects that the plan has created are kept: the names that the
@@ -376,6 +322,12 @@ class ExecutionStateMachine:
         self._assumed = tuple(step for step in self.running if step.number not in self._stopped)
         avoided = frozenset(key for key, times in self._failures.items() if times >= MAX_FAILURES)
         return [MakePlan(self._assumed, frozenset(self._lost), avoided)]
+
+    def _plan_when_stopped(self) -> list[Command]:
+        """Plans once the stopped steps have ended."""
+        self._outdated = False
+        self.phase = Phase.BLOCKED
+        return [] if any(step.number in self._stopped for step in self.running) else self._plan()
 
     def _replan(self, reason: str) -> list[Command]:
         """Drops the waiting steps and plans again, at most `max_replans` times."""

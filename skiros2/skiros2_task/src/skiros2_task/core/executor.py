@@ -14,20 +14,9 @@ from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
+from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.engines import Limits
-from skiros2_task.core.execution import (
-    Claim,
-    Command,
-    End,
-    ExecutionStateMachine,
-    MakePlan,
-    Phase,
-    ReadWorld,
-    Start,
-    StepRecord,
-    Stop,
-    Wake,
-)
+from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
@@ -61,6 +50,7 @@ class Goal:
 
     :param text: see `goal_text`.
     :param priority: of goals that need the same robot, the one with the highest priority gets it first.
+    :param interrupts: whether it stops the steps of goals with a lower priority that use the robots of its plan.
     :param limits, planner: for each planning; None: those of the `TaskPlanner`.
     :param max_replans: how often a broken plan is replaced at most.
     """
@@ -70,6 +60,7 @@ class Goal:
     limits: Limits | None = None
     planner: Planner | None = None
     max_replans: int = 5
+    interrupts: bool = False
 
 
 @dataclass
@@ -145,6 +136,13 @@ class Resources:
     def held_by_others(self, owner: str) -> frozenset[str]:
         """Returns the resources that other goals hold."""
         return frozenset(name for other, c in self._claims.items() if other != owner for name in c.held)
+
+    def lower_holders(self, owner: str) -> dict[str, frozenset[str]]:
+        """Returns what a goal waits for and goals with a lower priority hold, by goal."""
+        waiting = self._claims[owner]
+        missing = waiting.requested - waiting.held
+        lower = {name: c.held & missing for name, c in self._claims.items() if c.priority < waiting.priority}
+        return {name: held for name, held in lower.items() if held}
 
     def _grant(self) -> list[str]:
         """Grants requests by priority. A resource that a goal waits for is not granted to a goal of lower priority."""
@@ -270,6 +268,9 @@ class GoalExecutor:
             elif isinstance(command, Claim):
                 priority = execution.goal.priority
                 self._grant(self._resources.request(execution.name, priority, command.requested, command.in_use))
+                if execution.goal.interrupts:
+                    for other, names in self._resources.lower_holders(execution.name).items():
+                        self._events.put(partial(self._interrupt, other, names))
             elif isinstance(command, Start):
                 self._start(execution, command.step)
             elif isinstance(command, Stop):
@@ -303,6 +304,11 @@ class GoalExecutor:
 
     def _granted(self, execution: GoalExecution) -> None:
         self._execute(execution, execution.machine.granted())
+
+    def _interrupt(self, name: str, names: frozenset[str]) -> None:
+        execution = self._executions.get(name)
+        if execution is not None:
+            self._execute(execution, execution.machine.interrupt(names))
 
     def _start(self, execution: GoalExecution, step: Step) -> None:
         def ended(succeeded: bool, message: str, explanations: Sequence[Explanation]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +12,7 @@ from skiros2_task.core.formula import Formula
 from skiros2_task.core.partial_order import PartialOrder, deorder
 from skiros2_task.core.reduction import reduced
 from skiros2_task.core.schedule import Schedule, schedule
-from skiros2_task.core.semantics import Facts, GroundStep, validate
+from skiros2_task.core.semantics import Facts, GroundStep, unsatisfied, validate
 from skiros2_task.core.skills import Skill, SkillParameter
 from skiros2_task.core.store import Durations
 from skiros2_task.core.task import PlanningTask, PlanStep
@@ -185,6 +185,22 @@ def plan_of(task: PlanningTask, scheduled: Schedule, objects: Mapping[str, Eleme
             for step, timed in zip(scheduled.order.steps, scheduled.steps, strict=True)
         ),
     )
+
+
+def plan_flaw(running: Iterable[Step], waiting: Iterable[Step], facts: Facts, goal: Formula) -> str:
+    """Returns why running and waiting steps do not lead from the facts to the goal; "" if they do.
+
+    :param waiting: in an executable order.
+    """
+    for step in running:
+        facts = step.apply(facts)
+    for step in waiting:
+        missing = unsatisfied(step.precondition, facts)
+        if missing:
+            return f"{step} needs {missing}"
+        facts = step.apply(facts)
+    missing = unsatisfied(goal, facts)
+    return f"the goal's {missing} would not hold" if missing else ""
 
 
 def _call(task: PlanningTask, step: PlanStep, objects: Mapping[str, Element]) -> SkillCall:

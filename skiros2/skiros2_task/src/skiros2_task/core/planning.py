@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task, note_of_empty_class
@@ -148,6 +148,10 @@ class TaskPlanner:
         """
         report = progress or log.info
         report("reading the world model")
+        try:
+            self.wm.catch_up()  # a skill may have changed it just before its end
+        except SkirosError as error:
+            log.warning("planning with the last known state of the world model: %s", error)
         world = self._view(asked_by)
         try:
             task = make_task(world, _read(goal, world))

@@ -11,7 +11,8 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
-from skiros2_task.core.execution import End, Phase, StepRecord, StepState
+from skiros2_task.core.commands import End
+from skiros2_task.core.execution import Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planning import Verdict
 from skiros2_task.ros.plan_actions import PlanningOptions, end_goal
@@ -77,6 +78,7 @@ class AchieveAction(GoalServer):
             limits=self._options.limits(message.seconds),
             planner=self._options.planner(message.wish),
             max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
+            interrupts=message.interrupts,
         )
 
 

@@ -218,7 +218,7 @@ class TaskTable(QWidget):
         symbol = "" if self._shown is not None else "▶ " if is_paused else "❚❚ "  # a narrow list has no room for it
         self.pause.setText(symbol + ("Resume" if is_paused else "Pause"))
         self.pause.setToolTip("Resumes the task" if is_paused else "Pauses the task: it is not ticked")
-        self.pause.setEnabled(is_active)
+        self.pause.setEnabled(is_active and run is not None and run.state is not TaskState.ENDING)
         self.step.setEnabled(is_paused)
         self.stop.setEnabled(is_active)
 

@@ -214,7 +214,7 @@ class RerunTask:
         state = progress.frame.task_state
         if state is TaskState.PAUSED:
             return None
-        if state is TaskState.PREEMPTED and self._task.preempted_at is None:
+        if state in (TaskState.ENDING, TaskState.PREEMPTED) and self._task.preempted_at is None:
             self._task.preempt()  # requested by a command, which bags do not contain
         self._manager.ticked = self
         try:

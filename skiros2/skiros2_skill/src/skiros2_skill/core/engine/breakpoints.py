@@ -141,6 +141,10 @@ class TaskBreakpoints:
         """Whether there is anything to check."""
         return bool(self._reached or self._stopped is not None or self._breakpoints)
 
+    def ignore_all(self) -> None:
+        """Stops at no breakpoints any more."""
+        self._breakpoints, self._reached, self._stopped = Breakpoints(), "", None
+
     def before_start(self, node: SkillWrapper) -> None:
         """Checks the breakpoints on the start of a node.
 

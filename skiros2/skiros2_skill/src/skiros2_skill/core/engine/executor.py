@@ -57,10 +57,10 @@ class Executor:
 
     def __init__(self, wmi: WorldModelPort, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
         self._wmi, self._wake = wmi, wake
-        self._breakpoints = TaskBreakpoints(breakpoints)
+        self.breakpoints = TaskBreakpoints(breakpoints)
         self._root: SkillInterface | None = None
-        #: Preempted nodes that are still running.
-        self.ending: list[SkillWrapper] = []
+        self.ending: list[SkillWrapper] = []  # preempted nodes that are still running
+        self.on_preempting: Callable[[SkillWrapper], None] = lambda node: None  # called before each preemption
         self.failures = Failures(wmi)
         self.hooks = Hooks(self.failures)
         self.guard = self.hooks.guard
@@ -81,8 +81,8 @@ class Executor:
         state: State = root.state
         if state is not _SUCCESS and state is not _FAILURE:
             state = self.execute(root)
-        if self._breakpoints and state is _RUNNING and not self.ending:
-            self._breakpoints.raise_if_reached()
+        if self.breakpoints and state is _RUNNING and not self.ending:
+            self.breakpoints.raise_if_reached()
         return _RUNNING if self.ending else state
 
     # -- one node ----------------------------------------------------------------------------------------------
@@ -147,6 +147,7 @@ class Executor:
             return _FAILURE
         if node in self.ending:
             return _RUNNING
+        self.on_preempting(node)
         self.parameters.try_pull(node)
         state = self.hooks.on_preempt(node)
         self._copy_progress(node)
@@ -162,8 +163,8 @@ class Executor:
         """Selects an implementation and starts it. Returns False if that failed; the node's progress has the reason."""
         if self.halt_requested:
             raise Halt
-        if self._breakpoints:
-            self._breakpoints.before_start(node)
+        if self.breakpoints:
+            self.breakpoints.before_start(node)
         node.begin_progress()
         node.has_started = False
         node.evaluated = {}
@@ -231,8 +232,8 @@ class Executor:
 
     def _record(self, node: SkillWrapper, failure: Failure) -> None:
         self.guard.call(node, "the explanation of its failure", self.failures.record, node, failure)
-        if self._breakpoints:
-            self._breakpoints.at_failure(failure.conditions)
+        if self.breakpoints:
+            self.breakpoints.at_failure(failure.conditions)
 
     def fail_running(self, node: SkillWrapper, failure: Failure | None = None) -> State:
         """Preempts a running node and fails it, with its present progress or with a failure."""
@@ -315,8 +316,8 @@ class Executor:
         else:
             node.release()
         self.set_state(node, state)
-        if self._breakpoints:
-            self._breakpoints.after_end(node)
+        if self.breakpoints:
+            self.breakpoints.after_end(node)
         self.parameters.update_revision()
         return state
 
@@ -388,6 +389,8 @@ def end_hung_node(executor: Executor, hung: HungHook) -> None:
     node = hung.node
     if node in executor.ending:
         executor.ending.remove(node)
+    else:
+        executor.on_preempting(node)
     executor.parameters.end(node)
     node.abandon()
     node._setProgress(hung.reason, PREEMPT_RAISED)

@@ -18,6 +18,7 @@ from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.library.description import Descriptions, Undescribed
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, Fault, description_faults
+from skiros2_skill.core.lint.preempt import preempt_faults
 from skiros2_skill.core.lint.tree import tree_faults
 from skiros2_skill.core.tree.compound import SkillBase
 
@@ -51,8 +52,8 @@ class Linter:
         if isinstance(found, Undescribed):
             text = f"describing it raised {found.reason}"
             return [Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, *found.location, "the skill is skipped")]
-        faults = [*description_faults(found, self.descriptions.wmi), *(tree_faults(found, self) if tree else ())]
-        return _in_order(faults)
+        own = [*description_faults(found, self.descriptions.wmi), *preempt_faults(found, self.descriptions)]
+        return _in_order([*own, *(tree_faults(found, self) if tree else ())])
 
     def reports_cycle(self, classes: Iterable[type], cls: type, place: SourceLocation | None) -> bool:
         """Whether to report a cycle of classes at this source location: only the first caller reports it."""

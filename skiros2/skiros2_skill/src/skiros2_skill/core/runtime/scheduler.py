@@ -135,11 +135,11 @@ class Scheduler:
             tasks = [s for number in task_ids if (s := self._scheduled.get(number)) is not None]
             return self._lock.wait_for(lambda: all(map(self._is_idle, tasks)), timeout)
 
-    def preempt_all(self) -> None:
-        """Preempts all tasks."""
+    def preempt_all(self, shuts_down: bool = False) -> None:
+        """Preempts all tasks; see `Task.preempt`."""
         with self._lock:
             for scheduled in self._scheduled.values():
-                scheduled.task.preempt()
+                scheduled.task.preempt(shuts_down=shuts_down)
                 self._request_tick(scheduled)
 
     def pause_all(self) -> None:
@@ -149,13 +149,18 @@ class Scheduler:
                 scheduled.task.pause()
 
     def pause_running(self, reason: str) -> list[int]:
-        """Pauses the running tasks, except those that are allowed when stopped. Returns their ids.
+        """Pauses the running tasks, except those that are allowed when stopped. Returns their ids. Those that are
+        ending end without their `on_preempt`.
 
         :param reason: see `Task.pause`.
         """
         with self._lock:
-            running = [s.task for s in self._scheduled.values() if s.task.wants_tick and s.task.preempted_at is None]
-            tasks = [task for task in running if not task.allowed_when_stopped]
+            running = [s.task for s in self._scheduled.values() if s.task.wants_tick]
+            running = [task for task in running if not task.allowed_when_stopped]
+            tasks = [task for task in running if task.preempted_at is None]
+            for task in running:
+                if task.preempted_at is not None:
+                    task.preempt(stop=reason)
             for task in tasks:
                 task.pause(reason)
             return [task.id for task in tasks]
@@ -168,7 +173,7 @@ class Scheduler:
         """
         with self._lock:
             started = [s for s in self._scheduled.values() if s.started and not s.task.allowed_when_stopped]
-            failed = [s for s in started if s.task.preempt(stop)]
+            failed = [s for s in started if s.task.preempt(stop=stop)]
             for scheduled in failed:
                 self._request_tick(scheduled)
             return [scheduled.task.id for scheduled in failed]
@@ -194,7 +199,7 @@ class Scheduler:
             return [s.task for s in self._scheduled.values() if not s.task.ended.is_set()]
 
     def stop(self, timeout: float = 2.0) -> None:
-        """Preempts all tasks, ticks until they have ended, and ends the threads.
+        """Preempts all tasks, ticks until they have ended, and ends the threads. No `on_preempt` runs.
 
         :param timeout: s that the tasks have to end, if that is less than `preempt_timeout`; hooks that have not
             returned are then abandoned.
@@ -202,7 +207,7 @@ class Scheduler:
         with self._lock:
             self._stopped = True
             self._watchdog.limit_timeouts(timeout)
-            self.preempt_all()
+            self.preempt_all(shuts_down=True)
         self._watchdog.stop(2 * timeout)
 
     # -- wakes, from any thread --------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.executor import Executor, Halt, abandon_ending_nodes, end_hung_node, preempt_all
 from skiros2_skill.core.engine.failures import Failure
+from skiros2_skill.core.engine.preemption import PreemptHandlers
 from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.tree.node import Root, Skill, SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -87,11 +88,11 @@ class Task:
         #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
         self.preempted_at: float | None = None
         self._stopping = False  # all running nodes were preempted
+        self._handlers = PreemptHandlers(self._executor, self.root, wmi)
         self._reason, self._stage = "Preempted", PREEMPT
         self._abandons_ending = False
         self._hung: HungHook | None = None
-        self._id_overflow_logged = False
-        self._numbering = threading.Lock()
+        self._node_ids = _NodeIds()
         #: Counts the changes of states and progress that `update_revision` has seen.
         self.revision = 0
         self.ended = threading.Event()
@@ -106,7 +107,8 @@ class Task:
     def status(self) -> TaskState:
         """The state of the task as clients see it."""
         if not self.ended.is_set():
-            return TaskState.PAUSED if self.paused else TaskState.RUNNING
+            other = TaskState.PAUSED if self.paused else TaskState.RUNNING
+            return TaskState.ENDING if self._handlers.is_active else other
         if self.state is State.Success:
             return TaskState.SUCCEEDED
         cause = self.cause()
@@ -114,11 +116,13 @@ class Task:
 
     # -- commands, from any thread -----------------------------------------------------------------------------
 
-    def preempt(self, stop: str = "") -> bool:
-        """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills. Returns
-        False if it had ended before.
+    def preempt(self, stop: str = "", shuts_down: bool = False) -> bool:
+        """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills, except
+        the `on_preempt` of its skills. A request while such a handler runs abandons it.
 
-        :param stop: the stop of the robot that fails the task; "": a command preempts it.
+        :param stop: the stop of the robot that fails the task: no handler runs; "": a command preempts it.
+        :param shuts_down: no handler runs, because the manager shuts down.
+        :returns: False if it had ended before.
         """
         with self._deciding:
             if self._decided:
@@ -128,7 +132,15 @@ class Task:
                     self._reason, self._stage = stop, STOP
                 self.preempted_at = time.monotonic()
                 self._executor.halt_requested = True
+            if stop:
+                self._handlers.forbid(stop)
+            self._handlers.on_stop(shuts_down)
             return True
+
+    @property
+    def grace_start(self) -> float | None:
+        """When the preempted task, or its `on_preempt`, had to begin to end (s, monotonic); None: not preempted."""
+        return None if self.preempted_at is None else max(self.preempted_at, self._handlers.deadline)
 
     def pause(self, reason: str = "") -> None:
         """Stops ticking the task; all nodes keep their state.
@@ -177,7 +189,7 @@ class Task:
         pending: list[SkillInterface] = [self.root]
         while pending:
             node = pending.pop()
-            if node.state is not State.Running:
+            if node.state is not State.Running and node is not self.root:
                 continue
             pending += node.children
             if any(c.affected_by(changed, node._params) for c in node.hold_conditions):
@@ -262,6 +274,7 @@ class Task:
     def _tick(self) -> State:
         if self._hung is not None:
             hung, self._hung = self._hung, None
+            self._handlers.begin()
             self._reason += f"; {hung.reason}"
             end_hung_node(self._executor, hung)
             self._stopping = False
@@ -270,10 +283,11 @@ class Task:
             abandon_ending_nodes(self._executor)
         if self.preempted_at is not None and not self._stopping:
             return self._stop(self._stage, self._reason)
-        return self._executor.tick(self.root)
+        return self._handlers.tick(self._executor.tick(self.root))
 
     def _stop(self, stage: str, reason: str) -> State:
         """Preempts all running nodes."""
+        self._handlers.begin(reason if stage != PREEMPT else "")
         self._executor.failures.record(self.root, Failure(stage, _code(stage), reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False
@@ -281,7 +295,7 @@ class Task:
             self.preempted_at = time.monotonic()
         preempt_all(self._executor, self.root)
         self.root._setState(State.Failure)
-        return self._executor.tick(self.root)
+        return self._handlers.tick(self._executor.tick(self.root))
 
     def _close(self, state: State) -> None:
         for node in self.nodes():
@@ -299,7 +313,7 @@ class Task:
         if state is State.Success:
             return "End"
         if self._stopping:
-            return self._reason
+            return "; ".join([self._reason, *self._handlers.problems])
         cause = self._executor.failures.cause()
         if cause is None:
             return "Failure"
@@ -331,23 +345,9 @@ class Task:
 
     def progress(self) -> list[NodeProgress]:
         """The progress of the nodes, parents before children; nodes without an id are omitted. Any thread."""
-        with self._numbering:
-            self._number_nodes()
+        self._node_ids.assign(self)
         reason = "" if self.ended.is_set() or not self.paused else "paused"
         return [_progress_of(node, reason if node is self.root else "") for node in self.nodes() if node._id >= 0]
-
-    def _number_nodes(self) -> None:
-        nodes = list(self.nodes())
-        new = [node for node in nodes if node._id < 0]
-        if not new:
-            return
-        used = {node._id for node in nodes}
-        free = (number for number in range(MAX_ID + 1) if number not in used)
-        for node in new:
-            node._id = next(free, -1)
-        if nodes[-1]._id < 0 and not self._id_overflow_logged:
-            self._id_overflow_logged = True
-            log.warning("task %s has %s nodes; only the first %s are reported", self.id, len(nodes), MAX_ID + 1)
 
 
 def _progress_of(node: SkillInterface, reason: str) -> NodeProgress:
@@ -371,3 +371,26 @@ def _progress_of(node: SkillInterface, reason: str) -> NodeProgress:
 def _code(stage: str) -> int:
     """The code of the failure that ends a task."""
     return RobotStopped.CODE if stage == STOP else ENDED_FAILURE
+
+
+class _NodeIds:
+    """Assigns ids to the nodes of a task. Any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._overflow_logged = False
+
+    def assign(self, task: Task) -> None:
+        """Assigns ids to the nodes that have none, as long as there are free ones."""
+        with self._lock:
+            nodes = list(task.nodes())
+            new = [node for node in nodes if node._id < 0]
+            if not new:
+                return
+            used = {node._id for node in nodes}
+            free = (number for number in range(MAX_ID + 1) if number not in used)
+            for node in new:
+                node._id = next(free, -1)
+            if nodes[-1]._id < 0 and not self._overflow_logged:
+                self._overflow_logged = True
+                log.warning("task %s has %s nodes; only the first %s are reported", task.id, len(nodes), MAX_ID + 1)

@@ -315,13 +315,13 @@ class Watchdog:
                     "other tasks moved to a new thread"
                 )
         for scheduled in list(worker.tasks.values()):
-            preempted_at = scheduled.task.preempted_at
-            if preempted_at is None:
+            grace_start = scheduled.task.grace_start
+            if grace_start is None:
                 continue
             if tick is not None and tick.scheduled is scheduled:
-                if tick.hook and now - max(preempted_at, tick.hook_since) >= self._hook_timeout:
+                if tick.hook and now - max(grace_start, tick.hook_since) >= self._hook_timeout:
                     warnings += self._abandon(worker, tick, now)
-            elif now - preempted_at >= self._timeout:
+            elif now - grace_start >= self._timeout:
                 scheduled.task.abandon_ending(now)
                 scheduled.woken = True
                 self._lock.notify_all()

@@ -35,6 +35,11 @@ class DescribedNode(SkillInterface):
         self._own_hold_conditions: list[ConditionBase] = []
         self._own_post_conditions: list[ConditionBase] = []
 
+    @property
+    def depth(self) -> int:
+        """The number of skills from the root to this node; 0 before its start."""
+        return self._depth
+
     def declared_params(self) -> dict[str, Param]:
         """The parameters that the skill declares, by its own keys. Read only.
 

@@ -146,6 +146,7 @@ class LocalSystem:
         self._is_up = True
         self._since = time.time()
         self._managers: dict[str, LocalManager] = {}
+        self._stops: dict[str, tuple[str, str]] = {}
         self.planner: Planner | None = None
         self.signals = LocalSignals()
         #: The argument of the last `set_movable`.
@@ -154,7 +155,8 @@ class LocalSystem:
 
     @property
     def parts(self) -> list[Part]:
-        managers = [Part(MANAGER, name, True, self._since) for name in self._managers]
+        stops = self._stops
+        managers = [Part(MANAGER, name, True, self._since, *stops.get(name, ("", ""))) for name in self._managers]
         return [Part(WORLD_MODEL, "wm", self._is_up, self._since), *managers]
 
     @property
@@ -192,6 +194,11 @@ class LocalSystem:
     def set_up(self, is_up: bool) -> None:
         """Sets the status of the world model."""
         self._is_up, self._since = is_up, time.time()
+        self._event_queue.put(ConnectionChanged())
+
+    def set_stop(self, name: str, kind: str, text: str = "") -> None:
+        """Sets the stop of a manager's robot; "" for none."""
+        self._stops[name] = text, kind
         self._event_queue.put(ConnectionChanged())
 
     def set_movable(self, eid: str) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PPoly
 
-from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.contacts import PartContacts
@@ -301,7 +301,7 @@ class JointMotion:
             self._end(State.ABORTED, INVALID_GOAL, f"controller {self._controller.active!r} was activated meanwhile")
         elif self._final_outcome is not None:
             self._retreat(dt)
-        elif self._time >= 0.0 and (reason := self._off_the_path()):
+        elif self._time >= 0.0 and (reason := self._stopped() or self._off_the_path()):
             self._controller.hold()
             text = reason + self._contacts.describe()
             self._final_outcome = Outcome(State.ABORTED, text, PATH_TOLERANCE_VIOLATED)
@@ -355,6 +355,10 @@ class JointMotion:
         else:
             self.outcome = self._final_outcome
 
+    def _stopped(self) -> str:
+        """Returns why the arm has stopped at a limit of the wrench; "" if it has not."""
+        return f"stopped at a {self._controller.stop}" if self._controller.stop is not None else ""
+
     def _off_the_path(self) -> str:
         """Returns a description of a violated path tolerance; "" without one."""
         desired = self._desired()
@@ -403,6 +407,10 @@ class JointMotion:
                 f"controller {controller.active!r} of arm {self._arm.name} is active; a trajectory needs "
                 f"{controller.names[0]!r}: switch to it first"
             )
+        try:
+            controller.check_not_stopped()
+        except Refused as error:
+            raise WrongValue(str(error)) from None
         for name, tolerance in [*goal.path_tolerance.items(), *goal.goal_tolerance.items()]:
             if not all(map(math.isfinite, (tolerance.position, tolerance.velocity))):
                 raise WrongValue(f"the tolerance of {name} is {tolerance}, which is not finite")

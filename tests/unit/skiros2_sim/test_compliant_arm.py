@@ -1,4 +1,4 @@
-"""The controllers of a simulated arm: commands, overlay motion, trajectories, hand-guiding, limits, sensor, control rate."""
+"""The controllers of a simulated arm: commands, overlay motion, trajectories, hand-guiding, limits, sensor, rate."""
 
 from __future__ import annotations
 
@@ -346,8 +346,9 @@ def test_silent_sensor_stops_a_limited_arm_which_stays_compliant(arm: MovedRobot
     arm.world.push(GRIPPER, (10.0, 0.0, 0.0), duration=0.5)
     arm.world.step(450)
     assert distances(arm.controller.tool_pose(), at_rest)[0] > 0.005, "it yields"
-    with pytest.raises(Refused, match=r"sensor at the wrist of arm arm has measured nothing for .* s"):
-        arm.controller.set_limits(20.0, 5.0)
+    arm.controller.set_limits(20.0, 5.0)
+    arm.world.step(2)
+    assert arm.controller.stop is not None, "still without a measurement"
     arm.world.faults.clear("silent_sensor", ARM)
     arm.controller.set_limits(20.0, 5.0)
     arm.controller.set_reference(arm.controller.tool_pose())

@@ -1,7 +1,7 @@
 """Controllers of an arm's joints: a position controller and a compliant one, which can be switched during motion.
 
-The compliant one is a Cartesian impedance (see `impedance`), with an overlay motion. Each has limits of the measured wrench.
-Poses are those of the tool in the robot's frame.
+The compliant one is a Cartesian impedance (see `impedance`), with an overlay motion. Each has limits of the
+measured wrench. Poses are those of the tool in the robot's frame.
 """
 
 from __future__ import annotations
@@ -39,7 +39,11 @@ _PAYLOAD = 30.0
 SENSOR_TIMEOUT = 0.02
 #: Quantities that stop an arm: format of a value, unit.
 FORCE, TORQUE, SENSOR_AGE = "force", "torque", "sensor_age"
-_QUANTITIES = {FORCE: ("force of {:.1f}", "N"), TORQUE: ("torque of {:.1f}", "Nm"), SENSOR_AGE: ("sensor age of {:.3f}", "s")}
+_QUANTITIES = {
+    FORCE: ("force of {:.1f}", "N"),
+    TORQUE: ("torque of {:.1f}", "Nm"),
+    SENSOR_AGE: ("sensor age of {:.3f}", "s"),
+}
 #: Maximum distance of a reference from the robot's frame (m).
 _MAX_REACH = 3.0
 
@@ -199,36 +203,30 @@ class ArmController:
             self.overlay.stop()
 
     def set_limits(self, force: float, torque: float) -> None:
-        """Sets the limits of the measured force (N) and torque (Nm) under compliant control, 0 for none, and ends a stop.
+        """Sets the limits of the measured force (N) and torque (Nm) under compliant control, 0 for none. Ends a stop.
 
         :raises WrongValue: a limit is negative or not finite.
-        :raises Refused: the wrench is not measured.
         """
         self.limits = self._checked_limits(force, torque)
         if self.compliant:
             self.stop = None
 
     def set_position_limits(self, force: float, torque: float) -> None:
-        """Sets the limits of the measured force (N) and torque (Nm) under position control, 0 for none, and ends a stop.
+        """Sets the limits of the measured force (N) and torque (Nm) under position control, 0 for none. Ends a stop.
         The measured wrench includes the weight of a carried object and the inertia of the hand.
 
         :raises WrongValue: a limit is negative or not finite.
-        :raises Refused: the wrench is not measured.
         """
         self.position_limits = self._checked_limits(force, torque)
         if not self.compliant:
             self.stop = None
         self._update_often()
 
-    def _checked_limits(self, force: float, torque: float) -> tuple[float, float]:
+    @staticmethod
+    def _checked_limits(force: float, torque: float) -> tuple[float, float]:
         numbers = finite((force, torque), 2, "limits of force and torque")
         if min(numbers) < 0.0:
             raise WrongValue(f"limits of force and torque {numbers}: expected 0 N, 0 Nm or more")
-        if any(numbers) and self._sensor_age() > SENSOR_TIMEOUT:
-            raise Refused(
-                f"the sensor at the wrist of arm {self.arm.name} has measured nothing for {self._sensor_age():.3g} s: "
-                "the wrench cannot be limited"
-            )
         return numbers[0], numbers[1]
 
     def check_active(self) -> None:
@@ -247,6 +245,11 @@ class ArmController:
         """
         if self.stop is not None:
             raise Refused(f"arm {self.arm.name} has stopped at a {self.stop}; set its limits again to move it")
+
+    @property
+    def sensor_age(self) -> float:
+        """Age of the measured wrench (s)."""
+        return self.arm.silent_steps * self.world.dt
 
     # -- control ----------------------------------------------------------------------------------------------
 
@@ -288,7 +291,7 @@ class ArmController:
         for quantity, value, limit in (
             (FORCE, math.hypot(*wrench[:3]), limits[0]),
             (TORQUE, math.hypot(*wrench[3:]), limits[1]),
-            (SENSOR_AGE, self._sensor_age(), SENSOR_TIMEOUT),
+            (SENSOR_AGE, self.sensor_age, SENSOR_TIMEOUT),
         ):
             if 0.0 < limit < value:
                 self.overlay = None
@@ -298,9 +301,6 @@ class ArmController:
                 self.stop = Stop(quantity, value, limit, self.world.time)
                 return
 
-    def _sensor_age(self) -> float:
-        """Returns the age of the measured wrench (s)."""
-        return self.arm.silent_steps * self.world.dt
 
     def _state(self) -> ArmState:
         q = np.array(self.arm.positions())

@@ -7,8 +7,8 @@ the damping factors z, the commanded wrench F, the bias of gravity and Coriolis 
 the nullspace of the tool: (I - J' J'+) (k (q0 - q) - 2 z0 sqrt(k) dq). (Khatib, A Unified Approach for Motion and Force
 Control of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots, 2003.)
 
-In directions without stiffness D is FREE_DAMPING: the arm stops after a push. With a stiffness of 0 in all directions the arm is guided by hand:
-reference and posture follow it, so that it stays where it was left when it gets stiff again.
+In directions without stiffness D is FREE_DAMPING: the arm stops after a push. With a stiffness of 0 in all directions
+the arm is guided by hand: reference and posture follow it, so that it stays where it was left when it gets stiff again.
 
 Reference, stiffness and wrench follow their commanded values through filters of first order, and the torques change by
 at most 1 Nm per ms: a sudden command does not jerk the arm. Pure computation; the stepping thread calls it.
@@ -252,7 +252,7 @@ def rotation_vector(q: Sequence[float]) -> Array:
 
 
 def stable_gains(stiffness: Array, factors: Array, damping: Array, jacobian: Array, masses: Array, dt: float) -> Gains:
-    """Returns K and D = 2 z sqrt(K) or `damping`, reduced in directions in which the tool's inertia is too low for them.
+    """Returns K and D = 2 z sqrt(K) or `damping`, reduced in directions in which the tool's inertia is too low.
 
     With the tool's inertia Q Q', a gain G is diagonal in Q^-1 G Q^-T; its elements are frequencies there, which must
     stay below those of the updates.

@@ -91,6 +91,7 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         )  # fmt: skip
         made.system = RosSystem(made.event_queue)
         made.until(lambda: made.system.scene is not None and ROBOT in made.system.managers)
+        made.until(lambda: all(part_of(made.system, kind).is_up for kind in (WORLD_MODEL, MANAGER)))
         yield made
         made.system.close()
     finally:

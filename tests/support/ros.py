@@ -199,6 +199,11 @@ class RosMaster:
         uri = self._ask("lookupNode", node)
         return int(xmlrpc.client.ServerProxy(uri).getPid("/tests")[2])  # type: ignore[index, call-overload]
 
+    def readers(self, node: str) -> set[tuple[str, str]]:
+        """(node, topic) of the nodes that are connected to a publisher of a node."""
+        info = xmlrpc.client.ServerProxy(self._ask("lookupNode", node)).getBusInfo("/tests")[2]
+        return {(other, topic) for _, other, way, _, topic, *rest in info if way == "o" and rest[:1] == [1]}  # type: ignore[misc, union-attr, index]
+
     def service_address(self, service: str) -> tuple[str, int]:
         """Where the node that offers a service takes connections."""
         host, _, port = self._ask("lookupService", service).removeprefix("rosrpc://").rpartition(":")

@@ -161,9 +161,14 @@ def test_topic_is_subscribed_while_the_skill_runs(robot, arm, sensor):
 
 def test_recorded_run_has_the_signal_and_re_runs(ros, robot, arm, sensor, tmp_path, monkeypatch):
     bag = tmp_path / "run.bag"
+    first = pressing(robot, arm, sensor)  # connects the client, before the recorder looks for it
+    robot.preempt_all()
+    first.result(30)
     recorder = ros.run("skiros2_bags", "record", "-o", str(bag), "--robots", ROBOT, name="recorder")
-    goals = f"{ROBOT}/execute/goal"
-    wait_until(lambda: sensor.readers and "/recorder" in ros.master.subscribers(goals), what="the recorder")
+    topics = {("/recorder", f"{ROBOT}/{name}") for name in ("monitor", "execute/feedback", "execute/result")}
+    wait_until(lambda: sensor.readers and topics <= ros.master.readers(ROBOT), what="the recorder")
+    goals = ("/recorder", f"{ROBOT}/execute/goal")
+    wait_until(lambda: goals in ros.master.readers(rospy.get_name()), what="the recorder of goals")
     run = pressing(robot, arm, sensor)
     sensor.send(12.5)
     sensor.send(41.25)

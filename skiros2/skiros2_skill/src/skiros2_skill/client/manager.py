@@ -20,7 +20,7 @@ from skiros2_common.ros import utils
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_runs.core.values import NodeStatus
+from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.request import StartPreview
@@ -365,6 +365,14 @@ class ManagerClient:
         """
         answer = self._known(self._call("inspect", srvs.SkillInspectionRequest(task_id, node_id)))
         return NodeStatus.from_json(answer.json)
+
+    def signal_bounds(self, task_id: int) -> TaskBounds:
+        """Returns the limits that the nodes of a task have set for signals in their last runs.
+
+        :raises UnknownName: the manager knows no such task.
+        """
+        answer = self._known(self._call("inspect", srvs.SkillInspectionRequest(task_id, ALL)))
+        return TaskBounds.from_json(answer.json)
 
     def _known(self, answer: Any) -> Any:
         if not answer.ok:

@@ -154,7 +154,9 @@ class SkillRun:
         return time.monotonic() - max(self._sent_at, turn)
 
     def _is_unknown(self) -> bool:
-        return bool(self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK)
+        """Whether the manager lacks the goal, according to a status message that is late enough."""
+        is_waiting = self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK
+        return bool(is_waiting and self._watch.status_is_later(self._handle, SILENCE))
 
     # Called by threads of ROS.
 

@@ -15,8 +15,8 @@ BLOCKED, NOT_REACHED, GRIPPER_FAILED = -130, -131, -132
 
 #: Distance between tool and reference at which the tool counts as blocked (m, rad).
 _MAX_LAG, _MAX_TURN_LAG = 0.05, 0.4
-#: Time in which the tool has to arrive after its reference (s).
-_SETTLING = 2.0
+#: Times after the end of a motion at which the tool counts as at rest, and by which it must have arrived (s).
+_RESTING, _SETTLING = 0.3, 2.0
 #: Time in which a gripper has to end a command (s).
 _GRIPPING = 15.0
 
@@ -125,8 +125,8 @@ class Player:
         self._arm.set_reference(reference)
         self.lag = distances(state.pose, reference)
         if self.lag[0] > _MAX_LAG or self.lag[1] > _MAX_TURN_LAG:
-            text = f"the tool is {_text(self.lag)} from its reference: expected up to {_text((_MAX_LAG, _MAX_TURN_LAG))}"
-            self.failure = Failure(text, BLOCKED)
+            most = _text((_MAX_LAG, _MAX_TURN_LAG))
+            self.failure = Failure(f"the tool is {_text(self.lag)} from its reference: expected up to {most}", BLOCKED)
             return False
         if passed < part.duration:
             return False
@@ -135,7 +135,7 @@ class Player:
             self._began += part.duration
             return True
         if self.lag[0] <= self._tolerances[0] and self.lag[1] <= self._tolerances[1]:
-            return True
+            return passed > part.duration + _RESTING
         if passed > part.duration + _SETTLING:
             text = f"the tool is {_text(self.lag)} from its goal: expected up to {_text(self._tolerances)}"
             self.failure = Failure(text, NOT_REACHED)

@@ -56,8 +56,7 @@ def test_rerun_of_a_simulated_run_has_no_divergence() -> None:
 
 def test_goal_may_be_recorded_after_the_first_progress(gripper: Recording) -> None:
     recording = copy(gripper)
-    task = recorded_tasks(recording)[0]
-    late = {id(task.goal): task.progress[0].order + 0.5}
+    late = {id(task.goal): task.progress[0].order + 0.5 for task in recorded_tasks(recording)}
     events = [replace(e, order=late[id(e)]) if id(e) in late else e for e in recording.events]
     recording.events = sorted(events, key=lambda event: event.order)
     assert rerun(recording, Settings()).divergence is None

@@ -80,6 +80,9 @@ class TeachingCell(SkillBench):
         self._running: list[Any] = []
 
     def close(self) -> None:
+        for task in self._running:
+            task.preempt()
+        self.advance(0.2)
         super().close()
         self._ends.close()
 

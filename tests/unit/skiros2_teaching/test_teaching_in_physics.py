@@ -199,12 +199,13 @@ def test_path_of_a_resting_tool_is_refused(cell: TeachingCell) -> None:
     assert taught.taught_elements(cell.wmi, cell.block) == []
 
 
-def test_path_with_one_sample_is_refused(cell: TeachingCell) -> None:
-    release(cell)
+def test_path_with_one_sample_is_refused(cell: TeachingCell, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = cell.driver.state()
+    monkeypatch.setattr(cell.driver, "state", lambda: state)
     task = cell.start("TeachPath", Object=cell.block, Name="sweep")
-    end = cell.start("TeachEnd")
-    cell.advance(0.5)
-    assert end.state is State.Success
+    cell.advance(0.2)
+    cell.taught("TeachEnd")
+    assert task.state is State.Failure
     assert "a path needs at least 2 samples, got 1" in task.skill.progress_msg
 
 

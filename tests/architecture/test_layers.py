@@ -25,6 +25,7 @@ OUTSIDE = {
     "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl"},
     "skiros2_sim_skills": set(),
     "skiros2_contact_skills": {"numpy"},
+    "skiros2_teaching": {"numpy", "scipy"},
     "skiros2_gui": {"numpy"},
 }
 #: Of lower packages, only the port.
@@ -41,6 +42,12 @@ PORTS = {
     "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
     "skiros2_sim_skills": {"skiros2_runs.core", "skiros2_sim.core.names", "skiros2_std_reasoners.core"},
     "skiros2_contact_skills": {"skiros2_sim.core", "skiros2_sim_skills.core", "skiros2_std_reasoners.core"},
+    "skiros2_teaching": {
+        "skiros2_world_model.core",
+        "skiros2_sim_skills.core",
+        "skiros2_contact_skills.core",
+        "skiros2_std_reasoners.core",
+    },
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {
         "skiros2_runs.core",
@@ -53,6 +60,7 @@ PORTS = {
         "skiros2_task.command_line",
         "skiros2_bags.core",
         "skiros2_std_reasoners.core",
+        "skiros2_teaching.core",
     },
 }
 

@@ -21,6 +21,7 @@ OUTSIDE = {
     "skiros2_skill": {"numpy"},
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
     "skiros2_std_reasoners": {"numpy"},
+    "skiros2_perception": {"numpy", "scipy"},
     "skiros2_bags": {"numpy", "rosbags", "matplotlib"},
     "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl"},
     "skiros2_sim_skills": set(),
@@ -32,6 +33,7 @@ OUTSIDE = {
 PORTS = {
     "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.world_model_abstract_interface"},
     "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
+    "skiros2_perception": {"skiros2_std_reasoners.core"},
     "skiros2_bags": {
         "skiros2_runs.core",
         "skiros2_world_model.core",

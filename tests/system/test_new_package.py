@@ -53,8 +53,8 @@ def test_package_is_built_started_and_reaches_a_goal(ros_master: RosMaster, pack
         goal = "(lab_skills:Inspected skiros:Product-5)"
         achieved = run("rosrun", "skiros2_task", "achieve", goal, env=env, cwd=tmp_path)
         assert "inspect" in achieved
-        value = run("rosrun", "skiros2_world_model", "get", "skiros:Product-5", "lab_skills:Inspected", env=env, cwd=tmp_path)
-        assert "rue" in value
+        inspected = ("skiros:Product-5", "lab_skills:Inspected")
+        assert "rue" in run("rosrun", "skiros2_world_model", "get", *inspected, env=env, cwd=tmp_path)
     finally:
         ros.stop()
 

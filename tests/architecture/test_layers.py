@@ -24,6 +24,7 @@ OUTSIDE = {
     "skiros2_bags": {"numpy", "rosbags", "matplotlib"},
     "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl"},
     "skiros2_sim_skills": set(),
+    "skiros2_learning": {"numpy", "scipy", "sklearn", "threadpoolctl", "optuna", "yaml", "matplotlib"},
     "skiros2_gui": {"numpy"},
 }
 #: Of lower packages, only the port.
@@ -39,6 +40,7 @@ PORTS = {
     },
     "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
     "skiros2_sim_skills": {"skiros2_runs.core", "skiros2_sim.core.names", "skiros2_std_reasoners.core"},
+    "skiros2_learning": {"skiros2_sim.core", "skiros2_std_reasoners.core"},
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {
         "skiros2_runs.core",

@@ -23,6 +23,7 @@ PACKAGES = {
     "skiros2_bags": "skiros2_std_lib/skiros2_bags",
     "skiros2_sim": "skiros2_std_lib/skiros2_sim",
     "skiros2_sim_skills": "skiros2_std_lib/skiros2_sim_skills",
+    "skiros2_learning": "skiros2_std_lib/skiros2_learning",
     "skiros2_gui": "skiros2_gui",
 }
 #: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the

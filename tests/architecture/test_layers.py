@@ -21,9 +21,12 @@ OUTSIDE = {
     "skiros2_skill": {"numpy"},
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
     "skiros2_std_reasoners": {"numpy"},
+    "skiros2_perception": {"numpy", "scipy"},
     "skiros2_bags": {"numpy", "rosbags", "matplotlib"},
     "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl"},
     "skiros2_sim_skills": set(),
+    "skiros2_contact_skills": {"numpy"},
+    "skiros2_teaching": {"numpy", "scipy"},
     "skiros2_learning": {"numpy", "scipy", "sklearn", "threadpoolctl", "optuna", "yaml", "matplotlib"},
     "skiros2_gui": {"numpy"},
 }
@@ -31,6 +34,7 @@ OUTSIDE = {
 PORTS = {
     "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.world_model_abstract_interface"},
     "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
+    "skiros2_perception": {"skiros2_std_reasoners.core"},
     "skiros2_bags": {
         "skiros2_runs.core",
         "skiros2_world_model.core",
@@ -40,6 +44,14 @@ PORTS = {
     },
     "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
     "skiros2_sim_skills": {"skiros2_runs.core", "skiros2_sim.core.names", "skiros2_std_reasoners.core"},
+    "skiros2_contact_skills": {"skiros2_sim.core", "skiros2_sim_skills.core", "skiros2_std_reasoners.core"},
+    "skiros2_teaching": {
+        "skiros2_world_model.core",
+        "skiros2_sim.core",
+        "skiros2_sim_skills.core",
+        "skiros2_contact_skills.core",
+        "skiros2_std_reasoners.core",
+    },
     "skiros2_learning": {"skiros2_sim.core", "skiros2_std_reasoners.core"},
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {
@@ -53,6 +65,7 @@ PORTS = {
         "skiros2_task.command_line",
         "skiros2_bags.core",
         "skiros2_std_reasoners.core",
+        "skiros2_teaching.core",
     },
 }
 

@@ -38,7 +38,12 @@ ROOT = Path(__file__).resolve().parents[2]
 OWL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
 
 
-def measure() -> Iterator[Measurement]:
+def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:
+    yield from _measure_in_process()
+    yield from _measure_node(ros, folder)
+
+
+def _measure_in_process() -> Iterator[Measurement]:
     """The world alone, in this process."""
     scene = load_scene(OWL / "sim_scene.ttl", OWL)
     peer = _Bare(scene)
@@ -57,7 +62,7 @@ def measure() -> Iterator[Measurement]:
     peer.close()
 
 
-def measure_node(ros: Ros, folder: Path) -> Iterator[Measurement]:
+def _measure_node(ros: Ros, folder: Path) -> Iterator[Measurement]:
     """The same by the simulator node, which publishes clock, joints, tf, odometry and what is subscribed."""
     from sensor_msgs.msg import Image
 

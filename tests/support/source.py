@@ -19,10 +19,13 @@ PACKAGES = {
     "skiros2_task": "skiros2/skiros2_task",
     "skiros2_std_reasoners": "skiros2_std_lib/skiros2_std_reasoners",
     "skiros2_std_skills": "skiros2_std_lib/skiros2_std_skills",
+    "skiros2_perception": "skiros2_std_lib/skiros2_perception",
     "skiros2_demo_skills": "skiros2_std_lib/skiros2_demo_skills",
     "skiros2_bags": "skiros2_std_lib/skiros2_bags",
     "skiros2_sim": "skiros2_std_lib/skiros2_sim",
     "skiros2_sim_skills": "skiros2_std_lib/skiros2_sim_skills",
+    "skiros2_contact_skills": "skiros2_std_lib/skiros2_contact_skills",
+    "skiros2_teaching": "skiros2_std_lib/skiros2_teaching",
     "skiros2_learning": "skiros2_std_lib/skiros2_learning",
     "skiros2_gui": "skiros2_gui",
 }

@@ -148,7 +148,7 @@ def test_launch_with_an_unreadable_scene_warns_and_starts(
 def test_reason_of_a_failed_launch_is_its_last_line(ros: Ros) -> None:
     program = ros.launch("skiros2", "task_mgr.launch", deploy=True, max_replans="many")
     program.wait()
-    reason = "/tm: parameter /tm/max_replans is 'many', expected a number of plans"
+    reason = "/tm: parameter /tm/max_replans is 'many', expected an integer from 0"
     lines = program.output.splitlines()
     assert lines[-1] == reason
     assert lines.count(reason) == 2

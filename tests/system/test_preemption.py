@@ -168,7 +168,7 @@ def test_interrupting_goal_waits_until_the_object_is_put_down(cell: Cell) -> Non
     cell.hold_step(first)
     ends: list[str] = []
     high = cell.achieve(
-        second, priority=5, interrupts=True, done_cb=lambda *_: ends.append(cell.place_of(first))
+        second, priority=100, done_cb=lambda *_: ends.append(cell.place_of(first))
     )
     assert high.result.state == AchieveResult.SUCCEEDED, high.result.message
     assert low.result.state == AchieveResult.SUCCEEDED, low.result.message

@@ -14,7 +14,7 @@ from support.ros import install_environment
 
 pytestmark = pytest.mark.timeout(120)
 
-PICTURES = ("skills", "running", "dark", "world", "rviz")
+PICTURES = ("skills", "running", "dark", "world", "rviz", "signals")
 #: Of each picture (bytes).
 MOST_BYTES = 200_000
 

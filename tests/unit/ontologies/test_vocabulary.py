@@ -54,6 +54,12 @@ OURS = {
     "skiros:SignalProperty",
     "skiros:SignalTopic",
     "skiros:MessageField",
+    "skiros:TaughtPose",
+    "skiros:LiftingPose",
+    "skiros:TaughtPath",
+    "skiros:TeachingProperty",
+    "skiros:PathSamples",
+    "skiros:GripperEvents",
 }
 CONDITION_CLASSES = [
     "ConditionRelation",

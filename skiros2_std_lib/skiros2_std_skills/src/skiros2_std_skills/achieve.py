@@ -24,9 +24,6 @@ class Achieve(SkillDescription):
         self.addParam(
             "MaxReplans", -1, ParamTypes.Optional, description="Maximum number of new plans; negative: the default"
         )
-        self.addParam(
-            "Interrupts", False, ParamTypes.Optional, description="Stops goals of lower priority on the same robots"
-        )
 
 
 class achieve(PrimitiveActionClient):
@@ -46,7 +43,6 @@ class achieve(PrimitiveActionClient):
             goals=self.params["Goal"].value,
             priority=self.params["Priority"].value,
             max_replans=self.params["MaxReplans"].value,
-            interrupts=self.params["Interrupts"].value,
         )
 
     def onFeedback(self, msg: Any) -> State:

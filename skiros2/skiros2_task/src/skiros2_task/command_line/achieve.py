@@ -52,7 +52,6 @@ def achieve(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
             seconds=arguments.seconds or 0.0,
             priority=arguments.priority,
             max_replans=arguments.max_replans,
-            interrupts=arguments.interrupt,
         )
         result, interrupted = _result(client)
     except TimedOut as error:

@@ -81,11 +81,6 @@ def _achieve(parser: argparse.ArgumentParser) -> None:
         help="of goals that need the same robot, the one with the highest priority gets it first (default: 0)",
     )
     parser.add_argument(
-        "--interrupt",
-        action="store_true",
-        help="stop the steps of goals with a lower priority that use the same robots",
-    )
-    parser.add_argument(
         "--max-replans",
         type=int,
         default=-1,

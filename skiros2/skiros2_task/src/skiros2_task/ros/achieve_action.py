@@ -21,6 +21,8 @@ log = logging.getLogger(__name__)
 
 #: The default of a goal's `max_replans`.
 MAX_REPLANS = 5
+#: The default of `interrupt_priority`.
+INTERRUPT_PRIORITY = 100
 
 
 class AchieveAction(GoalServer):
@@ -29,15 +31,18 @@ class AchieveAction(GoalServer):
     To be closed after the executor.
 
     :param max_replans: for goals with negative `max_replans`.
+    :param interrupt_priority: goals with this priority, or a higher one, interrupt goals with a lower priority.
     """
 
     def __init__(
-        self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS
-    ) -> None:
+        self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS,
+        interrupt_priority: int = INTERRUPT_PRIORITY,
+    ) -> None:  # fmt: skip
         super().__init__("~achieve", AchieveActionSpec)
         self._executor = executor
         self._options = options
         self._max_replans = max_replans
+        self._interrupt_priority = interrupt_priority
         self._running: list[tuple[Any, GoalExecution]] = []  # owned by the action's thread
 
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
@@ -78,7 +83,7 @@ class AchieveAction(GoalServer):
             limits=self._options.limits(message.seconds),
             planner=self._options.planner(message.wish),
             max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
-            interrupts=message.interrupts,
+            interrupts=message.priority >= self._interrupt_priority,
         )
 
 

@@ -15,7 +15,7 @@ from skiros2_task.core.planners import DEFAULT_ENGINE, planner_named
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.preview import preview
 from skiros2_task.core.store import DURATIONS_FILE, FOLDER, Archive, Durations
-from skiros2_task.ros.achieve_action import MAX_REPLANS, AchieveAction
+from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY, MAX_REPLANS, AchieveAction
 from skiros2_task.ros.plan_actions import PlanAction, PlanningOptions, TaskPlanAction
 from skiros2_task.ros.step_runner import ManagerStepRunner
 from skiros2_world_model.core.preview_copy import PreviewCopy
@@ -36,10 +36,8 @@ def main() -> None:
     seconds = rospy.get_param("~planning_time", Limits.seconds)
     if not isinstance(seconds, int | float) or isinstance(seconds, bool) or seconds <= 0:
         raise ConfigurationError(f"parameter {rospy.resolve_name('~planning_time')} is {seconds!r}, expected seconds")
-    max_replans = rospy.get_param("~max_replans", MAX_REPLANS)
-    if not isinstance(max_replans, int) or isinstance(max_replans, bool) or max_replans < 0:
-        name = rospy.resolve_name("~max_replans")
-        raise ConfigurationError(f"parameter {name} is {max_replans!r}, expected a number of plans")
+    max_replans = _integer("~max_replans", MAX_REPLANS, minimum=0)
+    interrupt_priority = _integer("~interrupt_priority", INTERRUPT_PRIORITY)
     folder = FOLDER.expanduser()
     processes = EngineProcesses()
     try:
@@ -56,7 +54,7 @@ def main() -> None:
         actions = (
             TaskPlanAction(planner, step_runner.offered),
             PlanAction(planner, options, lambda plan: preview(PreviewCopy(wm), plan)),
-            AchieveAction(executor, options, max_replans),
+            AchieveAction(executor, options, max_replans, interrupt_priority),
         )
         rospy.on_shutdown(lambda: executor.close(_STOP_TIMEOUT))
         for action in actions:
@@ -65,3 +63,14 @@ def main() -> None:
         spin()
     finally:
         processes.close()
+
+
+def _integer(name: str, default: int, minimum: int | None = None) -> int:
+    """
+    :raises ConfigurationError: the parameter is no integer, or less than the minimum.
+    """
+    value = rospy.get_param(name, default)
+    if not isinstance(value, int) or isinstance(value, bool) or (minimum is not None and value < minimum):
+        expected = "an integer" if minimum is None else f"an integer from {minimum}"
+        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected {expected}")
+    return value

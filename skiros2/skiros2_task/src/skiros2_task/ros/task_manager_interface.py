@@ -98,18 +98,17 @@ class TaskManagerInterface(PrettyObject):
         seconds: float = 0.0,
         priority: int = 0,
         max_replans: int = -1,
-        interrupts: bool = False,
     ) -> None:
         """Sends goals to achieve and returns. The result is an `AchieveResult`.
 
         :param quality: `first`, `best` or `optimal`; "": the task manager's default.
         :param seconds: time limit of each planning; 0: the task manager's default.
-        :param priority: of goals that need the same robot, the one with the highest priority gets it first.
+        :param priority: of goals that need the same robot, the one with the highest priority gets it first; from
+            `interrupt_priority` of the task manager on, a goal stops the steps of goals with a lower priority.
         :param max_replans: how often a broken plan is replaced at most; negative: the task manager's default.
-        :param interrupts: whether it stops the steps of goals with a lower priority that use the robots of its plan.
         :raises TimedOut: no task manager answers within 2 s.
         """
-        goal = AchieveGoal(rospy.get_name(), _text(goals), quality, seconds, priority, max_replans, interrupts)
+        goal = AchieveGoal(rospy.get_name(), _text(goals), quality, seconds, priority, max_replans)
         self._send(ACHIEVE_ACTION, AchieveAction, goal, done_cb, feedback_cb)
 
     def make_plan(self, goals: str | Sequence[str], *, quality: str = "", seconds: float = 0.0) -> None:

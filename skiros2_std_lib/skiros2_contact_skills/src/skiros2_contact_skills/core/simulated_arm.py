@@ -1,0 +1,92 @@
+"""A compliant arm in the simulated world of this process. The thread that steps the world calls it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+from skiros2_common.core.errors import Refused
+from skiros2_contact_skills.core.compliant_arm import ArmState, Wrench, checked_limits, checked_reference
+from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.impedance import MAX_WRENCH, checked
+from skiros2_sim.core.spiral import SpiralGoal
+from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, composed, inverted, rotated
+
+
+class SimulatedArm:
+    """Adapter of `CompliantArm` to a controller of the simulator. An inactive or stopped controller refuses commands;
+    the state reports that.
+
+    :param controller: of the arm; there is one instance per arm.
+    """
+
+    def __init__(self, controller: ArmController) -> None:
+        self._controller = controller
+        self._mount = controller.arm.spec.pose
+
+    def now(self) -> float:
+        return self._controller.world.time
+
+    def state(self) -> ArmState:
+        controller = self._controller
+        pose = composed(inverted(self._mount), controller.tool_pose())
+        stopped = ""
+        if not controller.compliant:
+            stopped = f"controller {controller.names[1]} of arm {controller.arm.name} is not active"
+        elif controller.stop is not None:
+            stopped = str(controller.stop)
+        wrench = turned_wrench(pose.orientation, controller.arm.measured_wrench())
+        return ArmState(pose, wrench, self.now(), stopped)
+
+    def begin(self) -> None:
+        controller = self._controller
+        controller.switch(controller.names[1])
+        controller.set_limits(*controller.limits)
+
+    def end(self) -> None:
+        controller = self._controller
+        if controller.compliant and controller.stop is None:
+            controller.set_reference(controller.tool_pose())
+            controller.set_wrench((0.0,) * 6)
+            controller.stop_overlay()
+
+    def set_reference(self, pose: Pose) -> None:
+        reference = composed(self._mount, checked_reference(pose))
+        with suppress(Refused):
+            self._controller.set_reference(reference)
+
+    def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
+        self._controller.impedance.set_stiffness((*translational, *rotational))
+
+    def set_damping(self, factors: Sequence[float]) -> None:
+        self._controller.impedance.set_damping_factors(factors)
+
+    def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
+        wrench = checked("wrench", (*force, *torque), MAX_WRENCH)
+        with suppress(Refused):
+            self._controller.set_wrench(wrench)
+
+    def start_spiral(self, spiral: SpiralGoal) -> None:
+        with suppress(Refused):
+            self._controller.start_overlay(spiral)
+
+    def stop_overlay(self) -> None:
+        self._controller.stop_overlay()
+
+    def set_wrench_limits(self, force: float, torque: float) -> None:
+        self._controller.set_limits(*checked_limits(force, torque))
+
+    def zero_sensor(self) -> None:
+        sensor = self._controller.arm.sensor
+        if sensor is not None:  # without one, contacts are measured: their zero is right
+            sensor.zero()
+
+
+def turned_wrench(orientation: Quaternion, wrench: Sequence[float]) -> Wrench:
+    """Returns a wrench along the axes of another frame.
+
+    :param orientation: of the frame of the wrench in the other one.
+    """
+    fx, fy, fz = rotated(orientation, wrench[:3])
+    tx, ty, tz = rotated(orientation, wrench[3:])
+    return fx, fy, fz, tx, ty, tz

@@ -1,0 +1,164 @@
+"""What contact skills rely on in every adapter of the port `CompliantArm`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_contact_skills.core.compliant_arm import ArmState, CompliantArm
+from skiros2_contact_skills.core.simulated_arm import SimulatedArm
+from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.spiral import SpiralGoal
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import Pose, Vector
+from support.simulated_cell import ARM, GRIPPER, ROBOT, bench
+
+
+class InProcess:
+    """An arm of a world in this process."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        world.reset(seed=0)
+        self.arm: CompliantArm = SimulatedArm(ArmController(world, world.robots[ROBOT], world.arms[ARM]))
+
+    def advance(self, seconds: float) -> ArmState:
+        """Lets time pass; returns the state after it."""
+        self._world.step(round(seconds * self._world.rate))
+        state = self.arm.state()
+        assert state is not None
+        return state
+
+    def push(self, force: Vector, duration: float) -> None:
+        """Pushes the hand with a force in the map (N) for some seconds."""
+        self._world.push(GRIPPER, force, duration=duration)
+
+
+@pytest.fixture(scope="module")
+def world() -> Iterator[World]:
+    with World(bench()) as world:
+        yield world
+
+
+@pytest.fixture
+def rig(world: World) -> InProcess:
+    """An arm with its compliant controller at rest in the air."""
+    rig = InProcess(world)
+    rig.arm.begin()
+    rig.advance(0.5)
+    return rig
+
+
+def moved(pose: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+    return Pose((pose.position[0] + x, pose.position[1] + y, pose.position[2] + z), pose.orientation)
+
+
+def test_arm_that_has_not_begun_reports_that_it_does_not_follow(world: World) -> None:
+    assert "is not active" in InProcess(world).advance(0.1).stopped
+
+
+def test_pose_is_in_the_frame_of_the_mount_and_the_tool_points_down(rig: InProcess) -> None:
+    pose = rig.advance(0.1).pose
+    assert 0.2 < pose.position[0] < 0.8
+    assert abs(pose.position[1]) < 0.01
+    assert abs(pose.orientation[0]) == pytest.approx(1.0, abs=0.3)
+
+
+def test_tool_follows_the_reference(rig: InProcess) -> None:
+    target = moved(rig.advance(0.1).pose, x=-0.03, z=0.02)
+    rig.arm.set_reference(target)
+    state = rig.advance(1.0)
+    assert state.pose.position == pytest.approx(target.position, abs=0.003)
+    assert not state.stopped
+
+
+def test_stamps_follow_the_clock_of_the_arm(rig: InProcess) -> None:
+    before = rig.advance(0.1).stamp
+    assert rig.advance(0.5).stamp - before == pytest.approx(0.5, abs=0.03)
+    assert abs(rig.advance(0.1).stamp - rig.arm.now()) < 0.03
+
+
+def test_wrench_is_that_of_the_environment_along_the_axes_of_the_base(rig: InProcess) -> None:
+    rig.arm.zero_sensor()
+    rig.advance(0.1)
+    rig.push((6.0, 0.0, -4.0), 3.0)
+    assert rig.advance(1.5).wrench[:3] == pytest.approx((6.0, 0.0, -4.0), abs=0.5)
+
+
+def test_commanded_wrench_moves_the_tool_along_its_axes_by_force_over_stiffness(rig: InProcess) -> None:
+    rig.arm.set_stiffness((400.0, 400.0, 400.0), (40.0, 40.0, 40.0))
+    before = rig.advance(1.0).pose
+    rig.arm.set_wrench((0.0, 0.0, 8.0))
+    after = rig.advance(2.0).pose
+    assert math.dist(before.position, after.position) == pytest.approx(8.0 / 400.0, abs=0.003)
+    assert after.position[2] < before.position[2], "z points out of the hand, which is down"
+
+
+def test_spiral_moves_the_tool_around_its_reference_and_back(rig: InProcess) -> None:
+    rig.arm.set_stiffness((1500.0,) * 3, (100.0,) * 3)
+    centre = rig.advance(0.5).pose.position
+    rig.arm.start_spiral(SpiralGoal(radius=0.01, path_distance=0.004, path_velocity=0.03))
+    distances = [math.dist(rig.advance(0.1).pose.position, centre) for _ in range(30)]
+    assert max(distances) == pytest.approx(0.01, abs=0.003)
+    rig.arm.stop_overlay()
+    assert math.dist(rig.advance(2.0).pose.position, centre) < 0.002
+
+
+def test_exceeded_limit_stops_the_arm_with_the_reason_until_limits_are_set_again(rig: InProcess) -> None:
+    rig.arm.zero_sensor()
+    rig.arm.set_wrench_limits(10.0, 5.0)
+    assert not rig.advance(0.2).stopped
+    rig.push((20.0, 0.0, 0.0), 0.2)
+    stopped = rig.advance(1.0)
+    assert "force" in stopped.stopped and "10" in stopped.stopped
+    rig.arm.set_reference(moved(stopped.pose, x=-0.05))
+    assert math.dist(rig.advance(1.0).pose.position, stopped.pose.position) < 0.02
+    rig.arm.set_wrench_limits(30.0, 10.0)
+    assert not rig.advance(0.2).stopped
+
+
+def test_begin_ends_a_stop_and_keeps_the_limits(rig: InProcess) -> None:
+    rig.arm.zero_sensor()
+    rig.arm.set_wrench_limits(10.0, 5.0)
+    for _ in range(2):
+        rig.advance(0.5)
+        rig.push((20.0, 0.0, 0.0), 0.2)
+        assert "force" in rig.advance(1.0).stopped
+        rig.arm.begin()
+        assert not rig.advance(0.1).stopped
+
+
+def test_end_leaves_the_arm_at_rest_where_it_is(rig: InProcess) -> None:
+    start = rig.advance(0.1).pose
+    rig.arm.set_reference(moved(start, x=-0.10))
+    rig.arm.set_wrench((0.0, 0.0, 10.0))
+    rig.arm.start_spiral(SpiralGoal(radius=0.01, path_distance=0.004, path_velocity=0.03))
+    rig.advance(0.1)
+    rig.arm.end()
+    there = rig.advance(1.5).pose
+    assert math.dist(there.position, rig.advance(1.0).pose.position) < 0.001
+    assert math.dist(there.position, start.position) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("command", "problems"),
+    [
+        (lambda a: a.set_reference(Pose((math.nan, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0))), ["nan"]),
+        (lambda a: a.set_reference(Pose((9.0, 0.0, 0.5), (1.0, 1.0, 0.0, 0.0))), ["up to 3 m", "unit quaternion"]),
+        (lambda a: a.set_stiffness((2001.0, -1.0, 0.0), (0.0, 0.0, 0.0)), ["2001", "-1"]),
+        (lambda a: a.set_damping((3.0,) * 6), ["damping factor 3"]),
+        (lambda a: a.set_wrench((0.0, 0.0, 31.0)), ["wrench 31 of z"]),
+        (lambda a: a.set_wrench_limits(-1.0, 5.0), ["expected 0 N"]),
+    ],
+)
+def test_command_out_of_range_is_refused_with_all_problems(rig: InProcess, command, problems: list[str]) -> None:  # type: ignore[no-untyped-def]
+    before = rig.advance(0.5)
+    with pytest.raises(WrongValue) as error:
+        command(rig.arm)
+    assert all(problem in str(error.value) for problem in problems)
+    after = rig.advance(0.5)
+    assert math.dist(before.pose.position, after.pose.position) < 0.002
+    assert not after.stopped

@@ -24,6 +24,8 @@ from skiros2_std_reasoners.core.geometry import Pose, Quaternion, multiplied
 
 #: Stiffness along the tool axis of motions until contact (N/m).
 _APPROACH_STIFFNESS = 800.0
+#: Stiffness along the tool axis of a search (N/m): it only damps, as the reference follows the tool.
+_FOLLOWING_STIFFNESS = 300.0
 #: Stiffness along the tool axis of insertions (N/m).
 _INSERTION_STIFFNESS = 2000.0
 #: An insertion brakes within this time before its end (s), down to this speed (m/s).
@@ -67,7 +69,7 @@ class spiral_search(ContactPrimitive):
         self.setDescription(SpiralSearch(), self.__class__.__name__)
 
     def begin(self, state: ArmState) -> None:
-        self.press(self.value("Force"))
+        self.set_stiffness(_FOLLOWING_STIFFNESS)
         self.arm.start_spiral(
             SpiralGoal(
                 self.value("Radius"), self.value("PathDistance"), self.value("PathVelocity"), allow_decrease=True
@@ -75,6 +77,7 @@ class spiral_search(ContactPrimitive):
         )
 
     def move(self, state: ArmState, dt: float) -> State:
+        self.arm.set_wrench((0.0, 0.0, self.value("Force")))
         depth = self.depth(state)
         if depth >= self.value("DropDepth"):
             return self.success(f"The opening is found, {1000 * depth:.1f} mm deep ({forces(state)})")

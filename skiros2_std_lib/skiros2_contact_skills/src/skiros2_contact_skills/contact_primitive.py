@@ -26,13 +26,13 @@ NO_CONTACT = -122
 NOT_FOUND = -123
 NO_PROGRESS = -124
 NOT_REACHED = -125
+NOT_HELD = -126
+RETRACTED = -127
 
 #: Default limits of the measured wrench (N, Nm).
 MAX_FORCE, MAX_TORQUE = 40.0, 15.0
 #: Time in which the driver has to activate the controller and send a state (s).
 READY_TIME = 5.0
-#: Stiffness along the tool axis while a force is commanded (N/m): it only damps, as the reference follows the tool.
-_FOLLOWING_STIFFNESS = 300.0
 
 
 class ContactPrimitive(PrimitiveBase):
@@ -64,6 +64,8 @@ class ContactPrimitive(PrimitiveBase):
         try:
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
             self.arm.begin()
+            if "ZeroSensor" in self.params.getParamMap() and self.value("ZeroSensor"):
+                self.arm.zero_sensor()
             self.arm.set_wrench_limits(self.number("MaxForce", MAX_FORCE), self.number("MaxTorque", MAX_TORQUE))
         except SkirosError as error:
             give_back(self)
@@ -115,6 +117,11 @@ class ContactPrimitive(PrimitiveBase):
         """Returns the value of a parameter."""
         return self.params[key].value
 
+    def optional_element(self, key: str) -> Element | None:
+        """Returns the element in an optional parameter; None without one."""
+        values = self.params[key].values
+        return values[0] if values and values[0].getIdNumber() >= 0 else None
+
     def number(self, key: str, default: float) -> float:
         """Returns the number in a parameter without a default of its own."""
         values = self.params[key].values
@@ -139,11 +146,6 @@ class ContactPrimitive(PrimitiveBase):
         """Sets the stiffness of the parameters, and that along the tool axis (N/m)."""
         across, about = self.value("Stiffness"), self.value("RotationalStiffness")
         self.arm.set_stiffness((across, across, along), (about, about, max(about, 30.0)))
-
-    def press(self, force: float) -> None:
-        """Commands a force along the tool axis (N). The caller lets the reference follow the tool along that axis."""
-        self.set_stiffness(_FOLLOWING_STIFFNESS)
-        self.arm.set_wrench((0.0, 0.0, force))
 
 
 def axis_of(state: ArmState) -> Vector:

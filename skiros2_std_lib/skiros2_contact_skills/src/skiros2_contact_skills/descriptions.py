@@ -44,16 +44,84 @@ class ContactMotion(SkillDescription):
         self.addParam("Surface", [float], Optional, description=description)
 
 
-class ApproachTarget(ContactMotion):
-    """Moves a held part, or the tool, above a target and aligns their axes; yields to what is in the way."""
+class CompliantLine(ContactMotion):
+    """Base of compliant motions on a straight line."""
+
+    def add_line(self, height: float, description: str) -> None:
+        """Declares height (m), speed and tolerance."""
+        self.add_arm(1000.0, 60.0)
+        self.add_number("Height", height, "m", -0.1, 0.5, description)
+        self.add_number("Speed", 0.1, "m/s", 0.005, 0.3, "Of the tool")
+        self.add_number("Tolerance", 0.004, "m", 0.0005, 0.05, "Of the position at the end")
+        self.addParam("ZeroSensor", False, Optional, description="Zeroes the sensor: the hand is free of contact")
+
+
+class ApproachGrasp(CompliantLine):
+    """Moves the tool to a grasping pose of a part, or above it."""
+
+    def createDescription(self) -> None:
+        self.add_line(0.0, "Above the grasping pose, back along the tool axis")
+        self.addParam("Grasp", Element("skiros:GraspingPose"), Required, description="Pose of the tool on the part")
+
+
+class RetractTool(CompliantLine):
+    """Moves the tool back along its axis; yields to what holds it."""
+
+    def createDescription(self) -> None:
+        self.add_line(0.12, "Distance")
+
+
+class RetractAfterFailure(CompliantLine):
+    """Moves the tool back along its axis, and fails: for the end of a selector."""
+
+    def createDescription(self) -> None:
+        self.add_line(0.08, "Distance")
+
+
+class HoldPose(ContactMotion):
+    """Holds the pose of the tool with a stiffness, and presses; until it is preempted, or for a duration."""
 
     def createDescription(self) -> None:
         self.add_arm(1000.0, 60.0)
+        self.add_number("Force", 0.0, "N", 0.0, 30.0, "Exerted along the tool axis")
+        self.add_number("Duration", 0.0, "s", 0.0, 3600.0, "0: until it is preempted")
+        self.add_number("MaxDistance", 0.01, "m", 0.001, 0.2, "From the held pose, at which the motion fails")
+
+
+class ApplyForce(ContactMotion):
+    """Exerts a force along the tool axis until it was measured for some time."""
+
+    def createDescription(self) -> None:
+        self.add_arm(1000.0, 60.0)
+        self.add_number("Force", 10.0, "N", 1.0, 30.0, "Exerted along the tool axis")
+        self.add_number("Tolerance", 2.0, "N", 0.1, 10.0, "Of the measured force")
+        self.add_number("Duration", 0.5, "s", 0.1, 600.0, "For which the force must be measured")
+        self.add_number("MaxDistance", 0.02, "m", 0.001, 0.2, "From the start, at which the motion fails")
+
+
+class PullTest(ContactMotion):
+    """Pulls a part back along the tool axis; succeeds if it holds."""
+
+    def createDescription(self) -> None:
+        self.add_arm(1000.0, 60.0)
+        self.add_number("Force", 10.0, "N", 1.0, 30.0, "With which it is pulled")
+        self.add_number("Duration", 0.5, "s", 0.1, 60.0, "For which the part must withstand the force")
+        self.add_number("MaxDistance", 0.003, "m", 0.0005, 0.05, "At which the part does not hold")
+
+
+class ApproachTarget(CompliantLine):
+    """Moves a held part, or the tool, above a target and aligns their axes; yields to what is in the way."""
+
+    def createDescription(self) -> None:
+        self.add_line(0.01, "Above the target, of the lower end of the part")
         self.addParam("Target", Element("skiros:TransformationPose"), Required, description="A bore or another pose")
         self.addParam("Part", Element("skiros:Manipulatable"), Optional, description="The held part; none: the tool")
-        self.add_number("Height", 0.01, "m", -0.1, 0.5, "Above the target, of the lower end of the part")
-        self.add_number("Speed", 0.1, "m/s", 0.005, 0.3, "Of the tool")
-        self.add_number("Tolerance", 0.004, "m", 0.0005, 0.05, "Of the position at the end")
+        self.addParam(
+            "Feature",
+            Element("skiros:TransformationPose"),
+            Optional,
+            description="Frame of the part that goes there; none: its lower end",
+        )
         self.add_surface("Result: position of the tool with the part at the target, in the arm's base frame (m)")
 
 

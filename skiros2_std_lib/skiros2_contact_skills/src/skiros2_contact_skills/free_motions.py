@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_contact_skills.contact_primitive import NOT_REACHED, ContactPrimitive, forces
+from skiros2_contact_skills.contact_primitive import NOT_REACHED, RETRACTED, ContactPrimitive, forces
 from skiros2_contact_skills.core.compliant_arm import ArmState
-from skiros2_contact_skills.core.part_poses import aligned_tool, lower_end, pose_on_arm
-from skiros2_contact_skills.descriptions import ApproachTarget
+from skiros2_contact_skills.core.part_poses import aligned_tool, held_frame, pose_on_arm
+from skiros2_contact_skills.descriptions import ApproachGrasp, ApproachTarget, RetractAfterFailure, RetractTool
 from skiros2_sim.core.arm_kinematics import between, distances
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed
 
 #: Ratio of angular and linear speed of a motion (rad/m), and time to settle at its end (s).
 _TURN, _SETTLING_TIME = 4.0, 2.0
@@ -16,9 +16,6 @@ _TURN, _SETTLING_TIME = 4.0, 2.0
 
 class _CompliantLine(ContactPrimitive):
     """Moves the reference on a straight line to a goal, with a minimum-jerk profile (Flash and Hogan, 1985)."""
-
-    #: Whether the measured wrench becomes zero at the start: the hand is free then.
-    zeroes_sensor = False
 
     def goal(self, state: ArmState) -> Pose:
         """To override: returns the goal of the tool, in the base frame."""
@@ -51,8 +48,43 @@ class approach_target(_CompliantLine):
         self.setDescription(ApproachTarget(), self.__class__.__name__)
 
     def goal(self, state: ArmState) -> Pose:
-        parts = self.params["Part"].values
-        end = lower_end(self.wmi, self.element("Part") if parts else None)
+        end = held_frame(self.wmi, self.optional_element("Part"), self.optional_element("Feature"))
         target = pose_on_arm(self.wmi, self.element("Arm"), self.element("Target"))
         self.params["Surface"].values = list(aligned_tool(state.pose, end, target, 0.0).position)
         return aligned_tool(state.pose, end, target, self.value("Height"))
+
+
+class approach_grasp(_CompliantLine):
+    """Moves the tool to where the world model has the grasping pose."""
+
+    def createDescription(self) -> None:
+        self.setDescription(ApproachGrasp(), self.__class__.__name__)
+
+    def goal(self, state: ArmState) -> Pose:
+        return _behind(pose_on_arm(self.wmi, self.element("Arm"), self.element("Grasp")), self.value("Height"))
+
+
+class retract_tool(_CompliantLine):
+    """Moves straight back from where the tool is."""
+
+    def createDescription(self) -> None:
+        self.setDescription(RetractTool(), self.__class__.__name__)
+
+    def goal(self, state: ArmState) -> Pose:
+        return _behind(state.pose, self.value("Height"))
+
+
+class retract_after_failure(retract_tool):
+    """Moves back after a failure, which is explained by the node that failed first."""
+
+    def createDescription(self) -> None:
+        self.setDescription(RetractAfterFailure(), self.__class__.__name__)
+
+    def move(self, state: ArmState, dt: float) -> State:
+        moved = super().move(state, dt)
+        return self.fail("Retracted after a failure", RETRACTED) if moved is State.Success else moved
+
+
+def _behind(tool: Pose, distance: float) -> Pose:
+    """Returns a tool pose that is moved back along its axis (m)."""
+    return composed(tool, Pose((0.0, 0.0, -distance), IDENTITY.orientation))

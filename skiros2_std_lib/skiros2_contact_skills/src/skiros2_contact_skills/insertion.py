@@ -28,6 +28,12 @@ class InsertIntoBore(SkillDescription):
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm with the part")
         self.addParam("Part", Element("skiros:Product"), ParamTypes.Required, description="The held part")
         self.addParam("Bore", Element("skiros:Bore"), ParamTypes.Required, description="Where it goes")
+        self.addParam(
+            "MaxForce", 40.0, ParamTypes.Optional, description="At the wrist", unit="N", minimum=1.0, maximum=200.0
+        )
+        self.addHoldCondition(
+            self.getSignalCond("ForceBelowLimit", "skiros:WristForce", "Arm", maximum="MaxForce", timeout=2.0)
+        )
 
 
 class insert_into_bore(SkillBase):

@@ -6,15 +6,17 @@ One run is a function of its seed, errors and parameters, and is the same bit by
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
+from types import SimpleNamespace, TracebackType
 from typing import Any
 
 import numpy as np
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.signals import Signal
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills import contact_motions, free_motions, insertion
@@ -35,7 +37,7 @@ from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, invert
 
 SCENE = Path(__file__).parents[2] / "scene" / "piston_scene.ttl"
 ROBOT, ARM, GRIPPER = "cora:Robot-1", "rparts:ArmDevice-3", "rparts:GripperEffector-5"
-BLOCK, PISTON, GRASP = "skiros:Product-11", "skiros:Product-20", "skiros:GraspingPose-21"
+BLOCK, PISTON, GRASP = "piston:EngineBlock-11", "piston:Piston-20", "skiros:GraspingPose-21"
 BORES = ("skiros:Bore-12", "skiros:Bore-13", "skiros:Bore-14", "skiros:Bore-15")
 BORE, BENCH = BORES[1], "skiros:Location-10"
 
@@ -122,7 +124,9 @@ class InsertionStudy:
             compliant.begin()
             compliant.zero_sensor()
             world.motions.add(recorder)
+            (signal,) = (Signal.of(e) for e in bench.wmi.get_branch(ARM) if e.type == "skiros:WristForce")
             while task.state in (State.Running, State.Idle) and world.time < began + _LONGEST:
+                bench.signals.publish(signal.topic, _message(arm.measured_wrench()))
                 task.tick()
                 world.step(RATE // TICK_RATE)
                 recorder.note()
@@ -187,6 +191,12 @@ class _Recorder:
     def note(self) -> None:
         """Notes the present depth and force."""
         self.profile.append((self._world.time - self._start, piston_in_bore(self._world)[0], self._force))
+
+
+def _message(wrench: Sequence[float]) -> SimpleNamespace:
+    """Returns what a driver publishes: an object like `geometry_msgs/WrenchStamped`."""
+    force, torque = (SimpleNamespace(x=v[0], y=v[1], z=v[2]) for v in (wrench[:3], wrench[3:]))
+    return SimpleNamespace(wrench=SimpleNamespace(force=force, torque=torque))
 
 
 def _only_needed(scene: SceneSpec) -> SceneSpec:

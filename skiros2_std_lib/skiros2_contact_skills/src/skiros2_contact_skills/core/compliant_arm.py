@@ -92,6 +92,7 @@ class CompliantArm(Protocol):
 
     def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
         """Sets the wrench that the tool exerts, in the tool frame: up to 30 N and 10 Nm along and about each axis.
+        A driver may let it expire: set it at each tick.
 
         :raises WrongValue: a number is not finite or out of range.
         """

@@ -33,10 +33,11 @@ def pose_on_arm(wmi: WorldModelPort, arm: Element, element: Element) -> Pose:
     return composed(inverted(pose_in_scene(wmi, arm)[1]), pose_in_scene(wmi, element)[1])
 
 
-def lower_end(wmi: WorldModelPort, part: Element | None) -> Pose:
+def held_frame(wmi: WorldModelPort, part: Element | None, feature: Element | None = None) -> Pose:
     """Returns the frame at the lower end of a held part, in the tool frame; z points back into the hand.
 
     :param part: in a gripper; None: the tool itself.
+    :param feature: a frame of the part, in place of that at its lower end.
     :raises WrongValue: the part is not in a gripper, or it has no pose or size.
     """
     if part is None:
@@ -44,6 +45,11 @@ def lower_end(wmi: WorldModelPort, part: Element | None) -> Pose:
     holder, pose = parent_of(wmi, part), space.pose_of(part)
     if holder is None or pose is None or not wmi.is_subclass(holder.type, "rparts:GripperEffector"):
         raise WrongValue(f"{part.label!r} is not in a gripper")
+    if feature is not None:
+        on_part = space.pose_of(feature)
+        if on_part is None:
+            raise WrongValue(f"{feature.label!r} has no pose")
+        return composed(pose, on_part)
     return composed(pose, Pose((0.0, 0.0, -size_of(part)[2] / 2.0), IDENTITY.orientation))
 
 

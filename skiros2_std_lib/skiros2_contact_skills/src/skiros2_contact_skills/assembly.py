@@ -1,0 +1,196 @@
+"""Skills of the piston cell that a task manager plans with: take a part, put it down, insert a piston with two arms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skiros2_common.core.abstract_skill import SkillDescription
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.skill_description import ParamOptions
+from skiros2_common.core.world_element import Element
+from skiros2_sim_skills.core.places import CONTAINER_STATE
+from skiros2_skill.core.processors import ParallelFs, SelectorStar, SerialStar
+from skiros2_skill.core.skill import SkillBase
+
+Required, Inferred, Optional = ParamTypes.Required, ParamTypes.Inferred, ParamTypes.Optional
+
+#: Height of transfers above targets (m), and their speed (m/s).
+_TRANSFER, _FAST = 0.12, 0.25
+#: A transfer: fast, and with a tolerance that need not be settled.
+_SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
+#: Seconds for putting down what is held.
+_PUT_DOWN_TIME = 60.0
+
+
+class _Handling(SkillDescription):
+    """Base: an arm, its gripper, a part and a stand."""
+
+    def add_arm(self, arm: str = "Arm", gripper: str = "Gripper", lock: bool = True) -> None:
+        """Declares an arm with its gripper, which are inferred."""
+        options = [ParamOptions.Lock] if lock else []
+        self.addParam(arm, Element("rparts:ArmDevice"), Inferred, options, description="An arm of the robot")
+        self.addParam(gripper, Element("rparts:GripperEffector"), Inferred, description="Its gripper")
+        self.addPreCondition(self.getRelationCond(f"RobotHas{arm}", "skiros:hasA", "Robot", arm, True))
+        self.addPreCondition(self.getRelationCond(f"{arm}Has{gripper}", "skiros:hasA", arm, gripper, True))
+
+    def add_stand(self, stand: str = "Container", place: str = "Place", arm: str = "Arm") -> None:
+        """Declares an empty stand that the arm reaches, with its placing pose."""
+        self.addParam(stand, Element("piston:Stand"), Inferred, description="Where the part is put down")
+        self.addParam(place, Element("skiros:PlacingPose"), Inferred, description="Its placing pose")
+        self.addPreCondition(self.getRelationCond(f"{arm}Reaches{stand}", "piston:reaches", arm, stand, True))
+        self.addPreCondition(self.getRelationCond(f"{stand}Has{place}", "skiros:hasA", stand, place, True))
+        self.addPreCondition(self.getPropCond(f"{stand}Empty", CONTAINER_STATE, stand, "=", "Empty", True))
+
+    def add_move(self, part: str, source: str, target: str) -> None:
+        """Declares that a part is moved between containers, which are full and empty then."""
+        self.addPreCondition(self.getRelationCond(f"{part}In{source}", "skiros:contain", source, part, True))
+        self.addPostCondition(self.getRelationCond(f"{part}NotIn{source}", "skiros:contain", source, part, False))
+        self.addPostCondition(self.getRelationCond(f"{part}In{target}", "skiros:contain", target, part, True))
+        for container, old, new in ((source, "Full", "Empty"), (target, "Empty", "Full")):
+            self.addPostCondition(self.getPropCond(f"{container}{new}", CONTAINER_STATE, container, "=", new, True))
+            self.addPostCondition(
+                self.getPropCond(f"{container}Not{old}", CONTAINER_STATE, container, "=", old, False)
+            )
+
+
+class TakePart(_Handling):
+    """Takes a part from its stand."""
+
+    def createDescription(self) -> None:
+        self.set_duration(10.0)
+        self.addParam("Part", Element("skiros:Product"), Required, description="The part to take")
+        self.addParam("Container", Element("piston:Stand"), Inferred, description="Its stand")
+        self.addParam("Grasp", Element("skiros:GraspingPose"), Inferred, description="Of the part")
+        self.add_arm()
+        self.addPreCondition(self.getRelationCond("ArmReachesContainer", "piston:reaches", "Arm", "Container", True))
+        self.addPreCondition(self.getRelationCond("PartHasGrasp", "skiros:hasA", "Part", "Grasp", True))
+        self.addPreCondition(self.getPropCond("GripperIsEmpty", CONTAINER_STATE, "Gripper", "=", "Empty", True))
+        self.add_move("Part", "Container", "Gripper")
+        holds = self.getRelationCond("GripperHoldsPart", "skiros:contain", "Gripper", "Part", True)
+        self.set_on_preempt("PutDownPart", condition=holds, seconds=_PUT_DOWN_TIME)
+
+
+class PutDownPart(_Handling):
+    """Puts a held part down on an empty stand, until contact."""
+
+    def createDescription(self) -> None:
+        self.set_duration(10.0)
+        self.addParam("Part", Element("skiros:Product"), Required, description="The held part")
+        self.add_arm(lock=False)
+        self.add_stand()
+        self.add_move("Part", "Gripper", "Container")
+
+
+class InsertPiston(_Handling):
+    """Inserts a held piston into a bore, while the other arm holds the ring around it; puts the ring down."""
+
+    def createDescription(self) -> None:
+        self.set_duration(30.0)
+        self.addParam("Part", Element("piston:Piston"), Required, description="The held piston")
+        self.addParam("Bore", Element("skiros:Bore"), Required, description="Where it goes")
+        self.addParam("Ring", Element("piston:Ring"), Inferred, description="The held ring")
+        self.addParam("Opening", Element("skiros:Bore"), Inferred, description="Of the ring")
+        self.add_arm()
+        self.add_arm("RingArm", "RingGripper")
+        self.add_stand("RingStand", "RingPlace", "RingArm")
+        self.addPreCondition(self.getRelationCond("RingHasOpening", "skiros:hasA", "Ring", "Opening", True))
+        self.addPreCondition(self.getPropCond("BoreIsEmpty", CONTAINER_STATE, "Bore", "=", "Empty", True))
+        self.add_move("Part", "Gripper", "Bore")
+        self.add_move("Ring", "RingGripper", "RingStand")
+        holds = self.getRelationCond("GripperHoldsPiston", "skiros:contain", "Gripper", "Part", True)
+        self.set_on_preempt("PutDownPart", condition=holds, seconds=_PUT_DOWN_TIME)
+
+
+class GuardBore(SkillDescription):
+    """Holds the ring around a bore until it is preempted."""
+
+    def createDescription(self) -> None:
+        self.addParam("RingArm", Element("rparts:ArmDevice"), Required, description="The arm with the ring")
+        self.addParam("RingGripper", Element("rparts:GripperEffector"), Required, description="Its gripper")
+        self.addParam("Ring", Element("piston:Ring"), Required, description="The held ring")
+        holds = self.getRelationCond("GripperHoldsRing", "skiros:contain", "RingGripper", "Ring", True)
+        self.set_on_preempt(
+            "PutDownPart",
+            bind={"Arm": "RingArm", "Gripper": "RingGripper", "Part": "Ring"},
+            condition=holds,
+            seconds=_PUT_DOWN_TIME,
+        )
+
+
+class take_part(SkillBase):
+    """Moves above the part, grasps it at its grasping pose and lifts it."""
+
+    def createDescription(self) -> None:
+        self.setDescription(TakePart(), self.__class__.__name__)
+
+    def expand(self, skill: Any) -> None:
+        skill.setProcessor(SerialStar())
+        skill(
+            self.skill("OpenGripper", ""),
+            self.skill("ApproachGrasp", "", specify=_SWING | {"ZeroSensor": True}),
+            self.skill("ApproachGrasp", "", specify={"Height": 0.0}),
+            self.skill("GripPart", ""),
+            self.skill("RetractTool", "", specify=_SWING),
+        )
+
+
+class put_down_part(SkillBase):
+    """Lifts the part, moves it above the placing pose and down until contact, and releases it."""
+
+    def createDescription(self) -> None:
+        self.setDescription(PutDownPart(), self.__class__.__name__)
+
+    def expand(self, skill: Any) -> None:
+        skill.setProcessor(SerialStar())
+        skill(
+            self.skill("RetractTool", "", specify={"Height": _TRANSFER, "Tolerance": 0.01}),
+            self.skill("ApproachTarget", "", remap={"Target": "Place"}, specify=_SWING | {"ZeroSensor": True}),
+            self.skill("ApproachTarget", "", remap={"Target": "Place"}, specify={"Height": 0.02, "Tolerance": 0.01}),
+            self.skill("MoveUntilContact", "", specify={"Speed": 0.02, "MaxDistance": 0.04, "NeedsContact": False}),
+            self.skill("ReleasePart", ""),
+            self.skill("RetractTool", "", specify=_SWING),
+        )
+
+
+class guard_bore(SkillBase):
+    """Presses the ring on the block where it is."""
+
+    def createDescription(self) -> None:
+        self.setDescription(GuardBore(), self.__class__.__name__)
+
+    def expand(self, skill: Any) -> None:
+        skill(self.skill("HoldPose", "", remap={"Arm": "RingArm"}, specify={"Force": 5.0}))
+
+
+class insert_piston(SkillBase):
+    """One arm places the ring around the bore and holds it, the other one inserts through it and releases the piston.
+    When the insertion fails, the piston is retracted."""
+
+    def createDescription(self) -> None:
+        self.setDescription(InsertPiston(), self.__class__.__name__)
+
+    def expand(self, skill: Any) -> None:
+        ring = {"Arm": "RingArm", "Part": "Ring", "Gripper": "RingGripper"}
+        around = ring | {"Target": "Bore", "Feature": "Opening"}
+        above = {"Target": "Bore"}
+        skill.setProcessor(SerialStar())
+        skill(
+            self.skill("ApproachTarget", "", remap=around, specify=_SWING | {"ZeroSensor": True}),
+            self.skill("ApproachTarget", "", remap=around, specify={"Height": 0.03}),
+            self.skill(
+                "MoveUntilContact", "", remap=ring, specify={"Speed": 0.01, "MaxDistance": 0.03, "ContactForce": 3.0}
+            ),
+            self.skill(ParallelFs())(
+                self.skill("GuardBore", ""),
+                self.skill(SerialStar())(
+                    self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
+                    self.skill(SelectorStar())(
+                        self.skill("InsertIntoBore", ""),
+                        self.skill("RetractAfterFailure", ""),
+                    ),
+                    self.skill("ReleasePart", "", remap={"Container": "Bore"}),
+                    self.skill("RetractTool", "", specify=_SWING),
+                ),
+            ),
+            self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
+        )

@@ -1,0 +1,89 @@
+"""Primitives that grip and release parts, and update the world model."""
+
+from __future__ import annotations
+
+from control_msgs.msg import GripperCommandGoal, GripperCommandResult
+from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
+from skiros2_sim_skills.core.devices import opening
+from skiros2_sim_skills.core.places import move_in_world_model, parent_of, pose_in_scene
+from skiros2_sim_skills.drivers import NOT_KNOWN
+from skiros2_sim_skills.gripper_motions import NOT_HELD, open_gripper
+from skiros2_std_reasoners.core import spatial_data as space
+from skiros2_std_reasoners.core.geometry import IDENTITY, composed, inverted
+
+#: Maximum width of closed fingers (m).
+_NOTHING_BETWEEN = 0.004
+
+
+class GripPart(SkillDescription):
+    """Closes the gripper on a part at its grasping pose."""
+
+    def createDescription(self) -> None:
+        self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Required, description="The gripper")
+        self.addParam("Part", Element("skiros:Product"), ParamTypes.Required, description="The part")
+        self.addParam("Grasp", Element("skiros:GraspingPose"), ParamTypes.Required, description="Where it is gripped")
+        self.addParam("Effort", 40.0, ParamTypes.Optional, description="Of each finger", unit="N", minimum=1.0)
+
+
+class ReleasePart(SkillDescription):
+    """Opens the gripper; the part is then in its container."""
+
+    def createDescription(self) -> None:
+        self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Required, description="The gripper")
+        self.addParam("Part", Element("skiros:Product"), ParamTypes.Required, description="The held part")
+        self.addParam("Container", Element("sumo:Object"), ParamTypes.Required, description="Where the part is then")
+
+
+class grip_part(open_gripper):
+    """Closes the fingers, and moves the part into the gripper in the world model, at its grasping pose."""
+
+    def createDescription(self) -> None:
+        self.setDescription(GripPart(), self.__class__.__name__)
+
+    def doing(self) -> str:
+        return f"Gripping {self.label_of('Part')}"
+
+    def buildGoal(self) -> GripperCommandGoal:
+        return self.command(0.0, self.value("Effort"))
+
+    def onDone(self, status: int, msg: GripperCommandResult) -> State:
+        if not self.ended_well(status, msg):
+            return self.failed(self.status_text(), status)
+        if msg.position <= _NOTHING_BETWEEN:
+            return self.fail(f"{self.label_of('Part')} is not between the fingers: they have closed", NOT_HELD)
+        grasp = space.pose_of(self.element("Grasp")) or IDENTITY
+        try:
+            move_in_world_model(self.wmi, self.element("Part"), self.element("Gripper"), inverted(grasp))
+        except SkirosError as error:
+            return self.fail(str(error), NOT_KNOWN)
+        return self.success(f"{self.doing()}: {1000 * msg.position:.0f} mm between the fingers")
+
+
+class release_part(open_gripper):
+    """Opens the fingers, and moves the part into the container in the world model, where it was released."""
+
+    def createDescription(self) -> None:
+        self.setDescription(ReleasePart(), self.__class__.__name__)
+
+    def doing(self) -> str:
+        return f"Releasing {self.label_of('Part')}"
+
+    def buildGoal(self) -> GripperCommandGoal:
+        return self.command(opening(self.element("Gripper")), 0.0)
+
+    def onDone(self, status: int, msg: GripperCommandResult) -> State:
+        part, container = self.element("Part"), self.element("Container")
+        holder = parent_of(self.wmi, part)
+        if status != 3 or holder is None:
+            return self.failed(self.status_text() or f"{self.label_of('Part')} is nowhere", status)
+        try:
+            target = pose_in_scene(self.wmi, container)[1]
+            move_in_world_model(
+                self.wmi, part, container, composed(inverted(target), pose_in_scene(self.wmi, part)[1])
+            )
+        except SkirosError as error:
+            return self.fail(str(error), NOT_KNOWN)
+        return self.success(f"{self.label_of('Part')} is in {self.label_of('Container')}")

@@ -1,0 +1,265 @@
+"""A compliant arm whose driver has the interfaces of `docs/simulation.md`, *The compliant controller*, over ROS.
+
+A thread per arm sends commands in their order: services are called there, so that no tick waits for a driver.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import rospy
+from genpy import Message
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped, Vector3, Wrench, WrenchStamped
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+from skiros2_contact_skills.core.compliant_arm import STALE, ArmState, checked_limits, checked_reference
+from skiros2_contact_skills.core.simulated_arm import turned_wrench
+from skiros2_sim.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
+from skiros2_sim.core.spiral import SpiralGoal
+from skiros2_sim_msgs.msg import ImpedanceState
+from skiros2_sim_msgs.srv import OverlayMotion, OverlayMotionRequest, SetWrenchLimits, SetWrenchLimitsRequest
+from skiros2_std_reasoners.core.geometry import Pose, Vector, composed, inverted
+
+log = logging.getLogger(__name__)
+
+#: Time in which the driver must be there, and answer a request (s of wall time).
+_CONNECTION_TIME = 5.0
+
+
+class ImpedanceArm:
+    """Adapter of `CompliantArm`.
+
+    :param name: of the arm, for people.
+    :param space: namespace of the compliant controller.
+    :param wrist: namespace of the force/torque sensor.
+    :param switch: service that switches controllers.
+    :param controllers: names of the compliant controller and of the one that it replaces.
+    :param mount: pose of the arm's base frame in the frame of the controller's state.
+    """
+
+    def __init__(
+        self, name: str, space: str, wrist: str, switch: str, controllers: tuple[str, str], mount: Pose
+    ) -> None:
+        self._name, self._space, self._wrist, self._switch = name, space, wrist, switch
+        self._controllers, self._mount = controllers, mount
+        self._limits = (0.0, 0.0)
+        self._fault = ""
+        self._lock = threading.Lock()
+        self._last: ImpedanceState | None = None
+        self._received, self._received_at = 0, 0.0
+        #: Requests that are not answered, and the number of the state that will show the effect of the last answer.
+        self._pending, self._effect = 0, 1
+        self._commands: queue.SimpleQueue[tuple[Callable[[], None], bool]] = queue.SimpleQueue()
+        self._topics = {
+            topic: rospy.Publisher(f"{space}/{topic}", kind, queue_size=10)
+            for topic, kind in (
+                ("reference_pose", PoseStamped),
+                ("set_cartesian_stiffness", WrenchStamped),
+                ("set_damping_factors", WrenchStamped),
+                ("set_cartesian_wrench", WrenchStamped),
+            )
+        }
+        self._subscriber = rospy.Subscriber(f"{space}/state", ImpedanceState, self._on_state, queue_size=1)
+        threading.Thread(target=self._work, name=f"commands of {name}", daemon=True).start()
+
+    def close(self) -> None:
+        """Disconnects from the driver."""
+        self._commands.put((self._stop_working, False))
+        self._subscriber.unregister()
+        for topic in self._topics.values():
+            topic.unregister()
+
+    # -- the port ------------------------------------------------------------------------------------------------
+
+    def now(self) -> float:
+        with self._lock:
+            age = rospy.get_time() - self._received_at
+            return float(self._last.header.stamp.to_sec() + age if self._last is not None else rospy.get_time())
+
+    def state(self) -> ArmState | None:
+        with self._lock:
+            message, fault = self._last, self._fault
+            if fault and message is None:
+                raise Refused(f"{self._name}: {fault}")
+            if message is None or self._pending or self._received < self._effect:
+                return None
+        p, q = message.pose.position, message.pose.orientation
+        tool = Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+        pose = composed(inverted(self._mount), tool)
+        force, torque = message.measured_wrench.force, message.measured_wrench.torque
+        measured = turned_wrench(pose.orientation, (force.x, force.y, force.z, torque.x, torque.y, torque.z))
+        stamp = message.header.stamp.to_sec()
+        return ArmState(pose, measured, stamp, fault or self._why_stopped(message))
+
+    def begin(self) -> None:
+        self._fault = ""
+        on, off = self._controllers
+        request = SwitchControllerRequest(
+            start_controllers=[on], stop_controllers=[off], strictness=SwitchControllerRequest.BEST_EFFORT
+        )
+        self._request(lambda: self._call(self._switch, SwitchController, request, f"does not switch to {on}"))
+        self.set_wrench_limits(*self._limits)
+
+    def end(self) -> None:
+        # in the thread: the pose is then the last one
+        self._request(self._rest)
+
+    def set_reference(self, pose: Pose) -> None:
+        reference = composed(self._mount, checked_reference(pose))
+        self._command(lambda: self._publish_reference(reference))
+
+    def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
+        self._publish_wrench(
+            "set_cartesian_stiffness", checked("stiffness", (*translational, *rotational), MAX_STIFFNESS, lowest=0.0)
+        )
+
+    def set_damping(self, factors: Sequence[float]) -> None:
+        self._publish_wrench(
+            "set_damping_factors", checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
+        )
+
+    def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
+        self._publish_wrench("set_cartesian_wrench", checked("wrench", (*force, *torque), MAX_WRENCH))
+
+    def start_spiral(self, spiral: SpiralGoal) -> None:
+        request = OverlayMotionRequest(
+            start=True,
+            radius=spiral.radius,
+            path_distance=spiral.path_distance,
+            path_velocity=spiral.path_velocity,
+            direction=Vector3(*spiral.direction),
+            allow_decrease=spiral.allow_decrease,
+        )
+        self._request(lambda: self._call(f"{self._space}/overlay_motion", OverlayMotion, request, "refuses a spiral"))
+
+    def stop_overlay(self) -> None:
+        request = OverlayMotionRequest(start=False)
+        service = f"{self._space}/overlay_motion"
+        self._request(lambda: self._call(service, OverlayMotion, request, "does not stop its overlay motion"))
+
+    def set_wrench_limits(self, force: float, torque: float) -> None:
+        self._limits = checked_limits(force, torque)
+        request = SetWrenchLimitsRequest(*self._limits)
+        service = f"{self._space}/set_wrench_limits"
+        self._request(lambda: self._call(service, SetWrenchLimits, request, "refuses limits"))
+
+    def zero_sensor(self) -> None:
+        self._request(lambda: self._call(f"{self._wrist}/zero", Trigger, None, "does not zero its sensor"))
+
+    # -- the thread ----------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        connected = False
+        while True:
+            command, is_request = self._commands.get()
+            try:
+                connected = connected or self._connect()
+                command()
+            except _Closed:
+                return
+            except (SkirosError, rospy.ROSException, rospy.ServiceException) as error:
+                log.warning("%s: %s", self._name, error)
+                self._fault = self._fault or str(error)
+            finally:
+                if is_request:
+                    with self._lock:
+                        self._pending -= 1
+                        # the next state may have been on its way before the answer
+                        self._effect = self._received + 2
+
+    def _connect(self) -> bool:
+        """Waits until the driver listens to all topics: what is published before that is lost.
+
+        :raises TimedOut: it does not.
+        """
+        deadline = time.monotonic() + _CONNECTION_TIME
+        while not rospy.is_shutdown():
+            missing = [name for name, topic in self._topics.items() if not topic.get_num_connections()]
+            if not missing:
+                return True
+            if time.monotonic() > deadline:
+                raise TimedOut(f"no driver listens to {self._space}/{missing[0]}")
+            threading.Event().wait(0.02)
+        raise _Closed
+
+    def _call(self, name: str, kind: type, request: Message | None, problem: str) -> None:
+        """Calls a service.
+
+        :raises Refused: it answers that it has not done it.
+        :raises rospy.ROSException: there is no such service.
+        """
+        rospy.wait_for_service(name, _CONNECTION_TIME)
+        call = rospy.ServiceProxy(name, kind)
+        answer = call() if request is None else call(request)
+        if not getattr(answer, "ok", getattr(answer, "success", True)):
+            raise Refused(f"{problem}: {getattr(answer, 'message', '') or name}")
+
+    def _rest(self) -> None:
+        message = self._last
+        if message is None or not message.active or message.stopped_by:
+            return
+        p, q = message.pose.position, message.pose.orientation
+        self._publish_reference(Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
+        self._topics["set_cartesian_wrench"].publish(WrenchStamped())
+        if message.overlay:
+            self._call(f"{self._space}/overlay_motion", OverlayMotion, OverlayMotionRequest(), "keeps moving")
+
+    def _publish_reference(self, pose: Pose) -> None:
+        message = self._last
+        if message is None:
+            raise Refused(f"no state on {self._space}/state yet: its frame is not known")
+        header = Header(frame_id=message.header.frame_id)
+        position, orientation = pose
+        made = PoseMessage()
+        made.position.x, made.position.y, made.position.z = position
+        made.orientation.x, made.orientation.y, made.orientation.z, made.orientation.w = orientation
+        self._topics["reference_pose"].publish(PoseStamped(header, made))
+
+    def _publish_wrench(self, topic: str, values: Sequence[float]) -> None:
+        message = WrenchStamped(wrench=Wrench(Vector3(*values[:3]), Vector3(*values[3:])))
+        self._command(lambda: self._topics[topic].publish(message))
+
+    def _command(self, command: Callable[[], None]) -> None:
+        self._commands.put((command, False))
+
+    def _request(self, command: Callable[[], None]) -> None:
+        with self._lock:
+            self._pending += 1
+        self._commands.put((command, True))
+
+    def _stop_working(self) -> None:
+        raise _Closed
+
+    # -- state ---------------------------------------------------------------------------------------------------
+
+    def _on_state(self, message: ImpedanceState) -> None:
+        with self._lock:
+            self._last, self._received_at = message, rospy.get_time()
+            self._received += 1
+
+    def _why_stopped(self, message: ImpedanceState) -> str:
+        late = rospy.get_time() - self._received_at
+        if not message.active:
+            return f"controller {self._controllers[0]} of arm {self._name} is not active"
+        if message.stopped_by:
+            unit = "N" if message.stopped_by == "force" else "Nm"
+            value, limit = message.stop_value, message.stop_limit
+            return f"{message.stopped_by} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
+        if late > STALE:
+            return f"no state on {self._space}/state for {late:.1f} s"
+        if not all(map(math.isfinite, (message.pose.position.x, message.measured_wrench.force.x))):
+            return f"the state on {self._space}/state is not finite"
+        return ""
+
+
+class _Closed(Exception):
+    """Ends the thread."""

@@ -33,7 +33,8 @@ class InProcess:
     def reset(self) -> None:
         """The arm is at rest in the air, its position controller is active."""
         self._world.reset(seed=0)
-        self.arm: CompliantArm = SimulatedArm(ArmController(self._world, self._world.robots[ROBOT], self._world.arms[ARM]))
+        controller = ArmController(self._world, self._world.robots[ROBOT], self._world.arms[ARM])
+        self.arm: CompliantArm = SimulatedArm(controller)
 
     def advance(self, seconds: float) -> ArmState:
         """Lets time pass; returns the state after it."""

@@ -31,7 +31,7 @@ _INSERTION_STIFFNESS = 2000.0
 #: An insertion brakes within this time before its end (s), down to this speed (m/s).
 _BRAKING_TIME, _SLOWEST = 0.4, 0.005
 #: Maximum distance of the reference beyond the wanted depth (m).
-_BEYOND = 0.002
+_BEYOND = 0.005
 #: Depth that counts as progress of an insertion (m).
 _PROGRESS = 0.0005
 #: Time constant with which the reference follows the tool across the axis during an insertion (s).
@@ -96,6 +96,9 @@ class insert_part(ContactPrimitive):
     """Pushes with a force profile. The tool yields across its axis, its reference follows it slowly, and its axis
     wobbles on a cone, which frees a jammed part."""
 
+    # with the default damping a soft tool would hardly wobble
+    damping = (2.0, 2.0, 2.0, 0.5, 0.5, 0.5)
+
     def createDescription(self) -> None:
         self.setDescription(InsertPart(), self.__class__.__name__)
 
@@ -107,11 +110,13 @@ class insert_part(ContactPrimitive):
 
     def move(self, state: ArmState, dt: float) -> State:
         depth, wanted = self.depth(state), self.value("Depth")
-        if depth >= wanted - self.value("Tolerance"):
-            return self.success(f"Inserted {1000 * depth:.1f} mm deep ({forces(state)})")
         if depth > self._best + _PROGRESS:
             self._best, self._best_at = depth, state.stamp
-        if state.stamp - self._best_at > self.value("Patience"):
+        is_deep, is_stuck = depth >= wanted - self.value("Tolerance"), state.stamp - self._best_at > self.value("Patience")
+        # a part that has slipped in the hand is not as deep as the tool: the floor is felt
+        if is_deep and (is_stuck or pressed(state) >= self.value("SeatForce")):
+            return self.success(f"Inserted {1000 * depth:.1f} mm deep ({forces(state)})")
+        if is_stuck:
             return self.fail(f"Jammed {1000 * depth:.1f} of {1000 * wanted:.1f} mm deep ({forces(state)})", NO_PROGRESS)
         force = self.value("EntryForce") if depth < self.value("EntryDepth") else self.value("Force")
         speed = min(self.value("Speed"), max(_SLOWEST, (wanted - depth) / _BRAKING_TIME))

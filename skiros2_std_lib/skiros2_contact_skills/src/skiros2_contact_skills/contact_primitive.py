@@ -44,6 +44,8 @@ class ContactPrimitive(PrimitiveBase):
 
     arm: CompliantArm
     start: ArmState
+    #: Damping factors along and about the axes of the tool.
+    damping: tuple[float, ...] = (2.0,) * 6
 
     def begin(self, state: ArmState) -> None:
         """To override: called once, before the first `move`."""
@@ -92,6 +94,7 @@ class ContactPrimitive(PrimitiveBase):
             return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}", STOPPED)
         if not self._begun:
             self._begun, self.start, self._last = True, state, state.stamp
+            self.arm.set_damping(self.damping)
             self.begin(state)
         dt, self._last = max(0.0, state.stamp - self._last), state.stamp
         return self.move(state, dt)

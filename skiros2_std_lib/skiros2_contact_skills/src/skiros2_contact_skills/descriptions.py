@@ -164,6 +164,7 @@ class InsertPart(ContactMotion):
         self.add_number("EntryForce", 8.0, "N", 1.0, 30.0, "Up to the entry depth")
         self.add_number("EntryDepth", 0.008, "m", 0.0, 0.3, "Below the surface")
         self.add_number("Force", 18.0, "N", 1.0, 30.0, "From the entry depth on")
+        self.add_number("SeatForce", 6.0, "N", 0.0, 30.0, "Measured on the floor of the bore: the part is seated")
         self.add_number("Speed", 0.04, "m/s", 0.001, 0.2, "Of the part")
         self.add_number("TiltAngle", 3.0, "deg", 0.0, 10.0, "Of the wobble about the tool axis")
         self.add_number("TiltFrequency", 0.7, "Hz", 0.05, 2.0, "Of the wobble")

@@ -21,7 +21,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills import contact_motions, free_motions, insertion
 from skiros2_contact_skills.arms import provided_arms
-from skiros2_contact_skills.core.part_poses import aligned_tool
+from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt
 from skiros2_contact_skills.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
@@ -33,7 +33,7 @@ from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
 from skiros2_sim_skills.core.places import move_in_world_model
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted, multiplied, rotated
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted, multiplied
 
 SCENE = Path(__file__).parents[2] / "scene" / "piston_scene.ttl"
 ROBOT, ARM, GRIPPER = "cora:Robot-1", "rparts:ArmDevice-3", "rparts:GripperEffector-5"
@@ -144,12 +144,7 @@ def piston_in_bore(world: World, piston: str = PISTON, bore: str = BORE) -> tupl
 
     :raises UnknownName: one of them is not in the world.
     """
-    rim = rim_pose(world, bore)
-    half = _piston_size(world, piston)[2] / 2.0
-    lower = composed(world.pose_of(piston), Pose((0.0, 0.0, -half), IDENTITY.orientation))
-    inside = composed(inverted(rim), lower)
-    upright = rotated(inside.orientation, (0.0, 0.0, 1.0))[2]
-    return -inside.position[2], math.acos(min(1.0, upright))
+    return depth_and_tilt(rim_pose(world, bore), world.pose_of(piston), _piston_size(world, piston)[2])
 
 
 def rim_pose(world: World, bore: str) -> Pose:

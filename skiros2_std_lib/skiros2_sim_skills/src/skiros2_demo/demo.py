@@ -19,7 +19,7 @@ from skiros2_common.core.processes import exit_status
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.private_system import PrivateSystem, SystemDown
 from skiros2_demo.progress_report import ProgressReport
-from skiros2_demo.run_check import Thing, WorldState, changes, check, name_of, read_run
+from skiros2_demo.run_check import Step, Thing, WorldState, changes, check, name_of, read_run
 from skiros2_demo.simulation import Disturbance, Moved, Pictures, Simulation, Slip
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult, TreeProgress
 from skiros2_msgs.srv import ResourceGetDescriptions
@@ -119,11 +119,14 @@ _LATE = 1.0
 
 
 class Demo:
-    """One run of the demo.
+    """One run of the demo. Subclasses run other cells.
 
-    :param options: see `_parser`.
+    :param options: see `add_options`.
     :param out: for the report.
     """
+
+    #: Name of the skill manager.
+    robot = ROBOT
 
     def __init__(self, options: argparse.Namespace, out: TextIO) -> None:
         self._options = options
@@ -159,33 +162,50 @@ class Demo:
     def _run(self, system: System) -> list[Finding]:
         """Runs the system. Returns the findings in the simulated world."""
         started = time.monotonic()
-        system.start_recording(ROBOT)
+        system.start_recording(self.robot)
         system.init_node("manufacturing_system")
-        events = RunEvents(ROBOT)
-        system.launch(*_launch(self._options))
-        simulated = not self._options.timed
+        events = RunEvents(self.robot)
+        system.launch(*self.launch_arguments())
+        simulated = not getattr(self._options, "timed", False)
         simulation = Simulation() if simulated else None
-        task_manager = _wait_until_ready(system, simulation)
+        task_manager = _wait_until_ready(system, simulation, self.robot)
         self._report.say(
-            f"World model, skill manager {ROBOT}{', simulator' if simulated else ''} and task manager are ready "
+            f"World model, skill manager {self.robot}{', simulator' if simulated else ''} and task manager are ready "
             f"({_elapsed(started)})"
         )
         scene = WorldModelInterface(rospy.get_name()).get_branch(ROOT)
         self._world = WorldState.of(scene)
         product, tray = (self._world.labelled(label) for label in (self._options.product, self._options.tray))
         if simulation is not None:
-            self._prepare(simulation, scene, product, tray)
+            self.prepare(simulation, scene, product, tray)
         self._take_pictures("before")
         self._achieve(system, events, task_manager, f"(skiros:contain {tray.id} {product.id})")
         self._take_pictures("after")
-        truth = simulation.check_placement(product, tray) if simulation is not None else []
+        truth = self.check_truth(simulation, product, tray) if simulation is not None else []
         events.close()
         system.stop_recording()
         return truth
 
     # -- steps ---------------------------------------------------------------------------------------------------------
 
-    def _prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
+    def launch_arguments(self) -> list[str]:
+        """Returns package, file and arguments to launch."""
+        return _launch(self._options)
+
+    def check_truth(self, simulation: Simulation, product: Thing, tray: Thing) -> list[Finding]:
+        """Checks the result in the simulated world."""
+        return simulation.check_placement(product, tray)
+
+    def is_midway(self, steps: list[Step]) -> bool:
+        """Whether it is time for the picture during the run."""
+        return any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps)
+
+    def add_disturbance(self, disturbance: Disturbance) -> None:
+        """Adds a disturbance."""
+        self._disturbances.append(disturbance)
+
+    def prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
+        """Prepares the simulated world, the disturbances and the pictures, before the goal is sent."""
         random = Random(self._options.seed)
         if self._options.seed:
             simulation.put(product.id, _displaced(simulation.pose_of(product.id), random))
@@ -194,11 +214,15 @@ class Demo:
         if "slip" in self._options.disturb:
             grippers = (thing for thing in self._world.things.values() if thing.type == "rparts:GripperEffector")
             self._disturbances.append(Slip(simulation, next(grippers)))
+        self.prepare_pictures(simulation, scene)
+
+    def prepare_pictures(self, simulation: Simulation, scene: list[Element]) -> None:
+        """Aims the cameras."""
         if self._options.pictures:
             shown = [t for t in self._world.things.values() if all(t.size) or t.type == "cora:Robot"]
             places = [simulation.pose_of(thing.id).position for thing in shown]
             cameras = [element for element in scene if element.type == "skiros:DepthCamera"]
-            topic = COLOUR.of(cameras[0], ROBOT.strip("/"), part_name(cameras[0])) if cameras else ""
+            topic = COLOUR.of(cameras[0], self.robot.strip("/"), part_name(cameras[0])) if cameras else ""
             self._pictures = Pictures(simulation, self._options.folder, places, topic, self._report.say)
 
     def _take_pictures(self, moment: str) -> None:
@@ -232,7 +256,7 @@ class Demo:
         if isinstance(event, AchieveFeedback):
             steps = self._report.feedback(event)
             reports = [disturbance.steps(steps) for disturbance in self._disturbances]
-            if any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps):
+            if self.is_midway(steps):
                 self._take_pictures("during")
         else:
             reports = [disturbance.tree(event) for disturbance in self._disturbances]
@@ -273,13 +297,18 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     if options.timed and (options.disturb or options.gui):
         parser.error("--timed has no simulated world to disturb or to show")
+    return run_demo(Demo(options, sys.stdout), "pick_place_demo")
+
+
+def run_demo(demo: Demo, program: str) -> int:
+    """Runs a demo and reports errors. Returns the exit status of the program."""
     try:
-        return 0 if Demo(options, sys.stdout).run() else 1
+        return 0 if demo.run() else 1
     except KeyboardInterrupt as interrupt:
-        sys.stderr.write("\npick_place_demo: stopped; everything that it started has ended\n")
+        sys.stderr.write(f"\n{program}: stopped; everything that it started has ended\n")
         return exit_status(interrupt)
     except (SkirosError, rospy.ROSException, rospy.ServiceException) as error:
-        sys.stderr.write(f"pick_place_demo: {error}\n")
+        sys.stderr.write(f"{program}: {error}\n")
         return 1
 
 
@@ -289,13 +318,23 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--tray", default="Tray B", help="label of where to put it (%(default)s)")
     parser.add_argument("--timed", action="store_true", help="no simulated world: motions that only take time")
     parser.add_argument("--disturb", choices=DISTURBANCES, action="append", default=[], help=_DISTURB)
+    add_options(parser, rate=3.0, timeout=120.0)
+    return parser
+
+
+def add_options(parser: argparse.ArgumentParser, rate: float, timeout: float) -> None:
+    """Adds the options of all demos.
+
+    :param rate: default of simulated time, times real time.
+    :param timeout: default for the execution (s).
+    """
     parser.add_argument(
         "--seed",
         type=int,
         default=0,
         help="of all that is left to chance; 0 leaves the product where the scene has it (%(default)s)",
     )
-    parser.add_argument("--rate", type=float, default=3.0, help="simulated time, times real time (%(default)s)")
+    parser.add_argument("--rate", type=float, default=rate, help="simulated time, times real time (%(default)s)")
     parser.add_argument("--gui", action="store_true", help="show the simulated world in a window")
     parser.add_argument("--no-pictures", dest="pictures", action="store_false", help="save none")
     parser.add_argument("--scene", default="", help="scene file in the demo's workspace; default: the demo's own")
@@ -303,8 +342,7 @@ def _parser() -> argparse.ArgumentParser:
         "--folder", type=Path, default=Path("build/demo"), help="for bag, pictures and logs (%(default)s)"
     )
     parser.add_argument("--port", type=int, default=0, help="the master's; default: a free one")
-    parser.add_argument("--timeout", type=float, default=120.0, help="for the execution, in seconds (%(default)s)")
-    return parser
+    parser.add_argument("--timeout", type=float, default=timeout, help="for the execution, in seconds (%(default)s)")
 
 
 def _launch(options: argparse.Namespace) -> list[str]:
@@ -323,13 +361,13 @@ def _displaced(pose: Pose, random: Random) -> Pose:
     return composed(pose, Pose((x, y, 0.0), from_euler(0.0, 0.0, turn)))
 
 
-def _wait_until_ready(system: System, simulation: Simulation | None) -> Any:
+def _wait_until_ready(system: System, simulation: Simulation | None, robot: str) -> Any:
     """Returns a connected client of the task manager, once the recorder is connected too."""
     task_manager = actionlib.ActionClient("tm/achieve", AchieveAction)
     if simulation is not None:
         system.wait_for(simulation.is_ready, "the simulator")
-    skills = rospy.ServiceProxy(f"{ROBOT}/get_skills", ResourceGetDescriptions)
-    system.wait_for(lambda: _is_offered(skills), f"the skill manager {ROBOT}")
+    skills = rospy.ServiceProxy(f"{robot}/get_skills", ResourceGetDescriptions)
+    system.wait_for(lambda: _is_offered(skills), f"the skill manager {robot}")
     skills()  # returns when all skills are loaded
     system.wait_for(lambda: task_manager.wait_for_server(rospy.Duration.from_sec(0.01)), "the task manager tm")
     system.wait_for(lambda: task_manager.pub_goal.get_num_connections() > 1, "the recorder of the goal")

@@ -11,7 +11,7 @@ from random import Random
 from typing import Any, Protocol
 
 import rospy
-from geometry_msgs.msg import Point, PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, Vector3, Wrench
 from PIL import Image as Picture
 from sensor_msgs.msg import Image
 
@@ -19,7 +19,7 @@ from skiros2_bags.core.run import Finding
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_demo.run_check import Step, Thing, WorldState, name_of
 from skiros2_sim_msgs.msg import Contacts
-from skiros2_sim_msgs.srv import GetPose, SetFault, SetFaultRequest, SetPose, TakePicture
+from skiros2_sim_msgs.srv import GetPose, Push, SetFault, SetFaultRequest, SetPose, TakePicture
 from skiros2_std_reasoners.core.geometry import (
     Pose,
     Quaternion,
@@ -92,6 +92,14 @@ class Simulation:
         :raises Refused: the simulator rejects it.
         """
         self._call("set_fault", SetFault, kind=SetFaultRequest.SLIPPING_GRIPPER, target=gripper, active=active)
+
+    def push(self, element: str, force: Vector, duration: float) -> None:
+        """Pushes an element with a force in the map (N) for some seconds.
+
+        :raises Refused: the simulator rejects it.
+        """
+        wrench = Wrench(force=Vector3(*force))
+        self._call("push", Push, element=element, wrench=wrench, duration=rospy.Duration.from_sec(duration))
 
     def take_picture(self, file: Path, eye: Vector, target: Vector) -> Path:
         """Saves a picture of the world from a given camera position.

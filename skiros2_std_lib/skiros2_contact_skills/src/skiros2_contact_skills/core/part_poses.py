@@ -71,6 +71,19 @@ def aligned_tool(tool: Pose, end: Pose, target: Pose, height: float) -> Pose:
     return Pose((x, y, z), normalized(orientation))
 
 
+def depth_and_tilt(rim: Pose, part: Pose, height: float) -> tuple[float, float]:
+    """Returns the depth of the lower end of a part below a rim (m), and the angle between their axes (rad).
+
+    :param rim: pose of a bore, z out of it.
+    :param part: pose of the middle of the part, in the same frame.
+    :param height: of the part (m).
+    """
+    lower = composed(part, Pose((0.0, 0.0, -height / 2.0), IDENTITY.orientation))
+    inside = composed(inverted(rim), lower)
+    upright = rotated(inside.orientation, (0.0, 0.0, 1.0))[2]
+    return -inside.position[2], math.acos(max(-1.0, min(1.0, upright)))
+
+
 def smallest_rotation(a: Vector, b: Vector) -> Quaternion:
     """Returns the smallest rotation of the unit vector `a` to the unit vector `b`; half a turn is about any axis."""
     cosine = sum(x * y for x, y in zip(a, b, strict=True))

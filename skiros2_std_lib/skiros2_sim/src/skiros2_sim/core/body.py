@@ -16,6 +16,9 @@ from skiros2_std_reasoners.core.geometry import Pose, Vector
 
 _DENSITY = 600.0  # kg/m3, of wood
 _MIN_MASS, _MAX_MASS = 0.05, 50.0  # kg, of a body without a mass of its own
+#: Radius of the edges of a bored box (m). PyBullet's default is 1 mm: a peg slips in with an offset of a millimetre.
+#: With none, it bumps over the edges between the boxes.
+_BROKEN_EDGE = 0.0003
 #: Friction of bodies; PyBullet multiplies the values of both contact partners.
 _FRICTION = 0.9
 _FIXED_COLOURS: tuple[Colour, ...] = ((0.76, 0.69, 0.57, 1.0), (0.62, 0.66, 0.7, 1.0), (0.55, 0.6, 0.5, 1.0))
@@ -100,8 +103,7 @@ class Body:
         inertia = (mass * (y + z) / 12, mass * (x + z) / 12, mass * (x + y) / 12)
         text = as_text("bored_box", [boxes_link("box", shapes, mass, inertia, self.colour)])
         body = load_urdf(self._bullet, text, self.spec.pose, not self.movable)
-        # with a margin, rims are rounded: a peg slips in with an offset of a millimetre
-        self._bullet.changeDynamics(body, -1, collisionMargin=0.0)
+        self._bullet.changeDynamics(body, -1, collisionMargin=_BROKEN_EDGE)
         return body
 
     def _load_model(self, folders: Sequence[str]) -> int:

@@ -1,0 +1,119 @@
+"""Runs the piston demo: one goal, a plan for two arms, its execution, and the check of the result."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import rospy
+
+from skiros2_bags.core.run import Finding
+from skiros2_common.core.world_element import Element
+from skiros2_contact_skills.core.part_poses import depth_and_tilt
+from skiros2_demo.demo import Demo, add_options, run_demo
+from skiros2_demo.run_check import Step, Thing, name_of
+from skiros2_demo.simulation import Simulation
+from skiros2_msgs.srv import SkillCommand, SkillCommandRequest
+from skiros2_piston_demo.disturbances import hit_arm, preemption, pushed_block
+from skiros2_piston_demo.force_log import ForceLog
+from skiros2_std_reasoners.core import spatial_data as space
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler
+
+DISTURBANCES = ("push", "preempt", "force")
+_DISTURB = (
+    "what goes wrong: the block is pushed (push), somebody preempts the tasks while the piston is held (preempt), or "
+    "hits the hand during the insertion, which exceeds the force limit (force); may be given twice"
+)
+#: Maximum error of the block's place (m, rad), and the limit of the force (N), exceeded by a fifth at most.
+_FAR, _TURN = 0.002, math.radians(1.0)
+_LIMIT, _OVERSHOOT = 40.0, 1.2
+#: Of the result: depth (m) and tilt (rad).
+_DEPTH, _TILT = 0.0015, math.radians(1.0)
+#: Distance of the tool above the lower end of the held piston (m).
+_LENGTH = 0.08
+
+
+class PistonDemo(Demo):
+    """One run of the demo."""
+
+    robot = "/piston_cell"
+    _forces: ForceLog | None = None
+
+    def launch_arguments(self) -> list[str]:
+        options = self._options
+        simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
+        scene = [f"init_scene:={options.scene}"] if options.scene else []
+        return ["skiros2_contact_skills", "piston.launch", "gui:=false", *simulated, *scene]
+
+    def prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
+        things = {element.id: element for element in scene}
+        (block,) = (things[self._world.holders(tray.id, "skiros:hasA")[0]],)
+        self._rim = space.pose_of(things[tray.id]) or IDENTITY
+        self._block = self._world.things[block.id]
+        at = simulation.pose_of(block.id)
+        if self._options.seed:
+            simulation.put(block.id, composed(at, _error(Random(self._options.seed))))
+        arm = "right_arm"
+        height = composed(at, self._rim).position[2]
+        self._forces = ForceLog(f"{self.robot}/{arm}/right_compliant/state", height, _LENGTH)
+        gripper = self._world.labelled("Right gripper")
+        if "push" in self._options.disturb:
+            self.add_disturbance(pushed_block(simulation, self._block))
+        if "force" in self._options.disturb:
+            self.add_disturbance(hit_arm(simulation, gripper))
+        if "preempt" in self._options.disturb:
+            self.add_disturbance(preemption(self._preempt))
+        self.prepare_pictures(simulation, scene)
+
+    def is_midway(self, steps: list[Step]) -> bool:
+        inserting = any(name_of(step) == "insert_piston" and step["state"] == "running" for step in steps)
+        if self._forces is not None:
+            self._forces.record(inserting)
+        return inserting
+
+    def check_truth(self, simulation: Simulation, product: Thing, tray: Thing) -> list[Finding]:
+        rim = composed(simulation.pose_of(self._block.id), self._rim)
+        depth, tilt = depth_and_tilt(rim, simulation.pose_of(product.id), product.size[2])
+        wanted = float(tray.properties["skiros:Depth"][0])
+        found = [
+            Finding(abs(depth - wanted) < _DEPTH, f"{product.name} is {1000 * depth:.1f} mm deep in {tray.name}"),
+            Finding(tilt < _TILT, f"it is tilted by {math.degrees(tilt):.2f} degrees"),
+        ]
+        if self._forces is not None:
+            self._forces.close()
+            most = self._forces.max_force
+            hit = "force" in self._options.disturb
+            found.append(Finding(hit or most < _LIMIT * _OVERSHOOT, f"the largest force at the wrist was {most:.1f} N"))
+            plot = self._forces.save(Path(self._options.folder) / "force_over_depth.png", _LIMIT)
+            found.append(Finding(plot.exists(), f"plot: {plot}"))
+        return found
+
+    def _preempt(self) -> None:
+        command = rospy.ServiceProxy(f"{self.robot}/command", SkillCommand)
+        command(SkillCommandRequest(author="somebody", action=SkillCommandRequest.PREEMPT, execution_id=-1))
+
+
+def _error(random: Random) -> Pose:
+    """Returns an error of the block's place, in its own frame."""
+    far, direction = random.uniform(0.0, _FAR), random.uniform(0.0, 2.0 * math.pi)
+    turn = random.uniform(-_TURN, _TURN)
+    return Pose((far * math.cos(direction), far * math.sin(direction), 0.0), from_euler(0.0, 0.0, turn))
+
+
+def main(arguments: list[str]) -> int:
+    """Runs the program. Returns the exit status: 0 goal reached, 1 not reached, 2 wrong arguments, 128 + n after
+    signal n."""
+    return run_demo(PistonDemo(_parser().parse_args(arguments), sys.stdout), "piston_demo")
+
+
+def _parser() -> Any:
+    parser = argparse.ArgumentParser(prog="piston_demo", description=__doc__)
+    parser.add_argument("--product", default="Piston", help="label of the piston (%(default)s)")
+    parser.add_argument("--tray", default="Bore 2", metavar="BORE", help="label of the bore (%(default)s)")
+    parser.add_argument("--disturb", choices=DISTURBANCES, action="append", default=[], help=_DISTURB)
+    add_options(parser, rate=1.0, timeout=600.0)
+    return parser

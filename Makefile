@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test lint bench lock clean
+.PHONY: help setup build demo test lint bench bench-insertion lock clean
 
 python := .venv/bin/python3
 
@@ -8,7 +8,7 @@ python := .venv/bin/python3
 export PYTHONDONTWRITEBYTECODE =
 
 help:  ## show this list
-	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
+	@sed -nE 's/^([a-z-]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
 
 setup:  ## set up what is missing: Debian packages, .venv, the build in install/
 	@.ci/setup
@@ -34,6 +34,9 @@ lint: setup  ## check style and types
 bench: setup  ## measure, print a table, write build/bench.json
 	@$(python) -m pip install --quiet --require-hashes --requirement requirements/bench.txt || echo "some planners are missing"
 	@exec .ci/in_ros $(python) tests/benchmarks/run.py --json build/bench.json
+
+bench-insertion: setup  ## insert the piston 20 times for each error of its pose (up to an hour); write build/insertion.json
+	@exec $(python) tests/benchmarks/insertion.py $(BENCH_ARGS)
 
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files

@@ -36,6 +36,7 @@ PROGRAMS = {
     "skiros2_task": {"task_manager_node"},
     "skiros2_gui": {"skiros_gui", "markers_node"},
     "skiros2_sim_skills": {"pick_place_demo"},
+    "skiros2_contact_skills": {"piston_demo"},
 }
 pytestmark = pytest.mark.timeout(600)
 

@@ -36,10 +36,16 @@ _lock = threading.Lock()
 def provided_arms(source: ArmSource) -> Iterator[None]:
     """Makes skills of this process use the arms of a source inside the `with` block."""
     _provided.append(source)
+    with _lock:
+        before = dict(_users)
+        _users.clear()
     try:
         yield
     finally:
         _provided.remove(source)
+        with _lock:
+            _users.clear()
+            _users.update(before)
 
 
 def take_arm(wmi: WorldModelPort, robot: Element, arm: Element, user: object) -> CompliantArm:

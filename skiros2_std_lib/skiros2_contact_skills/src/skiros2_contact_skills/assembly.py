@@ -176,7 +176,7 @@ class insert_piston(SkillBase):
         skill.setProcessor(SerialStar())
         skill(
             self.skill("ApproachTarget", "", remap=around, specify=_SWING | {"ZeroSensor": True}),
-            self.skill("ApproachTarget", "", remap=around, specify={"Height": 0.03}),
+            self.skill("ApproachTarget", "", remap=around, specify={"Height": 0.02}),
             self.skill(
                 "MoveUntilContact", "", remap=ring, specify={"Speed": 0.01, "MaxDistance": 0.03, "ContactForce": 3.0}
             ),

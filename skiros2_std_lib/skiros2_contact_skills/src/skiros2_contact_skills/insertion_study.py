@@ -35,7 +35,14 @@ from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted, multiplied
 
-SCENE = Path(__file__).parents[2] / "scene" / "piston_scene.ttl"
+#: Of the sources, or else of the installed package.
+_FOLDERS = (Path(__file__).parents[2], *Path(__file__).parents)
+SCENE = next(
+    file
+    for folder in _FOLDERS
+    for file in (folder / "scene/piston_scene.ttl", folder / "share/skiros2_contact_skills/scene/piston_scene.ttl")
+    if file.exists()
+)
 ROBOT, ARM, GRIPPER = "cora:Robot-1", "rparts:ArmDevice-3", "rparts:GripperEffector-5"
 BLOCK, PISTON, GRASP = "piston:EngineBlock-11", "piston:Piston-20", "skiros:GraspingPose-21"
 BORES = ("skiros:Bore-12", "skiros:Bore-13", "skiros:Bore-14", "skiros:Bore-15")

@@ -1,0 +1,259 @@
+"""Primitives with a stand-in arm above a surface: what they command, how they end, and why they fail."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import OutOfLimits, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_contact_skills import contact_motions, force_motions, free_motions
+from skiros2_contact_skills import contact_primitive as codes
+from skiros2_contact_skills.arms import provided_arms
+from skiros2_contact_skills.core.compliant_arm import ArmState, Wrench
+from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt, smallest_rotation
+from skiros2_skill.testing import SkillBench
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between, from_euler, rotated
+
+DOWN = (1.0, 0.0, 0.0, 0.0)
+SURFACE, OPENING = 0.30, 0.25  # m, heights of the surface and of the floor of the opening
+
+
+class SurfaceArm:
+    """A tool that follows its reference at once, above a surface that pushes back with the commanded stiffness.
+
+    :ivar opens: the tool falls into an opening in the surface.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.time = 0.0
+        self.pose = Pose((0.5, 0.0, 0.32), DOWN)
+        self.reference = self.pose
+        self.stiffness = 0.0
+        self.exerted = 0.0
+        self.stopped, self.silent, self.opens = "", False, False
+
+    def step(self) -> None:
+        """A period of the ticks passes."""
+        self.time += 0.04
+        x, y, z = self.reference.position
+        floor = OPENING if self.opens else SURFACE
+        z -= self.exerted / self.stiffness if self.stiffness else 0.0
+        self._pressed = self.stiffness * max(0.0, floor - z)
+        self.pose = Pose((x, y, max(z, floor)), self.reference.orientation)
+
+    _pressed = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def state(self) -> ArmState | None:
+        wrench: Wrench = (0.0, 0.0, self._pressed, 0.0, 0.0, 0.0)
+        return None if self.silent else ArmState(self.pose, wrench, self.time, self.stopped)
+
+    def begin(self) -> None:
+        self.calls.append("begin")
+
+    def end(self) -> None:
+        self.calls.append("end")
+        self.reference, self.exerted = self.pose, 0.0
+
+    def set_reference(self, pose: Pose) -> None:
+        self.reference = pose
+
+    def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
+        self.stiffness = translational[2]
+
+    def set_damping(self, factors: Sequence[float]) -> None:
+        pass
+
+    def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
+        self.exerted = force[2]
+
+    def start_spiral(self, spiral: Any) -> None:
+        self.calls.append("start_spiral")
+
+    def stop_overlay(self) -> None:
+        self.calls.append("stop_overlay")
+
+    def set_wrench_limits(self, force: float, torque: float) -> None:
+        self.calls.append(f"limits {force:g} {torque:g}")
+
+    def zero_sensor(self) -> None:
+        self.calls.append("zero_sensor")
+
+
+class Rig:
+    """A bench with the skills and the stand-in."""
+
+    def __init__(self, bench: SkillBench, arm: SurfaceArm) -> None:
+        self.bench, self.arm = bench, arm
+        self.element: Element = bench.add("rparts:ArmDevice", "arm", bench.robot, "skiros:hasA")
+
+    def command(self, skill: str, **params: Any) -> Any:
+        return self.bench.command(skill, Arm=self.element, **params)
+
+    def run(self, task: Any, ticks: int = 400) -> Any:
+        """Ticks to the end."""
+        for _ in range(ticks):
+            if task.tick() is not State.Running:
+                break
+            self.arm.step()
+        return task
+
+
+@pytest.fixture
+def rig(skill_bench: SkillBench) -> Iterator[Rig]:
+    for module in (contact_motions, force_motions, free_motions):
+        names = [name for name in vars(module) if name.islower() and hasattr(getattr(module, name), "setDescription")]
+        skill_bench.load(*(getattr(module, name) for name in names))
+    arm = SurfaceArm()
+    with provided_arms(_Source(arm)):
+        yield Rig(skill_bench, arm)
+
+
+class _Source:
+    def __init__(self, arm: SurfaceArm) -> None:
+        self._arm = arm
+
+    def arm(self, wmi: Any, robot: Element, arm: Element) -> SurfaceArm:
+        return self._arm
+
+
+def code(task: Any) -> int:
+    return int(task.skill.progress_code)
+
+
+def test_motion_until_contact_ends_at_the_surface_and_reports_it(rig: Rig) -> None:
+    task = rig.run(rig.command("MoveUntilContact", ContactForce=3.0))
+    assert task.state is State.Success, task.why
+    assert task.skill.params["Surface"].values == pytest.approx([0.5, 0.0, SURFACE])
+    assert "N" in task.skill.progress_msg
+    assert rig.arm.calls == ["begin", "limits 40 15", "end"]
+
+
+def test_motion_without_contact_fails_with_its_code(rig: Rig) -> None:
+    task = rig.run(rig.command("MoveUntilContact", MaxDistance=0.01))
+    assert task.state is State.Failure
+    assert code(task) == codes.NO_CONTACT
+    assert "No contact within 10" in task.skill.progress_msg
+    assert rig.arm.calls[-1] == "end"
+
+
+def test_motion_that_needs_no_contact_succeeds_without(rig: Rig) -> None:
+    task = rig.run(rig.command("MoveUntilContact", MaxDistance=0.01, NeedsContact=False))
+    assert task.state is State.Success, task.why
+
+
+def test_stop_of_the_driver_fails_the_skill_in_the_next_tick_with_its_reason(rig: Rig) -> None:
+    task = rig.command("MoveUntilContact")
+    task.tick(2)
+    rig.arm.stopped = "force of 41.0 N above the limit of 40 N"
+    assert task.tick() is State.Failure
+    assert code(task) == codes.STOPPED
+    assert "arm has stopped: force of 41.0 N above the limit of 40 N" in task.skill.progress_msg
+
+
+def test_driver_that_does_not_answer_fails_the_skill_after_some_seconds(rig: Rig) -> None:
+    rig.arm.silent = True
+    task = rig.run(rig.command("HoldPose"))
+    assert code(task) == codes.NOT_READY
+    assert "it does not answer" in task.skill.progress_msg
+    assert rig.arm.time == pytest.approx(codes.READY_TIME, abs=0.1)
+
+
+def test_preempted_skill_leaves_the_arm_at_rest(rig: Rig) -> None:
+    task = rig.command("HoldPose", Force=5.0)
+    task.tick(3)
+    assert rig.arm.exerted == 5.0
+    task.preempt()
+    task.tick()
+    assert rig.arm.calls[-1] == "end"
+    assert rig.arm.exerted == 0.0
+
+
+def test_second_skill_for_the_same_arm_is_refused(rig: Rig) -> None:
+    first, second = rig.command("HoldPose"), rig.command("HoldPose")
+    first.tick()
+    second.tick()
+    assert second.state is State.Failure
+    assert "arm is used by another skill" in second.why
+    first.preempt()
+    first.tick()
+    assert rig.command("HoldPose").tick() is State.Running
+
+
+def test_search_ends_when_the_part_drops(rig: Rig) -> None:
+    rig.arm.set_reference(Pose((0.5, 0.0, SURFACE), DOWN))
+    rig.arm.step()
+    task = rig.command("SpiralSearch")
+    for _ in range(10):
+        task.tick()
+        rig.arm.step()
+    assert task.state is State.Running
+    assert "start_spiral" in rig.arm.calls
+    rig.arm.opens = True
+    rig.run(task, 50)
+    assert task.state is State.Success, task.why
+
+
+def test_search_without_an_opening_ends_in_time(rig: Rig) -> None:
+    rig.arm.set_reference(Pose((0.5, 0.0, SURFACE), DOWN))
+    rig.arm.step()
+    task = rig.run(rig.command("SpiralSearch", SearchTime=2.0))
+    assert code(task) == codes.NOT_FOUND
+
+
+def test_insertion_ends_on_the_floor_and_a_jam_fails(rig: Rig) -> None:
+    rig.arm.opens = True
+    rig.arm.set_reference(Pose((0.5, 0.0, SURFACE), DOWN))
+    rig.arm.step()
+    task = rig.run(rig.command("InsertPart", Depth=SURFACE - OPENING))
+    assert task.state is State.Success, task.why
+    rig.arm.set_reference(Pose((0.5, 0.0, SURFACE), DOWN))
+    rig.arm.step()
+    jammed = rig.run(rig.command("InsertPart", Depth=0.1))
+    assert code(jammed) == codes.NO_PROGRESS
+    assert "of 100.0 mm deep" in jammed.skill.progress_msg
+
+
+def test_pull_test_fails_when_the_part_moves(rig: Rig) -> None:
+    task = rig.run(rig.command("PullTest"))
+    assert code(task) == codes.NOT_HELD
+    assert "the part does not hold" in task.skill.progress_msg
+
+
+def test_retraction_moves_back_along_the_tool_axis(rig: Rig) -> None:
+    task = rig.run(rig.command("RetractTool", Height=0.1))
+    assert task.state is State.Success, task.why
+    assert rig.arm.pose.position == pytest.approx((0.5, 0.0, 0.42), abs=1e-3)
+
+
+@pytest.mark.parametrize("value", [0.0, 500.0])
+def test_parameter_out_of_its_limits_does_not_start(rig: Rig, value: float) -> None:
+    with pytest.raises(OutOfLimits, match="'ContactForce': expected 0.5 to 30 N"):
+        rig.command("MoveUntilContact", ContactForce=value)
+
+
+def test_aligned_tool_puts_the_lower_end_above_the_target_and_keeps_the_yaw() -> None:
+    tool = Pose((0.4, 0.1, 0.5), DOWN)
+    end = Pose((0.0, 0.0, 0.08), DOWN)
+    target = Pose((0.5, 0.0, 0.2), from_euler(0.02, 0.0, 0.5))
+    goal = aligned_tool(tool, end, target, 0.01)
+    assert angle_between(goal.orientation, tool.orientation) == pytest.approx(0.02, abs=1e-6)
+    assert depth_and_tilt(target, Pose((0.5, 0.0, 0.2), IDENTITY.orientation), 0.1)[0] == pytest.approx(0.05, abs=1e-4)
+    assert goal.position[2] == pytest.approx(0.29, abs=1e-3)
+
+
+@pytest.mark.parametrize("b", [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (0.6, 0.0, 0.8)])
+def test_smallest_rotation_turns_one_vector_to_the_other(b: Vector) -> None:
+    assert rotated(smallest_rotation((0.0, 0.0, 1.0), b), (0.0, 0.0, 1.0)) == pytest.approx(b, abs=1e-9)
+
+
+def test_source_is_removed_after_its_block() -> None:
+    with pytest.raises(WrongValue), provided_arms(_Source(SurfaceArm())):
+        raise WrongValue("left")

@@ -192,7 +192,7 @@ def test_object_that_was_carried_away_is_recognised_by_size_and_colour(table: Ta
     assert table.error("brick") < 0.003
 
 
-def test_thing_of_another_size_at_the_place_of_an_object_is_new(table: Table) -> None:
+def test_thing_of_another_size_at_the_place_of_an_object_is_new() -> None:
     other: Vector = (0.05, 0.16, 0.11)
     table = Table(
         cube=(on_table(0.45, 0.1, CUBE), CUBE, RED, True), other=(on_table(0.55, -0.1, other), other, GREEN, False)

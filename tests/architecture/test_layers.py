@@ -46,6 +46,7 @@ PORTS = {
     "skiros2_contact_skills": {"skiros2_sim.core", "skiros2_sim_skills.core", "skiros2_std_reasoners.core"},
     "skiros2_teaching": {
         "skiros2_world_model.core",
+        "skiros2_sim.core",
         "skiros2_sim_skills.core",
         "skiros2_contact_skills.core",
         "skiros2_std_reasoners.core",

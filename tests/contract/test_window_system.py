@@ -147,6 +147,16 @@ def test_refused_start_is_explained(desk: Desk) -> None:
     assert "required parameter 'B'" in desk.manager.why(-1).text
 
 
+def test_task_without_limits_has_no_bounds(desk: Desk) -> None:
+    task = desk.start("stay")
+    desk.wait_for(TaskProgress, lambda e: e.task == task)
+    assert desk.manager.signal_bounds(task).bounds == []
+    desk.manager.command("preempt", task)
+    desk.end_of(task)
+    with pytest.raises(SkirosError, match="999"):
+        desk.manager.signal_bounds(999)
+
+
 def test_breakpoints_are_added_listed_and_removed(desk: Desk) -> None:
     number = desk.manager.set_breakpoint("node", "stay")
     assert desk.manager.breakpoints() == {number: Breakpoint("node", "stay", "start")}

@@ -100,7 +100,7 @@ def source_files() -> list[SourceFile]:
     files = []
     for package, folder in PACKAGES.items():
         source = ROOT / folder / "src" / package
-        for path in sorted(source.rglob("*.py")):
+        for path in sorted(path for path in source.rglob("*.py") if "templates" not in path.parts):
             files.append(SourceFile(path.relative_to(ROOT), package, _part(path.relative_to(source).parts)))
         for path in sorted((ROOT / folder / "nodes").glob("*")):
             if path.is_file():

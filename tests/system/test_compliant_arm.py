@@ -12,7 +12,9 @@ from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Pose, PoseStamped, Quaternion, Vector3, Wrench, WrenchStamped
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectoryPoint
 
+from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal, FollowJointTrajectoryResult
 from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
 from skiros2_sim_msgs.msg import (
     CartesianTrajectoryAction,
@@ -22,6 +24,7 @@ from skiros2_sim_msgs.msg import (
 )
 from skiros2_sim_msgs.srv import OverlayMotion, SetWrenchLimits
 from support.ros import Ros, RosMaster, wait_until
+from support.simulator_client import ARM as ARM_ID
 from support.simulator_client import GRIPPER, WAIT, SimulatorClient
 
 pytestmark = pytest.mark.timeout(120)
@@ -29,6 +32,7 @@ pytestmark = pytest.mark.timeout(120)
 ROBOT = "/mobile_manipulator"
 ARM = f"{ROBOT}/arm/compliant"
 TOOL = "mobile_manipulator/arm/tool"
+HOME = [0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.8]
 BASE = "mobile_manipulator/base_link"
 COMMANDS = {
     "reference_pose": PoseStamped,
@@ -140,6 +144,55 @@ def test_stiffness_damping_and_wrench_are_set_in_the_frame_of_the_tool(arm: Arm)
     assert abs(settled.position_error.x) < 0.003
 
 
+def test_wrench_that_is_not_sent_again_expires(arm: Arm) -> None:
+    arm.send("set_cartesian_wrench", wrench(0.0, 0.0, 5.0))
+    arm.wait_for(lambda s: s.commanded_wrench.force.z > 4.9)
+    arm.wait_for(lambda s: s.commanded_wrench.force.z < 0.1)
+    assert "the commanded wrench was not set again in time" in arm.sim.program.output
+
+
+def test_silent_sensor_stops_an_arm_with_limits(arm: Arm) -> None:
+    assert arm.sim.ros.service(f"{ARM}/set_wrench_limits", SetWrenchLimits)(60.0, 20.0).ok
+    measured = arm.sim.ros.messages(f"{ROBOT}/arm/wrist/wrench", WrenchStamped)
+    wait_until(lambda: arm.state() and measured.all, WAIT, "a measured wrench")
+    assert arm.sim.set_fault("silent_sensor", ARM_ID, True, 0.0, 0.0).ok
+    stopped = arm.wait_for(lambda s: s.stopped_by)
+    assert (stopped.stopped_by, stopped.stop_limit) == ("sensor_age", 0.02)
+    assert stopped.wrench_stamp < stopped.stop_stamp
+    later = arm.state(240)
+    assert later.wrench_stamp.to_sec() == pytest.approx(stopped.wrench_stamp.to_sec(), abs=1e-6)
+    assert measured.all[-1].header.stamp <= stopped.wrench_stamp + rospy.Duration.from_sec(0.01)
+    assert arm.sim.set_fault("silent_sensor", ARM_ID, False, 0.0, 0.0).ok
+
+
+def test_limit_under_position_control_aborts_a_trajectory(arm: Arm) -> None:
+    arm.switch("position", "compliant")
+    arm.state(240)
+    assert arm.sim.ros.service(f"{ROBOT}/arm/wrist/zero", Trigger)().success
+    set_limits = arm.sim.ros.service(f"{ROBOT}/arm/position/set_wrench_limits", SetWrenchLimits)
+    assert "limits of force and torque" in set_limits(math.nan, 0.0).message
+    assert set_limits(30.0, 0.0).ok
+    client = arm.sim.client(f"{ROBOT}/arm/follow_joint_trajectory", FollowJointTrajectoryAction)
+    names = [name.removeprefix("arm/") for name in arm.state().joints]
+    goal = FollowJointTrajectoryGoal()
+    goal.trajectory.joint_names = names
+    goal.trajectory.points = [JointTrajectoryPoint(positions=HOME, time_from_start=rospy.Duration(20))]
+    client.send_goal(goal)
+    wait_until(lambda: arm.state() and client.get_state() != GoalStatus.PENDING, WAIT, "the motion")
+    assert client.get_state() == GoalStatus.ACTIVE, client.get_goal_status_text()
+    assert arm.sim.push(GRIPPER, Wrench(Vector3(60, 0, 0), Vector3()), rospy.Duration.from_sec(0.2)).ok
+    stopped = arm.wait_for(lambda s: s.stopped_by)
+    assert (stopped.stopped_by, stopped.stop_limit) == ("force", 30.0)
+    with arm.sim.running():
+        assert client.wait_for_result(rospy.Duration(WAIT))
+    assert client.get_result().error_code == FollowJointTrajectoryResult.PATH_TOLERANCE_VIOLATED
+    assert "stopped at a force" in client.get_result().error_string
+    client.send_goal_and_wait(goal)
+    assert client.get_state() == GoalStatus.REJECTED
+    assert set_limits(0.0, 0.0).ok
+    assert not arm.state().stopped_by
+
+
 @pytest.mark.parametrize(
     ("name", "message", "reason"),
     [
@@ -160,6 +213,11 @@ def test_stiffness_damping_and_wrench_are_set_in_the_frame_of_the_tool(arm: Arm)
         ("set_cartesian_stiffness", wrench(100, 100, 100, 10, "map"), "stiffness in frame 'map': expected"),
         ("set_damping_factors", wrench(-1.0, 0, 0), "damping factor -1 of x"),
         ("set_cartesian_wrench", wrench(0, 0, 31.0), "wrench 31 of z: expected -30 to 30"),
+        (
+            "set_cartesian_wrench",
+            wrench(math.nan, 0, 0, frame="map"),
+            "wrench in frame 'map': expected 'mobile_manipulator/arm/tool', or none; wrench along x, y, z .nan",
+        ),
         ("set_cartesian_wrench", wrench(math.nan, 0, 0), "wrench along x, y, z .nan"),
     ],
 )

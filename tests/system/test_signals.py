@@ -13,6 +13,7 @@ from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, RosMaster, SharedSystem, wait_until
@@ -137,6 +138,20 @@ def test_force_within_the_limit_of_the_goal_keeps_the_skill_running(robot, arm, 
     sensor.send(41.25)
     sensor.send(51.0)
     assert "was 51 N at " in reason(run)
+
+
+def test_manager_reports_the_limits_of_a_task_and_their_violation(robot, arm, sensor):
+    run = pressing(robot, arm, sensor, MaxForce=50.0)
+    manager = ManagerClient(ROBOT, "tests")
+    (bound,) = manager.signal_bounds(run.wait_for_task(30)).bounds
+    (signal,) = WorldModelInterface("tests").resolve_elements(Element("skiros:WristForce"))
+    assert (bound.condition, bound.signal, bound.side, bound.value) == ("ForceBelowLimit", signal.id, "maximum", 50.0)
+    assert not bound.violated
+    sent = sensor.send(51.0)
+    reason(run)
+    (bound,) = manager.signal_bounds(run.task).bounds
+    assert sent <= bound.violated <= time.time()
+    manager.close()
 
 
 def test_sensor_that_stops_fails_the_skill(robot, arm, sensor):

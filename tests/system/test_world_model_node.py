@@ -641,8 +641,8 @@ def test_tf_is_available_for_moving_moved_and_removed_elements(ros: Ros, start):
     begin = rospy.Time.now()
     belt.setProperty("skiros:VelocityX", 1.0, "xsd:float")
     wm.update_element(belt)
-    told = wait_until(lambda: (x := position(belt).x) > 1.2 and x, what="movement")
-    assert told == pytest.approx(1.0 + (rospy.Time.now() - begin).to_sec(), abs=0.5)
+    moved = wait_until(lambda: (x := position(belt).x) > 1.2 and x, what="movement")
+    assert moved == pytest.approx(1.0 + (rospy.Time.now() - begin).to_sec(), abs=0.5)
     wait_until(lambda: wm.get_element(belt.id).getData(":Position")[0] > 1.2, what="the movement in the scene")
     assert position(belt, begin + rospy.Duration(0.2)).x < position(belt, begin + rospy.Duration(0.4)).x
     belt = wm.get_element(belt.id)
@@ -655,9 +655,10 @@ def test_tf_is_available_for_moving_moved_and_removed_elements(ros: Ros, start):
     late.lookup_transform("map", still.id, rospy.Time(0), rospy.Duration(5.0))
     late.lookup_transform("map", still.id, rospy.Time.now(), rospy.Duration(5.0))
     assert late.lookup_transform("map", belt.id, rospy.Time(0), rospy.Duration(5.0)).transform.translation.x == 9.0
+    removed = belt.id
     wm.remove_element(belt)
     tf = ros.messages("/tf", TFMessage)
-    gone = tf.wait_for(lambda m: all(t.child_frame_id != belt.id for t in m.transforms))
+    gone = tf.wait_for(lambda m: all(t.child_frame_id != removed for t in m.transforms))
     assert [t.child_frame_id for t in gone.transforms] == [still.id]
 
 

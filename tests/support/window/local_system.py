@@ -8,15 +8,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
-from skiros2_runs.core.values import NodeStatus
+from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.runtime.diagnosis import inspect
+from skiros2_skill.core.runtime.diagnosis import inspect, signal_bounds
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.request import SkillRequest, StartPreview, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
@@ -37,6 +38,7 @@ class LocalManager:
     :param skills: classes of implementations.
     :param on_progress: called with each progress, in the ticker thread.
     :param robot: the label of the robot, which is in the scene.
+    :param signals: for hold-conditions on signals.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class LocalManager:
         skills: Sequence[type],
         on_progress: Callable[[TaskProgress], None],
         robot: str,
+        signals: SignalSource | None = None,
     ) -> None:
         self._name = name
         self._wm = wm
@@ -57,7 +60,7 @@ class LocalManager:
         self._registration = Registration(wm, prefix, local, name)
         self._registration.register(self._library.implementations())
         self._history = History()
-        self._scheduler = Scheduler(on_progress=self._on_progress)
+        self._scheduler = Scheduler(on_progress=self._on_progress, signals=signals)
         self._starter = TaskStarter(self._library, wm, self._scheduler, self._history, lambda: self._registration.robot)
         wm.add_listener(self._scheduler.on_change)
 
@@ -102,6 +105,9 @@ class LocalManager:
     def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         return inspect(self._history.task(task_id), node_id, self._wm)
 
+    def signal_bounds(self, task_id: int) -> TaskBounds:
+        return signal_bounds(self._history.task(task_id))
+
     def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
         return self._scheduler.breakpoints.add(Breakpoint(kind, pattern, when))
 
@@ -140,14 +146,17 @@ class LocalSystem:
         self._is_up = True
         self._since = time.time()
         self._managers: dict[str, LocalManager] = {}
+        self._stops: dict[str, tuple[str, str]] = {}
         self.planner: Planner | None = None
+        self.signals = LocalSignals()
         #: The argument of the last `set_movable`.
         self.movable = ""
         self._wm.add_listener(self._on_change)
 
     @property
     def parts(self) -> list[Part]:
-        managers = [Part(MANAGER, name, True, self._since) for name in self._managers]
+        stops = self._stops
+        managers = [Part(MANAGER, name, True, self._since, *stops.get(name, ("", ""))) for name in self._managers]
         return [Part(WORLD_MODEL, "wm", self._is_up, self._since), *managers]
 
     @property
@@ -172,7 +181,7 @@ class LocalSystem:
             element = Element("cora:Robot", robot)
             element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
             self._wm.add_element(element)
-        manager = LocalManager(self._wm, name, skills, self._event_queue.put, robot)
+        manager = LocalManager(self._wm, name, skills, self._event_queue.put, robot, self.signals)
         self._managers[name] = manager
         self._event_queue.put(ManagersChanged())
         return manager
@@ -185,6 +194,11 @@ class LocalSystem:
     def set_up(self, is_up: bool) -> None:
         """Sets the status of the world model."""
         self._is_up, self._since = is_up, time.time()
+        self._event_queue.put(ConnectionChanged())
+
+    def set_stop(self, name: str, kind: str, text: str = "") -> None:
+        """Sets the stop of a manager's robot; "" for none."""
+        self._stops[name] = text, kind
         self._event_queue.put(ConnectionChanged())
 
     def set_movable(self, eid: str) -> None:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from python_qt_binding.QtCore import QSettings, Qt
+from python_qt_binding.QtCore import QSettings, QSize, Qt, QTimer
 from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
@@ -28,6 +30,8 @@ from skiros2_gui.standalone import StandaloneWindow
 from skiros2_gui.view3d.widgets.rviz_panel import rviz_problem
 from support.display import Display
 from support.window.driver import Driver
+from support.window.local_system import LocalSystem
+from support.window.press_cell import PressCell
 from support.window.rviz_screenshot import rviz_screenshot
 
 #: The window's size (pixels).
@@ -125,9 +129,37 @@ def _screenshots() -> Iterator[tuple[str, QImage]]:
         yield "world", _screenshot(driver)
         if not rviz_problem():
             yield "rviz", rviz_screenshot(driver)
+        yield "signals", _signals_screenshot(window.size())
     finally:
         window.close()
         application.processEvents()
+
+
+def _signals_screenshot(size: QSize) -> QImage:
+    """A force that rises until it exceeds the limit of a skill, in a window without ROS."""
+    content = MainWidget(LocalSystem)
+    content.resize(size)
+    content.show()
+    cell, driver = PressCell(content.shared), Driver(content)
+    begin = time.monotonic()
+
+    def publish() -> None:
+        age = time.monotonic() - begin
+        cell.publish(5.0 + 4.2 * age + math.sin(9.0 * age), 0.6 * math.cos(3.0 * age) + 0.1 * age)
+
+    sensor = QTimer()
+    sensor.timeout.connect(publish)
+    try:
+        driver.open_tab("Running")
+        driver.open_tab("Signals")
+        driver.choose("signalSpan", "10 s")
+        sensor.start(5)
+        cell.press()
+        driver.wait_for_row("taskChoice", "press", "failed")
+        return _screenshot(driver)
+    finally:
+        sensor.stop()
+        content.close()
 
 
 def _screenshot(driver: Driver) -> QImage:

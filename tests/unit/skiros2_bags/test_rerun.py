@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -50,6 +52,14 @@ def test_rerun_of_a_simulated_run_has_no_divergence() -> None:
     recording = Recording(BAGS / "simulated_disturbed.bag")
     assert sum(task.run.state is TaskState.FAILED for task in recorded_tasks(recording)) > 0
     assert rerun(recording, SIMULATED).divergence is None
+
+
+def test_goal_may_be_recorded_after_the_first_progress(gripper: Recording) -> None:
+    recording = copy(gripper)
+    late = {id(task.goal): task.progress[0].order + 0.5 for task in recorded_tasks(recording)}
+    events = [replace(e, order=late[id(e)]) if id(e) in late else e for e in recording.events]
+    recording.events = sorted(events, key=lambda event: event.order)
+    assert rerun(recording, Settings()).divergence is None
 
 
 def test_changed_driver_goal_names_the_field(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:

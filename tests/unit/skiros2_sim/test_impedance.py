@@ -94,6 +94,21 @@ def test_damping_is_twice_the_factor_times_the_root_of_the_stiffness() -> None:
     assert force[:2] == pytest.approx([-2 * 0.5 * 20.0 * 0.1, -2 * 20.0 * 0.1], rel=0.01)
 
 
+def test_arm_without_stiffness_is_damped() -> None:
+    impedance = controller()
+    impedance.set_stiffness((0.0, 0.0, 500.0, 0.0, 0.0, 20.0))
+    impedance.set_damping_factors((0.0,) * 6)
+    force = settled(impedance, state(velocities=(0.1, 0.0, 0.1, 1.0, 0.0, 0.0)))
+    assert force[:4] == pytest.approx([-4.0, 0.0, 0.0, -3.0], abs=0.01), "40 Ns/m, 3 Nms/rad"
+
+
+def test_reference_of_a_guided_arm_is_its_pose() -> None:
+    impedance = controller()
+    impedance.set_stiffness((0.0,) * 6)
+    assert settled(impedance, state((0.1, 0.0, 0.0, 0.0, 0.0, 0.0))) == pytest.approx(0.0)
+    assert impedance.reference.position == (0.1, 0.0, 0.0)
+
+
 def test_commanded_wrench_is_exerted_in_the_frame_of_the_tool() -> None:
     turned = from_euler(math.pi, 0.0, 0.0)  # the hand points down
     impedance = Impedance(EFFORTS)

@@ -39,6 +39,7 @@ def test_parameters_are_read() -> None:
         ("noise", -0.5),
         ("position_noise", float("inf")),
         ("yaw_noise", 4.0),
+        ("wrench_timeout", -1.0),
         ("detection", "guess"),
         ("detection", ["camera"]),
     ],

@@ -411,7 +411,7 @@ def test_fault_is_replaced_and_cleared(world: World) -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "text"),
     [
-        (("on_fire", ROBOT), UnknownName, "slipping_gripper, blocked_path, late_sensor"),
+        (("on_fire", ROBOT), UnknownName, "slipping_gripper, blocked_path, late_sensor, silent_sensor"),
         (("slipping_gripper", ARM), UnknownName, GRIPPER),
         (("blocked_path", PRODUCT), UnknownName, ROBOT),
         (("late_sensor", TABLE_2), UnknownName, BASE),

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+import rospy
 from actionlib import CommState
 
 from skiros2_common.core.errors import TimedOut
@@ -18,14 +19,16 @@ class Client:
 
     def __init__(self):
         self.handles = []
+        self.status_stamp = rospy.Time(1000.0)
 
     @property
     def last_status_msg(self):
-        return object()  # a new message each time: the server is alive
+        """A new message each time: the server is alive."""
+        return SimpleNamespace(header=SimpleNamespace(stamp=self.status_stamp))
 
     def send_goal(self, goal, on_transition):
         handle = SimpleNamespace(state=CommState.WAITING_FOR_GOAL_ACK, on_transition=on_transition)
-        number = SimpleNamespace(goal_id=SimpleNamespace(id=f"goal {len(self.handles)}"))
+        number = SimpleNamespace(goal_id=SimpleNamespace(id=f"goal {len(self.handles)}", stamp=rospy.Time(100.0)))
         handle.comm_state_machine = SimpleNamespace(action_goal=number)
         handle.get_comm_state = lambda: handle.state
         self.handles.append(handle)
@@ -64,6 +67,12 @@ def test_goal_that_is_not_accepted_times_out(runs, clock):
     clock.now += manager.SILENCE + 0.1
     with pytest.raises(TimedOut, match="/robot/execute has not taken the skills"):
         runs[0].wait(0.0)
+
+
+def test_goal_waits_while_status_messages_arrive_late(runs, client, clock):
+    client.status_stamp = rospy.Time(101.0)
+    clock.now += manager.SILENCE + 0.1
+    assert not runs[0].wait(0.0)
 
 
 def test_goal_waits_while_earlier_goals_are_accepted(runs, client, clock):

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from skiros2_runs.core.values import NodeStatus
+from skiros2_common.core.signals import SignalSource
+from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.request import StartPreview
@@ -72,6 +73,9 @@ class Manager(Protocol):
     def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         """Returns the current parameters and conditions of a node of an unfinished task."""
 
+    def signal_bounds(self, task_id: int) -> TaskBounds:
+        """Returns the limits that the nodes of a task have set for signals in their last runs."""
+
     def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
         """Adds a breakpoint. Returns its number."""
 
@@ -124,6 +128,10 @@ class System(Protocol):
     @property
     def planner(self) -> Planner | None:
         """The task manager; None if it is not up."""
+
+    @property
+    def signals(self) -> SignalSource | None:
+        """Delivers the values of signals; None before the window is connected."""
 
     def set_movable(self, eid: str) -> None:
         """Lets views outside the window (rviz) move this element; "" for none."""

@@ -15,7 +15,7 @@ from skiros2_common.core.source_location import SourceLocation
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
-    from skiros2_common.core.signals import SignalSource
+    from skiros2_common.core.signals import SignalBounds, SignalSource
     from skiros2_common.core.world_model_port import WorldModelPort
 
 #: The methods that state how a condition is evaluated, and those that say the same in a faster way.
@@ -231,6 +231,10 @@ class ConditionBase(_OfParameters):
         :returns: called when the node has ended; None: there is nothing to end.
         """
         return None
+
+    def signal_bounds(self) -> list[SignalBounds]:
+        """Returns the limits that it sets for signals, as last watched. Any thread."""
+        return []
 
     def ontology_names(self) -> list[tuple[str, str]]:
         """The names of the ontology that it refers to, as pairs of kind (relation, property or class) and name."""

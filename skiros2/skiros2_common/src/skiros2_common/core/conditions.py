@@ -25,7 +25,7 @@ from skiros2_common.core.signal_condition import ConditionSignal
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
-    from skiros2_common.core.signals import SignalSource
+    from skiros2_common.core.signals import SignalBounds, SignalSource
     from skiros2_common.core.world_model_port import WorldModelPort
 
 __all__ = [
@@ -95,6 +95,9 @@ class ConditionOr(ConditionBase):
                 stop()
 
         return stop_all if stops else None
+
+    def signal_bounds(self) -> list[SignalBounds]:
+        return [bounds for c in self._conditions for bounds in c.signal_bounds()]
 
     @classmethod
     def from_record(cls, record: ConditionRecord) -> Self | None:

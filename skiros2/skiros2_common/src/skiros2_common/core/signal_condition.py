@@ -10,7 +10,15 @@ from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.condition_record import Cost
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.signals import LimitMonitor, Signal, SignalLimits, SignalSource, Violation, find_signal
+from skiros2_common.core.signals import (
+    LimitMonitor,
+    Signal,
+    SignalBounds,
+    SignalLimits,
+    SignalSource,
+    Violation,
+    find_signal,
+)
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
@@ -77,6 +85,7 @@ class ConditionSignal(ConditionBase):
             raise WrongValue(f"condition {clabel!r}: {'; '.join(problems)}")
         self._watch: _Watch | None = None
         self._violation: Violation | None = None
+        self._signal_bounds: SignalBounds | None = None
         self._problem = ""
 
     # -- the running node --------------------------------------------------------------------------------------
@@ -85,7 +94,7 @@ class ConditionSignal(ConditionBase):
         self, ph: ParamHandler, wmi: WorldModelPort, signals: SignalSource, wake: Callable[[], None]
     ) -> Callable[[], None]:
         watch = self._watch = _Watch(signals, wake)
-        self._violation, self._problem = None, ""
+        self._violation, self._signal_bounds, self._problem = None, None, ""
 
         def stop() -> None:
             watch.stop()
@@ -109,6 +118,7 @@ class ConditionSignal(ConditionBase):
             found = find_signal(self._signal_name, wmi.get_branch(element.id, "skiros:hasA"), wmi)
             signal = watch.signal = Signal.of(found)
             monitor = watch.monitor = LimitMonitor(self._present_limits(ph), watch.source.now())
+            self._signal_bounds = SignalBounds(found.id, monitor.limits)
         except SkirosError as error:
             self._problem = str(error)
             return
@@ -157,8 +167,15 @@ class ConditionSignal(ConditionBase):
             except WrongValue as error:
                 self._problem = str(error)
                 return False
-        self._violation = watch.monitor.violation(watch.source.now())
-        return self._violation is None
+        violation = self._violation = watch.monitor.violation(watch.source.now())
+        if self._signal_bounds is not None:
+            violated = violation.stamp if violation is not None else 0.0
+            self._signal_bounds = SignalBounds(self._signal_bounds.signal, watch.monitor.limits, violated)
+        return violation is None
+
+    def signal_bounds(self) -> list[SignalBounds]:
+        bounds = self._signal_bounds
+        return [bounds] if bounds is not None else []
 
     # -- descriptions ------------------------------------------------------------------------------------------
 
@@ -217,5 +234,5 @@ class ConditionSignal(ConditionBase):
 
     def copy(self) -> Self:
         copy = super().copy()
-        copy._watch, copy._violation, copy._problem = None, None, ""
+        copy._watch, copy._violation, copy._signal_bounds, copy._problem = None, None, None, ""
         return copy

@@ -268,6 +268,19 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
+@dataclass(frozen=True)
+class SignalBounds:
+    """The limits that a condition sets for a signal while it is watched.
+
+    :param signal: the id of the signal's element.
+    :param violated: when the signal left the limits (s since the epoch); 0.0: it has not.
+    """
+
+    signal: str
+    limits: SignalLimits
+    violated: float = 0.0
+
+
 #: The kinds of a violation.
 LIMIT, STALE, NOT_A_NUMBER, UNREADABLE = "limit", "stale", "not a number", "unreadable"
 

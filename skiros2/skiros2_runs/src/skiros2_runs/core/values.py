@@ -10,6 +10,9 @@ from skiros2_common.core.json_data import JsonData
 #: The verdict on a condition; `UNKNOWN` when it was not or cannot be evaluated.
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
 
+#: The sides of a limit.
+MINIMUM, MAXIMUM = "minimum", "maximum"
+
 
 @dataclass
 class ConditionStatus:
@@ -30,6 +33,35 @@ class ConditionStatus:
     found: str = ""
     elements: list[str] = field(default_factory=list)
     time: float = 0.0
+
+
+@dataclass
+class SignalBound:
+    """A limit that a hold-condition of a node sets for a signal.
+
+    :param node: its id in the task.
+    :param condition: the label of the condition.
+    :param signal: the id of the signal's element.
+    :param side: `MINIMUM` or `MAXIMUM`.
+    :param value: in the signal's unit.
+    :param violated: when the signal left the limits of the condition (s since the epoch); 0.0: it has not.
+    """
+
+    node: int
+    condition: str
+    signal: str
+    side: str
+    value: float
+    violated: float = 0.0
+
+
+@dataclass
+class TaskBounds(JsonData):
+    """The limits for signals that the nodes of a task have set in their last runs."""
+
+    _data_name = "bounds"
+
+    bounds: list[SignalBound] = field(default_factory=list)
 
 
 @dataclass

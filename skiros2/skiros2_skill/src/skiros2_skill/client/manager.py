@@ -20,7 +20,7 @@ from skiros2_common.ros import utils
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_runs.core.values import NodeStatus
+from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.request import StartPreview
@@ -154,7 +154,9 @@ class SkillRun:
         return time.monotonic() - max(self._sent_at, turn)
 
     def _is_unknown(self) -> bool:
-        return bool(self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK)
+        """Whether the manager lacks the goal, according to a status message that is late enough."""
+        is_waiting = self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK
+        return bool(is_waiting and self._watch.status_is_later(self._handle, SILENCE))
 
     # Called by threads of ROS.
 
@@ -365,6 +367,14 @@ class ManagerClient:
         """
         answer = self._known(self._call("inspect", srvs.SkillInspectionRequest(task_id, node_id)))
         return NodeStatus.from_json(answer.json)
+
+    def signal_bounds(self, task_id: int) -> TaskBounds:
+        """Returns the limits that the nodes of a task have set for signals in their last runs.
+
+        :raises UnknownName: the manager knows no such task.
+        """
+        answer = self._known(self._call("inspect", srvs.SkillInspectionRequest(task_id, ALL)))
+        return TaskBounds.from_json(answer.json)
 
     def _known(self, answer: Any) -> Any:
         if not answer.ok:

@@ -21,7 +21,7 @@ from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.library.reload import reloading
 from skiros2_skill.core.lint.linter import log_faults
-from skiros2_skill.core.runtime.diagnosis import add_authors, inspect
+from skiros2_skill.core.runtime.diagnosis import add_authors, inspection_json
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.request import TaskStarter
 from skiros2_skill.core.runtime.safety_sources import SafetySettings
@@ -269,10 +269,10 @@ class SkillManager(DiscoverableNode):
 
     def _on_inspect(self, request: Any) -> Any:
         try:
-            status = inspect(self._history.task(request.task_id), request.node_id, self._wmi)
+            inspection = inspection_json(self._history.task(request.task_id), request.node_id, self._wmi)
         except UnknownName as error:
             return srvs.SkillInspectionResponse(False, str(error), "")
-        return srvs.SkillInspectionResponse(True, "", json.dumps(status.to_dict()))
+        return srvs.SkillInspectionResponse(True, "", inspection)
 
     def _on_preview(self, request: Any) -> Any:
         try:

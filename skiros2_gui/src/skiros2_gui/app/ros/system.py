@@ -13,6 +13,7 @@ from typing import Any
 import rosgraph
 
 from skiros2_common.command_line.master import XMLRPC_ERRORS
+from skiros2_common.core.signals import SignalSource
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
 from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_world_model.core.queries import SceneReader
@@ -91,6 +92,10 @@ class RosSystem:
         connections = self._connections
         return connections.task_manager if connections is not None and connections.task_manager.is_up else None
 
+    @property
+    def signals(self) -> SignalSource | None:
+        return self._connections.signals if self._connections is not None else None
+
     def set_movable(self, eid: str) -> None:
         self._movable = eid
         if self._connections is not None:
@@ -154,6 +159,7 @@ class _Connections:
 
     def __init__(self, author: str, event_queue: EventQueue) -> None:
         # Imported here: importing rospy takes 0.25 s, and the window is drawn first.
+        from skiros2_common.ros.signals import RosSignals
         from skiros2_gui.app.ros.connections import ManagerConnections, TaskManagerConnection
         from skiros2_gui.app.ros.world import WorldModelConnection
         from skiros2_gui.view3d.ros.markers import MarkerConnection
@@ -167,6 +173,7 @@ class _Connections:
         )
         self.task_manager = TaskManagerConnection(on_change)
         self.markers = MarkerConnection(event_queue.put)
+        self.signals = RosSignals()
 
     def parts(self) -> list[Part]:
         world, tasks = self.world, self.task_manager
@@ -193,6 +200,7 @@ class _Connections:
         self.managers.close()
         self.task_manager.close()
         self.markers.close()
+        self.signals.close()
 
 
 def become_node(name: str) -> str:

@@ -43,6 +43,7 @@ from skiros2_gui.app.problems import ExceptHook, Problems
 from skiros2_gui.app.system import System, missing
 from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, push_button, text_label
 from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
+from skiros2_gui.app.widgets.stop_bar import StopBar
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.widgets.tab import RunTab
@@ -221,9 +222,11 @@ class MainWidget(QWidget):
         self._on_keys(QKeySequence(QKeySequence.Find), lambda: self.tab.find())
         self.error_bar = ErrorBar(self.shared.problems)
         self.status = StatusLine(self.shared)
+        self.stop_bar = StopBar(self.shared)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
+        column.addWidget(self.stop_bar)
         column.addWidget(self.tabs, 1)
         column.addWidget(self.error_bar)
         column.addWidget(self.status)
@@ -297,6 +300,7 @@ class MainWidget(QWidget):
             for page in self.pages:
                 tint(page.banner, background="notice", dark=dark)
             self.error_bar.set_dark(dark)
+            self.stop_bar.set_dark(dark)
             self.status.set_dark(dark)
             tint(self.stop, text="failure", dark=dark)
 

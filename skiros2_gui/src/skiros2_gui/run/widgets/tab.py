@@ -17,6 +17,7 @@ from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import Redraw, RunPresenter
 from skiros2_gui.run.widgets.bars import HistoryBar, TreeBar
 from skiros2_gui.run.widgets.side_tabs import BreakpointPanel, MessageList, NodeDetails, TimeList
+from skiros2_gui.run.widgets.signals import SignalPanel
 from skiros2_gui.run.widgets.view import TreeView
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.states import FAILURE
@@ -49,6 +50,7 @@ class RunTab(QWidget):
         self._messages = MessageList()
         self._times = TimeList()
         self._breakpoints = BreakpointPanel(self.presenter)
+        self._signals = SignalPanel(window, self.presenter)
         self._history = HistoryBar(self.presenter)
         self._bar = TreeBar(self.presenter)
         self._followed = -1
@@ -77,6 +79,7 @@ class RunTab(QWidget):
             "follow": self.presenter.follows,
             "beside": self._side_tabs.currentIndex(),
             "folder": self._folder,
+            "signal_span": self._signals.plots.span,
         }
 
     def restore(self, settings: Mapping[str, Any]) -> None:
@@ -88,6 +91,8 @@ class RunTab(QWidget):
             self._side_tabs.setCurrentIndex(beside)
         if isinstance(folder := settings.get("folder"), str):
             self._folder = folder
+        if isinstance(span := settings.get("signal_span"), float):
+            self._signals.set_span(span)
 
     def find(self) -> None:
         self._bar.focus()
@@ -100,6 +105,7 @@ class RunTab(QWidget):
         self._slow_timer.stop()
         self._watch.stop()
         self._tasks.close_timers()
+        self._signals.close_timers()
         self.presenter.on_change = lambda part: None
 
     # -- drawing -----------------------------------------------------------------------------------------------------
@@ -267,6 +273,7 @@ class RunTab(QWidget):
             (self._messages, "Messages"),
             (self._times, "Times"),
             (self._breakpoints, "Breakpoints"),
+            (self._signals, "Signals"),
         ):
             self._side_tabs.addTab(widget, title)
         self._side_tabs.currentChanged.connect(lambda _: self._on_side_tab())

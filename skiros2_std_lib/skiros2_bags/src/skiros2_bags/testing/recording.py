@@ -289,9 +289,10 @@ def recorded_tasks(recording: Events) -> list[RecordedTask]:
         first = task.progress[0]
         task.goal = _goal_of(recording, task)
         earliest = first.time - _MAX_START_DELAY
-        before = task.goal.order if task.goal is not None else _first_order_after(recording, earliest)
+        # The goal may be recorded after the first progress: they come over different connections.
+        requested = task.goal.order if task.goal is not None else _first_order_after(recording, earliest)
         ended = max((t.end + 1 for t in tasks if t.manager == task.manager and t.end < first.order), default=0)
-        task.begin = max(before, ended)
+        task.begin = max(min(requested, first.order), ended)
     return tasks
 
 

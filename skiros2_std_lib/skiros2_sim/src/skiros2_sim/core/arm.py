@@ -48,6 +48,9 @@ class Arm:
         #: The links after the last joint: their contacts produce the wrench.
         self._hand = frozenset(_links_after(bullet, body, self._indices[-1]))
         self._is_torque_driven = False
+        #: The last measured wrench of a silent sensor, and the number of steps since.
+        self._last_wrench: Wrench | None = None
+        self._silent_steps = 0
         #: The force/torque sensor at the wrist, if a fixed joint is there.
         self.sensor: MountedSensor | None = None
         for joint, position in zip(self.joints, self.rest, strict=True):
@@ -128,10 +131,24 @@ class Arm:
         """Called by the world after each step."""
         if self.sensor is not None:
             self.sensor.after_step()
+        if self._last_wrench is not None:
+            self._silent_steps += 1
+
+    @property
+    def silent_steps(self) -> int:
+        """Number of steps since the last measurement of the wrench; 0 for a sensor that works."""
+        return self._silent_steps
+
+    def silence_sensor(self, silent: bool) -> None:
+        """Makes the sensor at the wrist deliver no measurements, or deliver them again."""
+        self._last_wrench = self.measured_wrench() if silent else None
+        self._silent_steps = 0
 
     def measured_wrench(self) -> Wrench:
         """Returns the external wrench on the hand that the sensor at the wrist measures, in the tool frame: force (N),
-        torque (Nm) about its origin. Without a sensor: `wrench`."""
+        torque (Nm) about its origin. Without a sensor: `wrench`. Of a silent sensor: the last one."""
+        if self._last_wrench is not None:
+            return self._last_wrench
         if self.sensor is None:
             return self.wrench()
         fx, fy, fz, tx, ty, tz = self.sensor.wrench(self.tool_pose())

@@ -1,11 +1,12 @@
 """Controllers of an arm's joints: a position controller and a compliant one, which can be switched during motion.
 
-The compliant one is a Cartesian impedance (see `impedance`), with an overlay motion and a limit of the measured wrench.
-Poses are those of the tool in the robot's frame.
+The compliant one is a Cartesian impedance (see `impedance`), with an overlay motion. Each has limits of the
+measured wrench. Poses are those of the tool in the robot's frame.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -24,6 +25,8 @@ from skiros2_sim.core.spiral import Spiral, SpiralGoal
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inverted, rotated
 
+log = logging.getLogger(__name__)
+
 Array = npt.NDArray[np.float64]
 
 #: Minimum rate of the compliant controller (Hz), if the world has as many steps.
@@ -32,14 +35,23 @@ CONTROL_RATE = 500
 _DAMPING_FACTORS = (2.0,) * 6
 #: Maximum weight (N) of a carried object that is compensated.
 _PAYLOAD = 30.0
+#: Maximum age of the measured wrench while it is limited (s).
+SENSOR_TIMEOUT = 0.02
+#: Quantities that stop an arm: format of a value, unit.
+FORCE, TORQUE, SENSOR_AGE = "force", "torque", "sensor_age"
+_QUANTITIES = {
+    FORCE: ("force of {:.1f}", "N"),
+    TORQUE: ("torque of {:.1f}", "Nm"),
+    SENSOR_AGE: ("sensor age of {:.3f}", "s"),
+}
 #: Maximum distance of a reference from the robot's frame (m).
 _MAX_REACH = 3.0
 
 
 class Stop(NamedTuple):
-    """A stop at a limit of the wrench.
+    """A stop at a limit of the wrench, or because the wrench is not measured any more.
 
-    :param quantity: "force" (N) or "torque" (Nm).
+    :param quantity: FORCE (N), TORQUE (Nm) or SENSOR_AGE (s).
     :param time: simulated time (s).
     """
 
@@ -49,8 +61,8 @@ class Stop(NamedTuple):
     time: float
 
     def __str__(self) -> str:
-        unit = "N" if self.quantity == "force" else "Nm"
-        return f"{self.quantity} of {self.value:.1f} {unit} above the limit of {self.limit:g} {unit}"
+        value, unit = _QUANTITIES[self.quantity]
+        return f"{value.format(self.value)} {unit} above the limit of {self.limit:g} {unit}"
 
 
 class ArmController:
@@ -67,8 +79,10 @@ class ArmController:
         self.impedance = Impedance([joint.effort for joint in arm.joints])
         self.impedance.set_damping_factors(_DAMPING_FACTORS)
         self.overlay: Spiral | None = None
-        #: Limits of the measured force (N) and torque (Nm); 0 for none.
-        self.limits = (0.0, 0.0)
+        #: Limits of the measured force (N) and torque (Nm) under compliant and under position control; 0 for none.
+        self.limits = self.position_limits = (0.0, 0.0)
+        #: Time until the commanded wrench expires (s).
+        self._wrench_time = math.inf
         #: The stop at a limit, since which the arm holds.
         self.stop: Stop | None = None
         #: Number of steps between two updates of the torques.
@@ -116,10 +130,9 @@ class ArmController:
             self._steps = 0
             self.impedance.restart(self._state())
             self.carry()
-            self.world.motions.add(self)
         else:
             self.hold()
-            self.world.motions.remove(self)
+        self._update_often()
 
     def carry(self) -> None:
         """Makes the compliant controller compensate the weight of the object in the hand."""
@@ -165,14 +178,16 @@ class ArmController:
         self.impedance.set_reference(pose)
         self.impedance.velocities = np.zeros(len(self.arm.joints))
 
-    def set_wrench(self, values: Sequence[float]) -> None:
+    def set_wrench(self, values: Sequence[float], timeout: float = math.inf) -> None:
         """Sets the wrench that the tool exerts, in its frame (N, Nm).
 
+        :param timeout: time (s) after which it becomes 0, unless it is set again.
         :raises WrongValue: a value is not finite or out of range.
         :raises Refused: the controller is not active, or has stopped at a limit.
         """
         self.check_active()
         self.impedance.set_wrench(values)
+        self._wrench_time = timeout
 
     def start_overlay(self, goal: SpiralGoal) -> None:
         """Adds a spiral to the reference, in place of the current one, if there is one.
@@ -188,15 +203,31 @@ class ArmController:
             self.overlay.stop()
 
     def set_limits(self, force: float, torque: float) -> None:
-        """Sets the limits of the measured force (N) and torque (Nm), 0 for none, and ends a stop.
+        """Sets the limits of the measured force (N) and torque (Nm) under compliant control, 0 for none. Ends a stop.
 
         :raises WrongValue: a limit is negative or not finite.
         """
+        self.limits = self._checked_limits(force, torque)
+        if self.compliant:
+            self.stop = None
+
+    def set_position_limits(self, force: float, torque: float) -> None:
+        """Sets the limits of the measured force (N) and torque (Nm) under position control, 0 for none. Ends a stop.
+        The measured wrench includes the weight of a carried object and the inertia of the hand.
+
+        :raises WrongValue: a limit is negative or not finite.
+        """
+        self.position_limits = self._checked_limits(force, torque)
+        if not self.compliant:
+            self.stop = None
+        self._update_often()
+
+    @staticmethod
+    def _checked_limits(force: float, torque: float) -> tuple[float, float]:
         numbers = finite((force, torque), 2, "limits of force and torque")
         if min(numbers) < 0.0:
             raise WrongValue(f"limits of force and torque {numbers}: expected 0 N, 0 Nm or more")
-        self.limits = numbers[0], numbers[1]
-        self.stop = None
+        return numbers[0], numbers[1]
 
     def check_active(self) -> None:
         """Checks that the compliant controller accepts commands.
@@ -205,22 +236,46 @@ class ArmController:
         """
         if not self.compliant:
             raise Refused(f"controller {self.names[1]} of arm {self.arm.name} is not active")
+        self.check_not_stopped()
+
+    def check_not_stopped(self) -> None:
+        """Checks that the arm has not stopped at a limit.
+
+        :raises Refused: it has.
+        """
         if self.stop is not None:
             raise Refused(f"arm {self.arm.name} has stopped at a {self.stop}; set its limits again to move it")
+
+    @property
+    def sensor_age(self) -> float:
+        """Age of the measured wrench (s)."""
+        return self.arm.silent_steps * self.world.dt
 
     # -- control ----------------------------------------------------------------------------------------------
 
     def update(self, dt: float) -> None:
-        """Sets the torques of the compliant controller for the next step."""
-        if not self.compliant:
-            return
+        """Checks the limits, and sets the torques of the compliant controller for the next step."""
         if self._steps % self._period == 0:
-            self._control(self._period * dt)
+            self._check_limits()
+            if self.compliant:
+                self._control(self._period * dt)
         self._steps += 1
-        self.arm.drive_torques(self.impedance.commanded_torques.tolist())
+        if self.compliant:
+            self.arm.drive_torques(self.impedance.commanded_torques.tolist())
+
+    def _update_often(self) -> None:
+        """Updates the controller in each step of the world, if it has something to do there."""
+        if self.compliant or any(self.position_limits):
+            self.world.motions.add(self)
+        else:
+            self.world.motions.remove(self)
 
     def _control(self, dt: float) -> None:
-        self._check_limits()
+        self._wrench_time -= dt
+        if self._wrench_time <= 0.0:
+            self._wrench_time = math.inf
+            self.impedance.set_wrench((0.0,) * 6)
+            log.warning("arm %s: the commanded wrench was not set again in time: it is 0 now", self.arm.name)
         if self.overlay is not None:
             self.impedance.overlay = self.overlay.update(dt)
             if self.overlay.has_ended:
@@ -229,11 +284,15 @@ class ArmController:
 
     def _check_limits(self) -> None:
         """Stops at an exceeded limit: the current pose becomes the reference, without wrench and overlay motion."""
-        if self.stop is not None or not any(self.limits):
+        limits = self.limits if self.compliant else self.position_limits
+        if self.stop is not None or not any(limits):
             return
         wrench = self.arm.measured_wrench()
-        for quantity, part, limit in (("force", wrench[:3], self.limits[0]), ("torque", wrench[3:], self.limits[1])):
-            value = math.hypot(*part)
+        for quantity, value, limit in (
+            (FORCE, math.hypot(*wrench[:3]), limits[0]),
+            (TORQUE, math.hypot(*wrench[3:]), limits[1]),
+            (SENSOR_AGE, self.sensor_age, SENSOR_TIMEOUT),
+        ):
             if 0.0 < limit < value:
                 self.overlay = None
                 self.impedance.overlay = np.zeros(3)
@@ -241,6 +300,7 @@ class ArmController:
                 self.impedance.cancel_wrench()
                 self.stop = Stop(quantity, value, limit, self.world.time)
                 return
+
 
     def _state(self) -> ArmState:
         q = np.array(self.arm.positions())

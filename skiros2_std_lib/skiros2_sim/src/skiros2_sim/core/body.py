@@ -51,7 +51,7 @@ class Body:
         bullet.changeDynamics(
             self.body,
             -1,
-            lateralFriction=_FRICTION,
+            lateralFriction=_FRICTION if spec.friction is None else spec.friction,
             spinningFriction=0.005,
             rollingFriction=0.0005,
             restitution=0.0,
@@ -99,7 +99,10 @@ class Body:
         x, y, z = (edge**2 for edge in size)
         inertia = (mass * (y + z) / 12, mass * (x + z) / 12, mass * (x + y) / 12)
         text = as_text("bored_box", [boxes_link("box", shapes, mass, inertia, self.colour)])
-        return load_urdf(self._bullet, text, self.spec.pose, not self.movable)
+        body = load_urdf(self._bullet, text, self.spec.pose, not self.movable)
+        # with a margin, rims are rounded: a peg slips in with an offset of a millimetre
+        self._bullet.changeDynamics(body, -1, collisionMargin=0.0)
+        return body
 
     def _load_model(self, folders: Sequence[str]) -> int:
         file = find_model(self.spec.model, folders)

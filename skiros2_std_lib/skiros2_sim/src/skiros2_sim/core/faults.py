@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 SLIPPING_GRIPPER = "slipping_gripper"
 BLOCKED_PATH = "blocked_path"
 LATE_SENSOR = "late_sensor"
+SILENT_SENSOR = "silent_sensor"
 
 _OBSTACLE_SIZE = (0.4, 0.4, 1.0)
 _OBSTACLE_COLOUR = (0.9, 0.3, 0.0, 1.0)
@@ -123,6 +124,14 @@ class Faults:
                 lambda eid, value: None,
                 lambda eid: None,
             ),
+            SILENT_SENSOR: _Kind(
+                lambda: set(world.arms),
+                "an arm",
+                1.0,
+                1.0,
+                lambda eid, value: world.arms[eid].silence_sensor(True),
+                lambda eid: world.arms[eid].silence_sensor(False),
+            ),
         }
 
     @property
@@ -135,7 +144,7 @@ class Faults:
 
         :param target: id of the element.
         :param value: 0 for the default. Slipping gripper: remaining fraction of its friction, up to 1; blocked path:
-            distance of the obstacle from the centre of the robot (m); late sensor: delay (s).
+            distance of the obstacle from the centre of the robot (m); late sensor: delay (s); silent sensor: ignored.
         :param duration: s of simulated time; 0 until it is cleared.
         :raises UnknownName: there is no such kind, or it does not apply to the target.
         :raises WrongValue: value or duration is out of range.

@@ -7,6 +7,9 @@ the damping factors z, the commanded wrench F, the bias of gravity and Coriolis 
 the nullspace of the tool: (I - J' J'+) (k (q0 - q) - 2 z0 sqrt(k) dq). (Khatib, A Unified Approach for Motion and Force
 Control of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots, 2003.)
 
+In directions without stiffness D is FREE_DAMPING: the arm stops after a push. With a stiffness of 0 in all directions
+the arm is guided by hand: reference and posture follow it, so that it stays where it was left when it gets stiff again.
+
 Reference, stiffness and wrench follow their commanded values through filters of first order, and the torques change by
 at most 1 Nm per ms: a sudden command does not jerk the arm. Pure computation; the stepping thread calls it.
 """
@@ -34,6 +37,8 @@ DAMPING_FACTORS = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 MAX_STIFFNESS = (2000.0, 2000.0, 2000.0, 300.0, 300.0, 300.0)
 MAX_WRENCH = (30.0, 30.0, 30.0, 10.0, 10.0, 10.0)
 MAX_DAMPING_FACTOR = 2.0
+#: Damping along and about axes without stiffness (Ns/m, Nms/rad): 20 N guide the tool at 0.5 m/s.
+FREE_DAMPING = (40.0, 40.0, 40.0, 3.0, 3.0, 3.0)
 #: Maximum change of a joint torque (Nm/s).
 TORQUE_RATE = 1000.0
 
@@ -118,6 +123,11 @@ class Impedance:
         return tuple(float(value) for value in self._damping)
 
     @property
+    def is_guided(self) -> bool:
+        """Whether the commanded stiffness is 0 in all directions: the tool can be moved by hand."""
+        return not self._stiffness.any()
+
+    @property
     def needs_masses(self) -> bool:
         """Whether the next update uses the masses of the arm."""
         return self._gains is None or self._updates % _INERTIA_PERIOD == 0
@@ -171,13 +181,17 @@ class Impedance:
 
         :param load: force (N) in the base frame that compensates the weight of a carried object.
         """
+        if self.is_guided:
+            self.set_reference(state.tool, filtered=False)
+            self.posture, self.velocities = state.positions.copy(), np.zeros_like(state.positions)
         self._filter(dt)
         into = rotation_matrix(state.tool.orientation).T
         jacobian = state.jacobian
         in_tool = np.empty_like(jacobian)
         in_tool[:3], in_tool[3:] = into @ jacobian[:3], into @ jacobian[3:]
         if self.needs_masses or self._gains is None:
-            self._gains = stable_gains(self.stiffness, self._damping, in_tool, state.masses, dt)
+            free = np.where(self._stiffness == 0.0, FREE_DAMPING, 0.0)
+            self._gains = stable_gains(self.stiffness, self._damping, free, in_tool, state.masses, dt)
         self._updates += 1
         stiffness, damping, posture_damping = self._gains
         self.error = self._offset(state.tool, into)
@@ -237,14 +251,15 @@ def rotation_vector(q: Sequence[float]) -> Array:
     return np.array([factor * x, factor * y, factor * z])
 
 
-def stable_gains(stiffness: Array, factors: Array, jacobian: Array, masses: Array, dt: float) -> Gains:
-    """Returns K and D = 2 z sqrt(K), reduced in directions in which the tool's inertia is too low for them.
+def stable_gains(stiffness: Array, factors: Array, damping: Array, jacobian: Array, masses: Array, dt: float) -> Gains:
+    """Returns K and D = 2 z sqrt(K) or `damping`, reduced in directions in which the tool's inertia is too low.
 
     With the tool's inertia Q Q', a gain G is diagonal in Q^-1 G Q^-T; its elements are frequencies there, which must
     stay below those of the updates.
 
     :param stiffness: 6, in the frame of the Jacobian (N/m, Nm/rad).
     :param factors: 6 damping factors.
+    :param damping: minimum damping, 6 (Ns/m, Nms/rad).
     :param jacobian: 6 x n, in the tool frame.
     :param masses: n x n (kg m2).
     :param dt: length of an update (s).
@@ -255,7 +270,7 @@ def stable_gains(stiffness: Array, factors: Array, jacobian: Array, masses: Arra
     limited = []
     for gain, most in (
         (stiffness, _STABLE_STIFFNESS / dt**2),
-        (2.0 * factors * np.sqrt(stiffness), _STABLE_DAMPING / dt),
+        (np.maximum(2.0 * factors * np.sqrt(stiffness), damping), _STABLE_DAMPING / dt),
     ):
         modes, vectors = np.linalg.eigh(root.T @ (gain[:, None] * root))
         if modes[-1] <= most:

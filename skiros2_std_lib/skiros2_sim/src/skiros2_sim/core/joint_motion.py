@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PPoly
 
-from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.contacts import PartContacts
@@ -276,10 +276,9 @@ class JointMotion:
         self._path: JointPath | None = None
         try:
             self._path = self._checked()
-        except UnknownName as error:
-            self._end(State.REJECTED, INVALID_JOINTS, str(error))
-        except WrongValue as error:
-            self._end(State.REJECTED, INVALID_GOAL, str(error))
+        except (Refused, UnknownName, WrongValue) as error:
+            code = INVALID_JOINTS if isinstance(error, UnknownName) else INVALID_GOAL
+            self._end(State.REJECTED, code, str(error))
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -288,8 +287,7 @@ class JointMotion:
 
     def feedback(self) -> tuple[JointState, JointState, JointState]:
         """Returns desired state, actual state and error of the last step."""
-        desired = self._desired()
-        actual = self._actual
+        desired, actual = self._desired(), self._actual
         return desired, actual, JointState(*(w - a for w, a in zip(desired, actual, strict=True)))
 
     def update(self, dt: float) -> None:
@@ -303,8 +301,7 @@ class JointMotion:
             self._retreat(dt)
         elif self._time >= 0.0 and (reason := self._off_the_path()):
             self._controller.hold()
-            text = reason + self._contacts.describe()
-            self._final_outcome = Outcome(State.ABORTED, text, PATH_TOLERANCE_VIOLATED)
+            self._final_outcome = Outcome(State.ABORTED, reason + self._contacts.describe(), PATH_TOLERANCE_VIOLATED)
         elif self._brakes:
             self._brake(dt)
         elif self._time >= self._path.duration:
@@ -356,9 +353,10 @@ class JointMotion:
             self.outcome = self._final_outcome
 
     def _off_the_path(self) -> str:
-        """Returns a description of a violated path tolerance; "" without one."""
-        desired = self._desired()
-        return self._violation(self._goal.path_tolerance, desired, (_PATH, math.inf), "path")
+        """Returns a description of an exceeded limit of the wrench or path tolerance; "" without one."""
+        if self._controller.stop is not None:
+            return f"stopped at a {self._controller.stop}"
+        return self._violation(self._goal.path_tolerance, self._desired(), (_PATH, math.inf), "path")
 
     def _off_the_goal(self) -> str:
         """Returns a description of a violated goal tolerance; "" without one."""
@@ -396,6 +394,7 @@ class JointMotion:
 
         :raises WrongValue: a number is invalid.
         :raises UnknownName: a joint does not exist.
+        :raises Refused: the arm has stopped at a limit.
         """
         controller, goal = self._controller, self._goal
         if controller.compliant:
@@ -403,6 +402,7 @@ class JointMotion:
                 f"controller {controller.active!r} of arm {self._arm.name} is active; a trajectory needs "
                 f"{controller.names[0]!r}: switch to it first"
             )
+        controller.check_not_stopped()
         for name, tolerance in [*goal.path_tolerance.items(), *goal.goal_tolerance.items()]:
             if not all(map(math.isfinite, (tolerance.position, tolerance.velocity))):
                 raise WrongValue(f"the tolerance of {name} is {tolerance}, which is not finite")

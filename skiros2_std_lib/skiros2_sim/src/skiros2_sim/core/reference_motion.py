@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
-from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.arm_controller import SENSOR_AGE, ArmController
 from skiros2_sim.core.arm_kinematics import between, distances
 from skiros2_sim.core.motion import Outcome, State
 from skiros2_std_reasoners.core.geometry import Pose
@@ -19,6 +19,7 @@ SUCCESSFUL = 0
 INVALID_GOAL = -1
 CONTROLLER_INACTIVE = -2
 FORCE_LIMIT = -3
+STALE_SENSOR = -4
 GOAL_TOLERANCE_VIOLATED = -5
 PREEMPTED = -7
 
@@ -67,7 +68,7 @@ class ReferenceMotion:
             self._check()
             controller.check_active()
         except Refused as error:
-            self.outcome = Outcome(State.REJECTED, str(error), CONTROLLER_INACTIVE)
+            self.outcome = Outcome(State.REJECTED, str(error), self._code())
         except SkirosError as error:
             self.outcome = Outcome(State.REJECTED, str(error), INVALID_GOAL)
         else:
@@ -94,8 +95,7 @@ class ReferenceMotion:
         try:
             self._controller.check_active()
         except Refused as error:
-            code = CONTROLLER_INACTIVE if self._controller.stop is None else FORCE_LIMIT
-            self.outcome = Outcome(State.ABORTED, str(error), code)
+            self.outcome = Outcome(State.ABORTED, str(error), self._code())
             return
         self._time += dt
         self._controller.set_reference(between(self._start, self._goal.goal, self.progress))
@@ -105,6 +105,13 @@ class ReferenceMotion:
     def cancel(self) -> None:
         """Keeps the current reference."""
         self.outcome = Outcome(State.PREEMPTED, "cancelled", PREEMPTED)
+
+    def _code(self) -> int:
+        """Returns the code for a controller that refuses commands."""
+        stop = self._controller.stop
+        if stop is None:
+            return CONTROLLER_INACTIVE
+        return STALE_SENSOR if stop.quantity == SENSOR_AGE else FORCE_LIMIT
 
     def _check_arrival(self) -> None:
         goal = self._goal
@@ -146,5 +153,7 @@ class ReferenceMotion:
             if not (off <= _MAX_JUMP and turned <= _MAX_TURN):
                 limit = f"expected up to {_MAX_JUMP:g} m and {_MAX_TURN:g} rad"
                 problems.append(f"start is {off:.3f} m and {turned:.3f} rad from the current reference: {limit}")
+        if self._controller.impedance.is_guided:
+            problems.append("the stiffness is 0 in all directions: the reference follows the tool")
         if problems:
             raise WrongValue("; ".join(problems))

@@ -134,10 +134,12 @@ _SHAPELESS = ("skiros:TransformationPose", "skiros:Scene")
 
 _MODEL = "skiros:CadModel"
 _MASS = "skiros:Weight"
+_FRICTION = "skiros:Friction"
 _DIAMETER, _DEPTH, _CHAMFER = "skiros:Diameter", "skiros:Depth", "skiros:Chamfer"
 
 _MAX_SIZE = 100.0  # m, an edge
 _MAX_MASS = 1e5  # kg
+_MAX_FRICTION = 10.0
 
 
 def load_scene(file: str | Path, workspace: str | Path) -> SceneSpec:
@@ -217,6 +219,7 @@ class _Reader:
             movable,
             self._mass(element),
             bores=self._bores(element, size, model),
+            friction=self._friction(element),
         )
 
     def _bores(self, element: Element, size: Vector | None, model: str) -> tuple[Bore, ...]:
@@ -396,3 +399,10 @@ class _Reader:
             self._add_problem(element, f"weight ignored: expected up to {_MAX_MASS} kg, got {mass}")
             return None
         return mass if mass is None or math.isfinite(mass) else None
+
+    def _friction(self, element: Element) -> float | None:
+        (friction,) = spatial_data.numbers(element, (_FRICTION,))
+        if friction is not None and not 0.0 <= friction <= _MAX_FRICTION:
+            self._add_problem(element, f"friction ignored: expected 0 to {_MAX_FRICTION:g}, got {friction}")
+            return None
+        return friction

@@ -25,6 +25,7 @@ class BodySpec:
     :param movable: whether it falls and can be carried; otherwise it is fixed in the map.
     :param mass: None for that of wood of its size.
     :param colour: red, green, blue, opacity; None for a colour by number.
+    :param friction: of its surface; None for that of wood. The friction of a contact is the product of two.
     :param bores: bores in a box without a model, from its top face downwards.
     """
 
@@ -39,6 +40,7 @@ class BodySpec:
     mass: float | None = None
     colour: Colour | None = None
     bores: tuple[Bore, ...] = ()
+    friction: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
-"""The topics and services of an arm's compliant controller, below the controller's name, as laboratories have them."""
+"""The topics and services of an arm's controllers, below their names. Those of the compliant one are as in
+laboratories."""
 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 
 import rospy
@@ -46,6 +48,7 @@ class CompliantArm:
 
     :param controllers: controllers of all arms, by id of the arm; replaced by a reset.
     :param device: executes the goals of the arm.
+    :param wrench_timeout: time (s) after which a commanded wrench becomes 0; 0 for never.
     """
 
     def __init__(
@@ -57,14 +60,17 @@ class CompliantArm:
         frames: Frames,
         controllers: dict[str, ArmController],
         device: Device,
+        wrench_timeout: float,
     ) -> None:
         self._arm = arm
         self._stepper, self._clock, self._frames = stepper, clock, frames
         self._controllers, self._device = controllers, device
+        self._wrench_timeout = wrench_timeout or math.inf
         self._tool = f"{robot.name}/{arm.name}/tool"
         self._base = f"{robot.name}/{BASE_LINK}"
         self._joints = [joint.name for joint in controllers[arm.id].arm.joints]
         space = names.controller_topics(robot.name, arm.name, arm.compliant_controller)
+        stiff = names.controller_topics(robot.name, arm.name, arm.position_controller)
         wrist = names.WRIST.format(robot=robot.name, part=arm.name)
         faults = (robot.id, arm.id)
         self._state = LateTopic(f"{space}/state", ImpedanceState, faults)
@@ -83,6 +89,11 @@ class CompliantArm:
             rospy.Service(
                 f"{space}/set_wrench_limits", SetWrenchLimits, answered(SetWrenchLimitsResponse, self._on_limits)
             ),
+            rospy.Service(
+                f"{stiff}/set_wrench_limits",
+                SetWrenchLimits,
+                answered(SetWrenchLimitsResponse, self._on_position_limits),
+            ),
             rospy.Service(f"{wrist}/zero", Trigger, self._on_zero),
         ]
 
@@ -98,17 +109,24 @@ class CompliantArm:
         if self._stepper.count % (self._stepper.step_rate // _STATE_RATE):
             return
         controller = self._controllers[self._arm.id]
-        for topic, message in ((self._state, self._state_message), (self._wrist, self._wrist_message)):
-            if topic.has_subscribers:
+        for topic, message, is_measured in (
+            (self._state, self._state_message, True),
+            (self._wrist, self._wrist_message, controller.sensor_age == 0.0),
+        ):
+            if topic.has_subscribers and is_measured:
                 topic.put(controller.world, message(controller))
             topic.send(controller.world)
 
     # -- commands ------------------------------------------------------------------------------------------------
 
     def _on_reference(self, message: PoseStamped) -> None:
-        if not message.header.frame_id:
-            raise WrongValue("the frame is empty: expected a tf frame")
-        pose = pose_from(message.pose, "reference")
+        problems = [] if message.header.frame_id else ["the frame is empty: expected a tf frame"]
+        try:
+            pose = pose_from(message.pose, "reference")
+        except WrongValue as error:
+            problems.append(str(error))
+        if problems:
+            raise WrongValue("; ".join(problems))
         reference = self._frames.reference(message.header.frame_id)
 
         def put(world: World) -> None:
@@ -130,7 +148,7 @@ class CompliantArm:
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         values = self._values(message, "wrench")
-        self._call(lambda controller: controller.set_wrench(values))
+        self._call(lambda controller: controller.set_wrench(values, self._wrench_timeout))
 
     def _on_overlay(self, request: OverlayMotionRequest) -> OverlayMotionResponse:
         if not request.start:
@@ -149,6 +167,10 @@ class CompliantArm:
 
     def _on_limits(self, request: SetWrenchLimitsRequest) -> SetWrenchLimitsResponse:
         self._call(lambda controller: controller.set_limits(request.force, request.torque))
+        return SetWrenchLimitsResponse(ok=True)
+
+    def _on_position_limits(self, request: SetWrenchLimitsRequest) -> SetWrenchLimitsResponse:
+        self._call(lambda controller: controller.set_position_limits(request.force, request.torque))
         return SetWrenchLimitsResponse(ok=True)
 
     def _on_zero(self, _: TriggerRequest) -> TriggerResponse:
@@ -170,13 +192,21 @@ class CompliantArm:
     def _values(self, message: WrenchStamped, what: str) -> Sequence[float]:
         """Returns the numbers of a command in the tool frame.
 
-        :raises WrongValue: it is in another frame, or a number is not finite.
+        :raises WrongValue: it is in another frame, or a number is not finite; the text lists all problems.
         """
+        problems: list[str] = []
+        values: list[float] = []
         frame = message.header.frame_id.lstrip("/")
         if frame not in ("", self._tool):
-            raise WrongValue(f"{what} in frame {frame!r}: expected {self._tool!r}, or none")
-        force, torque = message.wrench.force, message.wrench.torque
-        return (*vector_from(force, f"{what} along x, y, z"), *vector_from(torque, f"{what} about x, y, z"))
+            problems.append(f"{what} in frame {frame!r}: expected {self._tool!r}, or none")
+        for part, along in ((message.wrench.force, "along"), (message.wrench.torque, "about")):
+            try:
+                values += vector_from(part, f"{what} {along} x, y, z")
+            except WrongValue as error:
+                problems.append(str(error))
+        if problems:
+            raise WrongValue("; ".join(problems))
+        return values
 
     def _logged(self, topic: str, handle: Callable[[Message], None]) -> Callable[[Message], None]:
         def on_message(message: Message) -> None:
@@ -202,6 +232,7 @@ class CompliantArm:
             rotation_error=Vector3(*law.error[3:]),
             commanded_wrench=wrench_message(law.wrench),
             measured_wrench=wrench_message(controller.arm.measured_wrench()),
+            wrench_stamp=rospy.Time.from_sec(max(0.0, self._clock.seconds - controller.sensor_age)),
             stiffness=wrench_message(law.stiffness),
             damping_factors=wrench_message(law.damping_factors),
             joints=self._joints,

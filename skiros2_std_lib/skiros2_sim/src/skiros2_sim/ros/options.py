@@ -19,6 +19,8 @@ from skiros2_sim.core.wrist_sensor import SensorModel
 
 #: Default rate of images of cameras with subscribers, Hz of simulated time.
 CAMERA_RATE = 5.0
+#: Default time after which a commanded wrench becomes 0 (s).
+WRENCH_TIMEOUT = 1.0
 _HIGHEST_SEED = 2**53
 
 
@@ -39,6 +41,7 @@ class Options:
     :param position_noise: maximum offset of movable bodies at the start (m).
     :param yaw_noise: maximum rotation of movable bodies at the start (rad).
     :param step_rate: steps per second of simulated time.
+    :param wrench_timeout: time (s) after which a commanded wrench becomes 0; 0 for never.
     :param sensor: errors of the force/torque sensors at the wrists.
     """
 
@@ -55,6 +58,7 @@ class Options:
     position_noise: float = 0.0
     yaw_noise: float = 0.0
     step_rate: int = STEP_RATE
+    wrench_timeout: float = WRENCH_TIMEOUT
     sensor: SensorModel = EXACT_SENSOR
 
 
@@ -89,6 +93,7 @@ def read_options(get: Callable[[str, Any], Any]) -> Options:
         position_noise=_number(get, "~position_noise", 0.0, 1.0),
         yaw_noise=_number(get, "~yaw_noise", 0.0, math.pi),
         step_rate=int(step_rate),
+        wrench_timeout=_number(get, "~wrench_timeout", WRENCH_TIMEOUT, 3600.0),
         sensor=_sensor(get),
     )
 

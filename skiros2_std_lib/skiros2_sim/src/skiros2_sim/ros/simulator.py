@@ -68,7 +68,16 @@ class Simulator:
             Controllers(robot.spec, stepper, self._arms, self._devices) for robot in world.robots.values()
         ]
         self._compliant_arms = [
-            CompliantArm(robot.spec, arm, stepper, self._clock, self._frames, self._arms, self._devices[arm.id])
+            CompliantArm(
+                robot.spec,
+                arm,
+                stepper,
+                self._clock,
+                self._frames,
+                self._arms,
+                self._devices[arm.id],
+                options.wrench_timeout,
+            )
             for robot in world.robots.values()
             for arm in robot.spec.arms
             if arm.id in robot.arms

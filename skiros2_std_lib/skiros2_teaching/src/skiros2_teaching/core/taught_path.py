@@ -123,21 +123,23 @@ class TaughtPath:
 
         Gripper events during a standstill at an end move to that end.
         """
-        begin, end = self._moving()
-        times, points = self.times[begin : end + 1] - self.times[begin], _continuous(self.points[begin : end + 1])
-        duration = float(times[-1])
+        points = _continuous(self.points)
+        if len(self.times) >= 5:  # what the library needs
+            weights = np.ones(len(self.times))
+            rests = [0, len(weights) - 1, *np.searchsorted(self.times, [event.time for event in self.events])]
+            weights[np.minimum(rests, len(weights) - 1)] = _REST_WEIGHT
+            strength = 1.0 / (float(np.median(np.diff(self.times))) * (2.0 * math.pi * _CUT_OFF) ** 4)
+            smooth = [make_smoothing_spline(self.times, column, weights, lam=strength) for column in points.T]
+            points = np.column_stack([spline(self.times) for spline in smooth])
+            points[:, 3:] /= np.linalg.norm(points[:, 3:], axis=1, keepdims=True)
+        begin, end = _moving(self.times, points)
+        times, points = self.times[begin : end + 1] - self.times[begin], points[begin : end + 1]
         events = tuple(
-            GripperEvent(min(max(event.time - float(self.times[begin]), 0.0), duration), event.width, event.effort)
+            GripperEvent(
+                min(max(event.time - float(self.times[begin]), 0.0), float(times[-1])), event.width, event.effort
+            )
             for event in self.events
         )
-        if len(times) >= 5:  # what the library needs
-            weights = np.ones(len(times))
-            rests = [0, len(times) - 1, *np.searchsorted(times, [event.time for event in events])]
-            weights[np.minimum(rests, len(times) - 1)] = _REST_WEIGHT
-            strength = 1.0 / (float(np.median(np.diff(times))) * (2.0 * math.pi * _CUT_OFF) ** 4)
-            columns = [make_smoothing_spline(times, column, weights, lam=strength)(times) for column in points.T]
-            points = np.column_stack(columns)
-            points[:, 3:] /= np.linalg.norm(points[:, 3:], axis=1, keepdims=True)
         return _thinned(TaughtPath(times, points, events))
 
     def from_start(self) -> TaughtPath:
@@ -189,16 +191,6 @@ class TaughtPath:
         points = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 7)
         return cls(np.array([row[0] for row in rows]), points, tuple(GripperEvent(*row) for row in commands))
 
-    # -- internal ----------------------------------------------------------------------------------------------
-
-    def _moving(self) -> tuple[int, int]:
-        """Returns the indices of the last sample before the first motion, and of the first after the last one."""
-        steps = np.diff(self.times)
-        speed = np.linalg.norm(np.diff(self.points[:, :3], axis=0), axis=1) / steps
-        turn = 2.0 * np.linalg.norm(np.diff(_continuous(self.points)[:, 3:], axis=0), axis=1) / steps
-        moving = np.flatnonzero((speed > _STANDING) | (turn > _STANDING_TURN))
-        return (int(moving[0]), int(moving[-1]) + 1) if len(moving) else (0, len(self.times) - 1)
-
 
 def pose_at(point: Array) -> Pose:
     """Returns seven numbers as a pose, with a unit quaternion."""
@@ -223,6 +215,17 @@ def _thinned(path: TaughtPath) -> TaughtPath:
         if np.max(np.abs(there[:, :3] - path.points[:, :3])) <= _DEVIATION and np.max(off[:, 3:]) <= 10 * _DEVIATION:
             return thin
     return path
+
+
+def _moving(times: Array, points: Array) -> tuple[int, int]:
+    """Returns the indices of the last sample before the first motion, and of the first after the last one.
+
+    :param points: with continuous quaternions.
+    """
+    speed = np.linalg.norm(np.diff(points[:, :3], axis=0), axis=1) / np.diff(times)
+    turn = 2.0 * np.linalg.norm(np.diff(points[:, 3:], axis=0), axis=1) / np.diff(times)
+    moving = np.flatnonzero((speed > _STANDING) | (turn > _STANDING_TURN))
+    return (int(moving[0]), int(moving[-1]) + 1) if len(moving) else (0, len(times) - 1)
 
 
 def _continuous(points: Array) -> Array:

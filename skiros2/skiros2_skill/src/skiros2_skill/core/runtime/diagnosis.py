@@ -14,13 +14,26 @@ from skiros2_common.core.explanation import HOLD, POST, PRE, Change, Explanation
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_runs.core.values import FAILS, HOLDS, UNKNOWN, ConditionStatus, NodeStatus
+from skiros2_runs.core.values import (
+    FAILS,
+    HOLDS,
+    MAXIMUM,
+    MINIMUM,
+    UNKNOWN,
+    ConditionStatus,
+    NodeStatus,
+    SignalBound,
+    TaskBounds,
+)
 from skiros2_skill.core.engine.blackboard import format_values, provenance_of
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
+
+#: The id of all nodes of a task in a request.
+ALL_NODES = -1
 
 #: How many changes of an element are searched.
 MAX_ENTRIES = 1000
@@ -73,6 +86,24 @@ def inspect(task: Task, node_id: int, wmi: WorldModelPort) -> NodeStatus:
             elif not has_ended and not task.ended.is_set():
                 status.conditions += [_preview(stage, c, params, wmi) for c in list(conditions)]
     return status
+
+
+def signal_bounds(task: Task) -> TaskBounds:
+    """Returns the limits for signals that the nodes of a task have set in their last runs."""
+    found = []
+    for node in task.nodes():
+        for condition in list(node.present_conditions[1]) if isinstance(node, SkillWrapper) else ():
+            for bounds in condition.signal_bounds():
+                for side, value in ((MINIMUM, bounds.limits.minimum), (MAXIMUM, bounds.limits.maximum)):
+                    if value is not None:
+                        bound = SignalBound(node._id, condition.label, bounds.signal, side, value, bounds.violated)
+                        found.append(bound)
+    return TaskBounds(found)
+
+
+def inspection_json(task: Task, node_id: int, wmi: WorldModelPort) -> str:
+    """Returns the result of `inspect` as JSON; for `ALL_NODES` that of `signal_bounds`. Raises like `inspect`."""
+    return (signal_bounds(task) if node_id == ALL_NODES else inspect(task, node_id, wmi)).to_json()
 
 
 def _params(node: SkillInterface) -> list[Provenance]:

@@ -1,0 +1,182 @@
+"""The base of primitives that move a compliant arm in contact.
+
+Each tick reads the state of the arm and changes its reference, stiffness, wrench or overlay motion; no hook waits. The
+driver checks the limits of the wrench at its control rate: when it has stopped, the next tick fails with its reason.
+However a primitive ends, it leaves the arm at rest and compliant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.world_element import Element
+from skiros2_contact_skills.arms import give_back, take_arm
+from skiros2_contact_skills.core.compliant_arm import ArmState, CompliantArm
+from skiros2_std_reasoners.core.geometry import Vector, rotated
+
+#: Progress codes of failures.
+NOT_READY = -120
+STOPPED = -121
+NO_CONTACT = -122
+NOT_FOUND = -123
+NO_PROGRESS = -124
+NOT_REACHED = -125
+
+#: Default limits of the measured wrench (N, Nm).
+MAX_FORCE, MAX_TORQUE = 40.0, 15.0
+#: Time in which the driver has to activate the controller and send a state (s).
+READY_TIME = 5.0
+#: Stiffness along the tool axis while a force is commanded (N/m): it only damps, as the reference follows the tool.
+_FOLLOWING_STIFFNESS = 300.0
+
+
+class ContactPrimitive(PrimitiveBase):
+    """Base class. A subclass overrides `begin` and `move`.
+
+    :ivar arm: the arm, between start and end.
+    :ivar start: state of the arm at the first tick of `move`.
+    """
+
+    arm: CompliantArm
+    start: ArmState
+
+    def begin(self, state: ArmState) -> None:
+        """To override: called once, before the first `move`."""
+
+    def move(self, state: ArmState, dt: float) -> State:
+        """To override: one tick. Returns `step`, `success` or `fail`.
+
+        :param dt: time since the last tick, by the arm's clock (s).
+        """
+        raise NotImplementedError(f"{type(self).__name__} has to define move")
+
+    # -- hooks -------------------------------------------------------------------------------------------------
+
+    def onStart(self) -> bool:
+        self._started_at: float | None = None
+        self._last = 0.0
+        self._begun = False
+        try:
+            self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
+            self.arm.begin()
+            self.arm.set_wrench_limits(self.number("MaxForce", MAX_FORCE), self.number("MaxTorque", MAX_TORQUE))
+        except SkirosError as error:
+            give_back(self)
+            return self.startError(f"{self.label_of('Arm')}: {error}", NOT_READY)
+        return True
+
+    def execute(self) -> State:
+        try:
+            return self._tick()
+        except SkirosError as error:
+            return self.fail(f"{self.label_of('Arm')}: {error}", NOT_READY)
+
+    def _tick(self) -> State:
+        state = self.arm.state()
+        now = self.arm.now()
+        if self._started_at is None:
+            self._started_at = now
+        if state is None or (state.stopped and not self._begun):
+            if now - self._started_at < READY_TIME:
+                return self.step("waiting for the compliant controller")
+            reason = state.stopped if state is not None else "it does not answer"
+            return self.fail(f"{self.label_of('Arm')} is not ready after {READY_TIME:g} s: {reason}", NOT_READY)
+        if state.stopped:
+            return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}", STOPPED)
+        if not self._begun:
+            self._begun, self.start, self._last = True, state, state.stamp
+            self.begin(state)
+        dt, self._last = max(0.0, state.stamp - self._last), state.stamp
+        return self.move(state, dt)
+
+    def onEnd(self) -> bool:
+        try:
+            self.arm.end()
+        except SkirosError as error:
+            self.fail(f"{self.label_of('Arm')}: {error}", NOT_READY)
+            return False
+        finally:
+            give_back(self)
+        return True
+
+    # -- for subclasses ----------------------------------------------------------------------------------------
+
+    def element(self, key: str) -> Element:
+        """Returns the element in a parameter."""
+        found: Element = self.params[key].value
+        return found
+
+    def value(self, key: str) -> Any:
+        """Returns the value of a parameter."""
+        return self.params[key].value
+
+    def number(self, key: str, default: float) -> float:
+        """Returns the number in a parameter without a default of its own."""
+        values = self.params[key].values
+        return float(values[0]) if values else default
+
+    def label_of(self, key: str) -> str:
+        """Returns the name of the element in a parameter."""
+        element = self.element(key)
+        return str(element.label or element.id)
+
+    def surface(self) -> Vector:
+        """Returns the point of contact: that of the parameter, or else the position of the tool at the start."""
+        given = self.params["Surface"].values
+        x, y, z = given if len(given) == 3 else self.start.pose.position
+        return x, y, z
+
+    def depth(self, state: ArmState) -> float:
+        """Returns how far the tool is below the surface, along its axis (m)."""
+        return dot(axis_of(state), difference(state.pose.position, self.surface()))
+
+    def set_stiffness(self, along: float) -> None:
+        """Sets the stiffness of the parameters, and that along the tool axis (N/m)."""
+        across, about = self.value("Stiffness"), self.value("RotationalStiffness")
+        self.arm.set_stiffness((across, across, along), (about, about, max(about, 30.0)))
+
+    def press(self, force: float) -> None:
+        """Commands a force along the tool axis (N). The caller lets the reference follow the tool along that axis."""
+        self.set_stiffness(_FOLLOWING_STIFFNESS)
+        self.arm.set_wrench((0.0, 0.0, force))
+
+
+def axis_of(state: ArmState) -> Vector:
+    """Returns the direction of the tool axis, in the base frame."""
+    return rotated(state.pose.orientation, (0.0, 0.0, 1.0))
+
+
+def pressed(state: ArmState) -> float:
+    """Returns the measured force with which the tool presses along its axis (N)."""
+    return -dot(axis_of(state), state.wrench[:3])
+
+
+def force_of(state: ArmState) -> float:
+    """Returns the magnitude of the measured force (N)."""
+    return math.hypot(*state.wrench[:3])
+
+
+def forces(state: ArmState) -> str:
+    """Formats the measured wrench for a progress message."""
+    return f"{force_of(state):.1f} N, {math.hypot(*state.wrench[3:]):.2f} Nm"
+
+
+def dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Returns the scalar product."""
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def difference(a: Sequence[float], b: Sequence[float]) -> Vector:
+    """Returns a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def moved(point: Sequence[float], direction: Sequence[float], distance: float) -> Vector:
+    """Returns a point that is moved along a direction."""
+    x, y, z = (p + d * distance for p, d in zip(point, direction, strict=True))
+    return x, y, z

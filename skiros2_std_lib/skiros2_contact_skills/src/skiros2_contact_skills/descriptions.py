@@ -1,0 +1,102 @@
+"""Descriptions of motions in contact: what they do, their parameters with units and limits."""
+
+from __future__ import annotations
+
+from skiros2_common.core.abstract_skill import SkillDescription
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
+
+Optional, Required, Inferred = ParamTypes.Optional, ParamTypes.Required, ParamTypes.Inferred
+
+
+class ContactMotion(SkillDescription):
+    """Base: an arm, its stiffness, and the limits of the wrench at which its driver stops."""
+
+    def add_arm(self, stiffness: float, rotational_stiffness: float) -> None:
+        """Declares the arm, its stiffness (N/m, Nm/rad) and the limits."""
+        self.addParam("Arm", Element("rparts:ArmDevice"), Required, description="The compliant arm")
+        self.addParam(
+            "Stiffness", stiffness, Optional, description="Across the tool axis", unit="N/m", minimum=0, maximum=2000
+        )
+        self.addParam(
+            "RotationalStiffness",
+            rotational_stiffness,
+            Optional,
+            description="About axes across the tool axis",
+            unit="Nm/rad",
+            minimum=0,
+            maximum=300,
+        )
+        # without defaults: a compound gives all its motions the same ones
+        self.addParam("MaxForce", float, Optional, description="The driver stops above it (40)", unit="N", minimum=1)
+        self.addParam(
+            "MaxTorque", float, Optional, description="The driver stops above it (15)", unit="Nm", minimum=0.1
+        )
+
+    def add_number(self, key: str, value: float, unit: str, minimum: float, maximum: float, description: str) -> None:
+        """Declares an optional number with limits."""
+        self.addParam(
+            key, value, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum
+        )
+
+    def add_surface(self, description: str) -> None:
+        """Declares the point of contact, which motions until contact report and searches and insertions use."""
+        self.addParam("Surface", [float], Optional, description=description)
+
+
+class ApproachTarget(ContactMotion):
+    """Moves a held part, or the tool, above a target and aligns their axes; yields to what is in the way."""
+
+    def createDescription(self) -> None:
+        self.add_arm(1000.0, 60.0)
+        self.addParam("Target", Element("skiros:TransformationPose"), Required, description="A bore or another pose")
+        self.addParam("Part", Element("skiros:Manipulatable"), Optional, description="The held part; none: the tool")
+        self.add_number("Height", 0.01, "m", -0.1, 0.5, "Above the target, of the lower end of the part")
+        self.add_number("Speed", 0.1, "m/s", 0.005, 0.3, "Of the tool")
+        self.add_number("Tolerance", 0.004, "m", 0.0005, 0.05, "Of the position at the end")
+        self.add_surface("Result: position of the tool with the part at the target, in the arm's base frame (m)")
+
+
+class MoveUntilContact(ContactMotion):
+    """Moves the tool along its axis until it touches something."""
+
+    def createDescription(self) -> None:
+        self.add_arm(1000.0, 60.0)
+        self.add_number("Speed", 0.015, "m/s", 0.001, 0.1, "Of the tool")
+        self.add_number("ContactForce", 4.0, "N", 0.5, 30.0, "Ends the motion, along the tool axis")
+        self.add_number("MaxDistance", 0.05, "m", 0.001, 0.3, "The motion fails without contact after it")
+        self.addParam(
+            "NeedsContact", True, Optional, description="Whether the motion fails without contact; else it ends there"
+        )
+        self.add_surface("Result: position of the tool at the contact, in the arm's base frame (m)")
+
+
+class SpiralSearch(ContactMotion):
+    """Presses a part on a surface and moves it on a spiral until it drops into an opening."""
+
+    def createDescription(self) -> None:
+        self.add_arm(1000.0, 60.0)
+        self.add_surface("Position of the tool at the contact, in the arm's base frame (m)")
+        self.add_number("Force", 8.0, "N", 1.0, 30.0, "Pressed on the surface")
+        self.add_number("Radius", 0.0045, "m", 0.0005, 0.05, "Of the spiral")
+        self.add_number("PathDistance", 0.0006, "m", 0.0001, 0.01, "Between turns")
+        self.add_number("PathVelocity", 0.015, "m/s", 0.001, 0.1, "Along the spiral")
+        self.add_number("DropDepth", 0.0012, "m", 0.0002, 0.02, "Below the surface, at which the opening is found")
+        self.add_number("SearchTime", 15.0, "s", 0.5, 120.0, "The search fails after it")
+
+
+class InsertPart(ContactMotion):
+    """Pushes a part into its bore: yielding across the axis and wobbling, with a force that grows with the depth."""
+
+    def createDescription(self) -> None:
+        self.add_arm(300.0, 20.0)
+        self.add_surface("Position of the tool at the contact, in the arm's base frame (m)")
+        self.add_number("Depth", 0.06, "m", 0.001, 0.3, "Below the surface, at which the part is inserted")
+        self.add_number("Tolerance", 0.0005, "m", 0.0001, 0.01, "Of the depth")
+        self.add_number("EntryForce", 8.0, "N", 1.0, 30.0, "Up to the entry depth")
+        self.add_number("EntryDepth", 0.008, "m", 0.0, 0.3, "Below the surface")
+        self.add_number("Force", 18.0, "N", 1.0, 30.0, "From the entry depth on")
+        self.add_number("Speed", 0.04, "m/s", 0.001, 0.2, "Of the part")
+        self.add_number("TiltAngle", 3.0, "deg", 0.0, 10.0, "Of the wobble about the tool axis")
+        self.add_number("TiltFrequency", 0.7, "Hz", 0.05, 2.0, "Of the wobble")
+        self.add_number("Patience", 1.5, "s", 0.2, 30.0, "Without progress, after which the insertion fails")

@@ -1,0 +1,58 @@
+"""Primitives of compliant motions that end at a pose."""
+
+from __future__ import annotations
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_contact_skills.contact_primitive import NOT_REACHED, ContactPrimitive, forces
+from skiros2_contact_skills.core.compliant_arm import ArmState
+from skiros2_contact_skills.core.part_poses import aligned_tool, lower_end, pose_on_arm
+from skiros2_contact_skills.descriptions import ApproachTarget
+from skiros2_sim.core.arm_kinematics import between, distances
+from skiros2_std_reasoners.core.geometry import Pose
+
+#: Ratio of angular and linear speed of a motion (rad/m), and time to settle at its end (s).
+_TURN, _SETTLING_TIME = 4.0, 2.0
+
+
+class _CompliantLine(ContactPrimitive):
+    """Moves the reference on a straight line to a goal, with a minimum-jerk profile (Flash and Hogan, 1985)."""
+
+    #: Whether the measured wrench becomes zero at the start: the hand is free then.
+    zeroes_sensor = False
+
+    def goal(self, state: ArmState) -> Pose:
+        """To override: returns the goal of the tool, in the base frame."""
+        raise NotImplementedError(f"{type(self).__name__} has to define goal")
+
+    def begin(self, state: ArmState) -> None:
+        across = self.value("Stiffness")
+        self.set_stiffness(across)
+        self._goal = self.goal(state)
+        length, turn = distances(state.pose, self._goal)
+        self._duration = max(0.1, 1.875 * max(length, turn / _TURN) / self.value("Speed"))
+
+    def move(self, state: ArmState, dt: float) -> State:
+        passed = state.stamp - self.start.stamp
+        t = min(1.0, passed / self._duration)
+        part = t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+        self.arm.set_reference(between(self.start.pose, self._goal, part))
+        off, turned = distances(state.pose, self._goal)
+        if t == 1.0 and off <= self.value("Tolerance"):
+            return self.success(f"There, {1000 * off:.1f} mm and {turned:.3f} rad off ({forces(state)})")
+        if passed > self._duration + _SETTLING_TIME:
+            return self.fail(f"{1000 * off:.1f} mm and {turned:.3f} rad from the goal ({forces(state)})", NOT_REACHED)
+        return self.step(f"Approaching: {1000 * off:.0f} mm to go, {forces(state)}")
+
+
+class approach_target(_CompliantLine):
+    """Moves above the target where the world model has it, the lower end of the part first."""
+
+    def createDescription(self) -> None:
+        self.setDescription(ApproachTarget(), self.__class__.__name__)
+
+    def goal(self, state: ArmState) -> Pose:
+        parts = self.params["Part"].values
+        end = lower_end(self.wmi, self.element("Part") if parts else None)
+        target = pose_on_arm(self.wmi, self.element("Arm"), self.element("Target"))
+        self.params["Surface"].values = list(aligned_tool(state.pose, end, target, 0.0).position)
+        return aligned_tool(state.pose, end, target, self.value("Height"))

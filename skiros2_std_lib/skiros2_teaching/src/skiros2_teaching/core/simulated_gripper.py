@@ -1,0 +1,40 @@
+"""A gripper in the simulated world of this process. The thread that steps the world calls it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from skiros2_sim.core import gripper as fingers
+from skiros2_sim.core.motion import State
+from skiros2_sim.core.world import World
+from skiros2_teaching.core.player import Command
+
+
+class SimulatedGripper:
+    """Adapter of `Gripper`.
+
+    :param commands: the commands of all clients of this gripper, which share the list.
+    """
+
+    def __init__(self, world: World, gripper: fingers.Gripper, commands: list[Command]) -> None:
+        self._world, self._gripper = world, gripper
+        self._motion: fingers.GripperMotion | None = None
+        self._commands, self._first = commands, len(commands)
+
+    def command(self, width: float, effort: float) -> None:
+        self._commands.append(Command(self._world.time, width, effort))
+        self._motion = fingers.GripperMotion(self._gripper, width, effort)
+        self._world.motions.add(self._motion)
+
+    def result(self) -> str | None:
+        outcome = self._motion.outcome if self._motion is not None else None
+        if outcome is None:
+            return None
+        return "" if outcome.state is State.SUCCEEDED else outcome.text
+
+    def commands(self) -> Sequence[Command]:
+        return tuple(self._commands[self._first :])
+
+    def close(self) -> None:
+        if self._motion is not None:
+            self._motion.cancel()

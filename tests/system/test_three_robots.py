@@ -6,8 +6,8 @@ import json
 from typing import Any
 
 import pytest
-from controller_manager_msgs.srv import SwitchController
 
+from controller_manager_msgs.srv import SwitchController
 from skiros2_common.core.world_element import Element
 from skiros2_demo.run_check import Thing
 from skiros2_demo.simulation import Simulation

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from controller_manager_msgs.srv import SwitchController
 from skiros2_common.core.world_element import Element
 from skiros2_demo.run_check import Thing
 from skiros2_demo.simulation import Simulation
@@ -34,6 +35,7 @@ def test_three_robots_share_a_cell_and_one_goal(ros: Ros) -> None:
     contacts = ros.messages("/sim/contacts", Contacts)
     for robot in ROBOTS:
         ros.service(f"/{robot}/get_skills", srvs.ResourceGetDescriptions)()
+        ros.service(f"/{robot}/controller_manager/switch_controller", SwitchController, WAIT)
     wait_until(lambda: "/tm/achieve/status" in ros.master.topics(), WAIT, "the task manager")
 
     tasks = TaskManagerInterface()

@@ -29,6 +29,7 @@ OURS = {
     "skiros:Chamfer",
     "skiros:Depth",
     "skiros:Diameter",
+    "skiros:Friction",
     "skiros:JointNames",
     "skiros:Opening",
     "skiros:Postures",

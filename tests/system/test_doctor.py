@@ -66,7 +66,8 @@ def test_simulated_time_needs_one_clock(ros: Ros, examine: Examine) -> None:
 
 
 def test_frame_with_two_publishers_is_found(ros: Ros, examine: Examine) -> None:
-    other = ros.program("rosrun", "tf2_ros", "static_transform_publisher", *"1 0 0 0 0 0 map tool".split())
+    pose = ("1", "0", "0", "0", "0", "0")
+    other = ros.program("rosrun", "tf2_ros", "static_transform_publisher", *pose, "map", "tool")
     transform = TransformStamped()
     transform.header.frame_id, transform.child_frame_id = "map", "tool"
     transform.transform.rotation.w = 1.0

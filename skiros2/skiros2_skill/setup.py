@@ -1,4 +1,11 @@
 from catkin_pkg.python_setup import generate_distutils_setup
 from setuptools import find_packages, setup
 
-setup(**generate_distutils_setup(packages=find_packages("src"), package_dir={"": "src"}))
+setup(
+    **generate_distutils_setup(
+        packages=find_packages("src"),
+        package_dir={"": "src"},
+        package_data={"skiros2_skill": ["templates/*", "templates/my_skills/*", "templates/my_skills/*/*",
+                                        "templates/my_skills/src/my_skills/*"]},
+    )
+)  # fmt: skip

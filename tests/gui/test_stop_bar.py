@@ -71,7 +71,7 @@ def test_button_starts_the_recovery_and_is_disabled_while_it_runs(window: MainWi
     (run,) = window.shared.tasks.rows
     assert run.latest.shape.type(1) == "skiros:RecoverFromStop"
     button = driver.widget("recover_robot")
-    assert not button.isEnabled() and button.toolTip() == "/robot is recovering from its stop"
+    assert not button.isEnabled() and button.toolTip() == "/robot is running RecoverFromStop"
     driver.click("stopAllButton")
     driver.wait_until(button.isEnabled, "the button")
 
@@ -85,6 +85,6 @@ def test_line_shows_why_the_recovery_failed(window: MainWidget, driver: Driver) 
 
 def test_button_is_disabled_if_the_robot_offers_no_recovery(window: MainWidget, driver: Driver) -> None:
     stop(window, other)
-    tip = "/robot does not offer the skill skiros:RecoverFromStop; add it to its skill list"
+    tip = "/robot does not offer the skill RecoverFromStop; add it to its skill list"
     driver.wait_until(lambda: tip_of(driver, "robot") == tip, "the reason")
     assert not driver.widget("recover_robot").isEnabled()

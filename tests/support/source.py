@@ -31,7 +31,7 @@ PACKAGES = {
 }
 #: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the
 #: folder `ros` its ROS adapters, and every other module of a subject is a core.
-WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "view3d")
+WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "teach", "view3d")
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def source_files() -> list[SourceFile]:
     files = []
     for package, folder in PACKAGES.items():
         source = ROOT / folder / "src" / package
-        for path in sorted(source.rglob("*.py")):
+        for path in sorted(path for path in source.rglob("*.py") if "templates" not in path.parts):
             files.append(SourceFile(path.relative_to(ROOT), package, _part(path.relative_to(source).parts)))
         for path in sorted((ROOT / folder / "nodes").glob("*")):
             if path.is_file():

@@ -19,7 +19,9 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
+from skiros2_common.core.errors import SkirosError
 from skiros2_common.ros.node import EXIT_CONFIGURATION
+from skiros2_gui.app.ros.connections import SimulatorConnection
 from skiros2_sim_msgs.msg import Contacts
 from skiros2_std_reasoners.ros.transforms import Transforms
 from support.ros import Ros, RosMaster, wait_until
@@ -155,6 +157,19 @@ def test_pushed_body_moves(sim: SimulatorClient) -> None:
     assert sim.push(PRODUCT, Wrench(Vector3(0, 0, 20), Vector3()), rospy.Duration.from_sec(0.1)).ok
     sim.step(24)
     assert sim.position(PRODUCT)[2] > before[2] + 0.01
+
+
+def test_window_pushes_a_body(sim: SimulatorClient) -> None:
+    simulator = SimulatorConnection()
+    assert simulator.is_up()
+    sim.step(120)
+    before = sim.position(PRODUCT)
+    simulator.push(PRODUCT, (0.0, 0.0, 20.0), 0.1)
+    sim.step(24)
+    assert sim.position(PRODUCT)[2] > before[2] + 0.01
+    with pytest.raises(SkirosError, match="nothing:Here"):
+        simulator.push("nothing:Here-1", (0.0, 0.0, 20.0), 0.1)
+    simulator.close()
 
 
 def test_delayed_sensor_reports_the_past(ros: Ros, sim: SimulatorClient) -> None:

@@ -12,7 +12,7 @@ from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, TaskProgress, WorldChanged
-from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
+from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner, Simulator
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.engine.breakpoints import Breakpoint
@@ -149,6 +149,7 @@ class LocalSystem:
         self._stops: dict[str, tuple[str, str]] = {}
         self.planner: Planner | None = None
         self.signals = LocalSignals()
+        self.simulator: Simulator | None = None
         #: The argument of the last `set_movable`.
         self.movable = ""
         self._wm.add_listener(self._on_change)
@@ -181,7 +182,8 @@ class LocalSystem:
             element = Element("cora:Robot", robot)
             element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
             self._wm.add_element(element)
-        manager = LocalManager(self._wm, name, skills, self._event_queue.put, robot, self.signals)
+        wm = LocalWorldModel(name, self._wm.model)
+        manager = LocalManager(wm, name, skills, self._event_queue.put, robot, self.signals)
         self._managers[name] = manager
         self._event_queue.put(ManagersChanged())
         return manager

@@ -47,15 +47,16 @@ class Stops:
         """The robots with an active stop."""
         return [
             StoppedRobot(
-                part.name, part.stop, part.text, self._calls.failure(part.name),
-                self._calls.missing(part.name, RECOVERY),
+                part.name,
+                part.stop,
+                part.text,
+                self._calls.failure(part.name, RECOVERY),
+                self._calls.obstacle(part.name, RECOVERY),
             )
             for part in self._window.system.parts
             if part.kind == MANAGER and part.is_up and part.stop
-        ]  # fmt: skip
+        ]
 
     def recover(self, manager: str) -> None:
         """Starts the recovery of a robot."""
-        skill = self._calls.skill(manager, RECOVERY)
-        if skill is not None:
-            self._calls.start(manager, skill, {}, "recovering from its stop")
+        self._calls.start(manager, RECOVERY, {})

@@ -102,6 +102,21 @@ class Planner(Protocol):
         """Cancels a running `plan` or `achieve`, from another thread."""
 
 
+class Simulator(Protocol):
+    """The simulated world. Called by jobs only."""
+
+    def is_up(self) -> bool:
+        """Returns whether a simulator runs."""
+
+    def push(self, eid: str, force: tuple[float, float, float], duration: float) -> None:
+        """Applies a force at the centre of an element.
+
+        :param force: N, in the map.
+        :param duration: s.
+        :raises SkirosError: the simulator refuses, or does not answer.
+        """
+
+
 class System(Protocol):
     """The running system. Members do not block. Parts that are not up are None or missing."""
 
@@ -132,6 +147,10 @@ class System(Protocol):
     @property
     def signals(self) -> SignalSource | None:
         """Delivers the values of signals; None before the window is connected."""
+
+    @property
+    def simulator(self) -> Simulator | None:
+        """The simulator, which may not run; None before the window is connected."""
 
     def set_movable(self, eid: str) -> None:
         """Lets views outside the window (rviz) move this element; "" for none."""

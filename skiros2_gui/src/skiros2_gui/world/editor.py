@@ -111,19 +111,21 @@ class UndoStack:
         Successive changes of the same elements, as from dragging in rviz, are merged into one command.
         """
         awaited = {snapshot for pending in self._pending for snapshot in pending.snapshots}
-        now = time.monotonic()
         for snapshot in [snapshot for snapshot in self._received if snapshot not in awaited]:
             change = self._received.pop(snapshot).effective()
             if not change:
                 continue
-            last = self.done[-1] if self.done else None
-            text = f"change of {', '.join(sorted(map(local_name, change.records))[:3])}"
-            if last is not None and last.is_external and last.text == text and now - last.time < _MERGE_PERIOD:
-                self.done.pop()
-                change = merge([last.change, change])
-            self.done.append(UndoCommand(text, change, True, now))
-            del self.done[:-MAX_KEPT]
-            self.undone.clear()
+            self.adopt(f"change of {', '.join(sorted(map(local_name, change.records))[:3])}", change)
+
+    def adopt(self, text: str, change: ChangeSet) -> None:
+        """Pushes a change that a skill has made for the user; successive ones with the same text are one command."""
+        now, last = time.monotonic(), self.done[-1] if self.done else None
+        if last is not None and last.is_external and last.text == text and now - last.time < _MERGE_PERIOD:
+            self.done.pop()
+            change = merge([last.change, change])
+        self.done.append(UndoCommand(text, change.effective(), True, now))
+        del self.done[:-MAX_KEPT]
+        self.undone.clear()
 
     def clear(self) -> None:
         """Discards all commands: another scene was loaded."""
@@ -198,6 +200,11 @@ class SceneEditor:
         if changes:
             self._on_undo_stack()
         self._run_next_step()
+
+    def adopt(self, text: str, change: ChangeSet) -> None:
+        """Takes a change that a skill has made for the user into the undo stack."""
+        self.undo_stack.adopt(text, change)
+        self._on_undo_stack()
 
     def clear(self) -> None:
         """Discards the undo stack: another scene was loaded."""

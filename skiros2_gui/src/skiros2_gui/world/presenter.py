@@ -18,6 +18,7 @@ from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, SceneHierarchy
 from skiros2_gui.world.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.changes import RESET, Change, Operation, Outcome
+from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
@@ -52,6 +53,8 @@ class WorldPresenter:
 
     :param clock: monotonic (s).
     :ivar on_change: called with the parts to redraw.
+    :ivar text_of_change: returns the text of the undo command for a change that a skill has made for the user; "" for
+        any other change by another author.
     """
 
     def __init__(self, window: Window, clock: Callable[[], float] = time.monotonic) -> None:
@@ -63,6 +66,7 @@ class WorldPresenter:
         self.selected = ""
         self.highlights: dict[str, Highlight] = {}
         self.on_change: Callable[[Redraw], None] = lambda part: None
+        self.text_of_change: Callable[[ChangeSet], str] = lambda change: ""
         self._clock = clock
         self._waiting: list[Change] | None = None  # received while the scene is being read
         self._is_stale = False
@@ -164,6 +168,9 @@ class WorldPresenter:
                 self.highlights.update(dict.fromkeys(ids, Highlight(change.author, change.action, now)))
                 part |= Redraw.HIGHLIGHTS
         self._editor.on_changes(update.by_change)
+        for change_set in update.by_others:
+            if text := self.text_of_change(change_set):
+                self._editor.adopt(text, change_set)
         if self.selected and self.selected not in hierarchy.scene:
             self.select("")
         if self._element_to_select:

@@ -31,10 +31,12 @@ class SceneUpdate:
 
     :param elements: the ids of added, removed and changed elements; changed relations count.
     :param by_change: the change itself, by snapshot id, for changes of the requested author.
+    :param by_others: the changes of other authors, in order.
     """
 
     elements: dict[str, None] = field(default_factory=dict)
     by_change: dict[str, ChangeSet] = field(default_factory=dict)
+    by_others: list[ChangeSet] = field(default_factory=list)
 
 
 class TreeView(Protocol):
@@ -166,6 +168,8 @@ class SceneHierarchy:
             is_moved |= bool(change_set.relations) or any(None in pair for pair in change_set.records.values())
             if change.author == author:
                 update.by_change[change.snapshot_id] = change_set
+            else:
+                update.by_others.append(change_set)
         if is_moved:
             self._change_tree(list(update.elements))
         if self.view is not None:

@@ -8,9 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import rosgraph
+import roslib.message
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 
+from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_gui.app.events import TaskProgress
 from skiros2_gui.app.ros.progress import QuickTreeProgress
@@ -20,6 +23,7 @@ from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION, TaskManagerInterface
+from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
 
@@ -204,3 +208,42 @@ class TaskManagerConnection:
         if is_up != self.is_up:
             self.is_up, self.since = is_up, time.time()
             self._on_change()
+
+
+#: The service of the simulator that applies forces, and its type; the package need not be installed with the window.
+PUSH, PUSH_TYPE = "sim/push", "skiros2_sim_msgs/Push"
+
+
+class SimulatorConnection:
+    """See `app.system.Simulator`."""
+
+    def __init__(self) -> None:
+        self._name = str(rospy.resolve_name(PUSH))
+        self._pool: ServicePool | None = None
+        self._service: Any = None
+
+    def is_up(self) -> bool:
+        try:
+            rosgraph.Master(rospy.get_name()).lookupService(self._name)
+        except (*XMLRPC_ERRORS, rosgraph.MasterException):
+            return False
+        return True
+
+    def push(self, eid: str, force: tuple[float, float, float], duration: float) -> None:
+        if self._pool is None:
+            self._service = roslib.message.get_service_class(PUSH_TYPE)
+            if self._service is None:
+                raise Refused(f"the package of {PUSH_TYPE} is not installed")
+            self._pool = ServicePool(self._name, self._service, 0.0)
+        request = self._service._request_class(element=eid)
+        wrench = request.wrench.force
+        wrench.x, wrench.y, wrench.z = force
+        request.duration = rospy.Duration(duration)
+        answer = self._pool.call(request, False)
+        if not answer.ok:
+            raise Refused(answer.message)
+
+    def close(self) -> None:
+        """Disconnects."""
+        if self._pool is not None:
+            self._pool.close()

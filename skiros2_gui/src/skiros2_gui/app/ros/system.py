@@ -15,7 +15,7 @@ import rosgraph
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.signals import SignalSource
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
-from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
+from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner, Simulator
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
@@ -96,6 +96,10 @@ class RosSystem:
     def signals(self) -> SignalSource | None:
         return self._connections.signals if self._connections is not None else None
 
+    @property
+    def simulator(self) -> Simulator | None:
+        return self._connections.simulator if self._connections is not None else None
+
     def set_movable(self, eid: str) -> None:
         self._movable = eid
         if self._connections is not None:
@@ -160,7 +164,7 @@ class _Connections:
     def __init__(self, author: str, event_queue: EventQueue) -> None:
         # Imported here: importing rospy takes 0.25 s, and the window is drawn first.
         from skiros2_common.ros.signals import RosSignals
-        from skiros2_gui.app.ros.connections import ManagerConnections, TaskManagerConnection
+        from skiros2_gui.app.ros.connections import ManagerConnections, SimulatorConnection, TaskManagerConnection
         from skiros2_gui.app.ros.world import WorldModelConnection
         from skiros2_gui.view3d.ros.markers import MarkerConnection
 
@@ -174,6 +178,7 @@ class _Connections:
         self.task_manager = TaskManagerConnection(on_change)
         self.markers = MarkerConnection(event_queue.put)
         self.signals = RosSignals()
+        self.simulator = SimulatorConnection()
 
     def parts(self) -> list[Part]:
         world, tasks = self.world, self.task_manager
@@ -201,6 +206,7 @@ class _Connections:
         self.task_manager.close()
         self.markers.close()
         self.signals.close()
+        self.simulator.close()
 
 
 def become_node(name: str) -> str:

@@ -22,6 +22,7 @@ from skiros2_common.core.names import local_name
 from skiros2_gui.app.system import WORLD_MODEL
 from skiros2_gui.app.widgets.controls import timer, tool_button
 from skiros2_gui.app.window import Window
+from skiros2_gui.teach.widgets.panel import TeachPanel
 from skiros2_gui.world.presenter import Redraw, WorldPresenter
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED
@@ -59,6 +60,7 @@ class WorldTab(QWidget):
         self.history = HistoryPanel(self.presenter, self.queries)
         self.query = QueryPanel(self.presenter, self.queries)
         self.report = ReportPanel(self.presenter, self.queries)
+        self.teach = TeachPanel(self.presenter)
         self.pages = QTabWidget()
         self.pages.setDocumentMode(True)
         for page, name, tip in (
@@ -66,6 +68,7 @@ class WorldTab(QWidget):
             (self.history, "History", "Changes of the selected element, with time and author"),
             (self.query, "Query", "SPARQL queries of the scene and the ontologies"),
             (self.report, "Validation", "Violations of ontologies and shapes"),
+            (self.teach, "Teach", "Taught poses and paths of the selected object"),
         ):
             self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
         self._lay_out()
@@ -149,6 +152,7 @@ class WorldTab(QWidget):
 
     def close_tab(self) -> None:
         self.finder.close_finder()
+        self.teach.close_timers()
         self._highlight_timer.stop()
 
     # -- showing ----------------------------------------------------------------------------------------------

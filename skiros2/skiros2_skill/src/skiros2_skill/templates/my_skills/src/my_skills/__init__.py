@@ -1,0 +1,1 @@
+"""A skill library: a robot drives to objects and inspects them."""

@@ -1,0 +1,25 @@
+"""Skills that use a ROS action server."""
+
+import actionlib
+from control_msgs.msg import GripperCommandAction, GripperCommandGoal
+
+from my_skills.descriptions import MoveGripper
+from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
+
+
+class move_gripper(PrimitiveActionClient):
+    """Sends a goal to the gripper's action server, without blocking the tree."""
+
+    def createDescription(self):
+        self.setDescription(MoveGripper(), "move_gripper")
+
+    def buildClient(self):
+        return actionlib.SimpleActionClient(self.params["Action"].value, GripperCommandAction)
+
+    def buildGoal(self):
+        goal = GripperCommandGoal()
+        goal.command.position = self.params["Opening"].value
+        return goal
+
+    def onFeedback(self, msg):
+        return self.step(f"{msg.position * 1000:.0f} mm")

@@ -1,0 +1,1 @@
+pytest_plugins = ["skiros2_skill.testing"]

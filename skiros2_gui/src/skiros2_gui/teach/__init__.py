@@ -1,0 +1,1 @@
+"""Teaching of poses and paths by hand."""

@@ -1,0 +1,1 @@
+"""The page "Teach" of the tab "World model"."""

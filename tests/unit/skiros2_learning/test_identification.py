@@ -89,7 +89,8 @@ def test_hypermapper_scenarios_are_imported(tmp_path: Path) -> None:
 
 def test_mistakes_in_a_hypermapper_scenario_are_reported_at_once(tmp_path: Path) -> None:
     file = tmp_path / "bad.json"
-    file.write_text('{"optimization_objectives": ["a"], "input_parameters": {"x": {"parameter_type": "rael", "values": [1]}}}')
+    variables = {"x": {"parameter_type": "rael", "values": [1]}}
+    file.write_text(json.dumps({"optimization_objectives": ["a"], "input_parameters": variables}))
     with pytest.raises(ConfigurationError) as found:
         import_hypermapper(file)
     assert "input_parameters.x.parameter_type: unknown: 'rael'; near: real" in str(found.value)

@@ -1,7 +1,7 @@
 """Parameter sets: values of a skill's parameters that were learned, as elements of the world model.
 
-A set is an element of class `skiros:ParameterSet` with `skiros:SkillType`. Its parts (`skiros:hasParam`) are the values:
-a `skiros:Parameter` with the key as label and `skiros:Value`. Its `skiros:AppliesTo` restrict it to a kind of task:
+A set is an element of class `skiros:ParameterSet` with `skiros:SkillType`. Its parts (`skiros:hasParam`) are values:
+`skiros:Parameter` with the key as label and `skiros:Value`. Its `skiros:AppliesTo` restrict it to a kind of task:
 texts KEY=CLASS, the class of the element in a parameter.
 """
 

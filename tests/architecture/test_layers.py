@@ -27,6 +27,7 @@ OUTSIDE = {
     "skiros2_sim_skills": set(),
     "skiros2_contact_skills": {"numpy"},
     "skiros2_teaching": {"numpy", "scipy"},
+    "skiros2_learning": {"numpy", "scipy", "sklearn", "threadpoolctl", "optuna", "yaml", "matplotlib"},
     "skiros2_gui": {"numpy"},
 }
 #: Of lower packages, only the port.
@@ -51,6 +52,7 @@ PORTS = {
         "skiros2_contact_skills.core",
         "skiros2_std_reasoners.core",
     },
+    "skiros2_learning": {"skiros2_sim.core", "skiros2_std_reasoners.core"},
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {
         "skiros2_runs.core",

@@ -1,0 +1,1 @@
+"""Learning of skill parameters in simulation. See docs/learning.md."""

@@ -1,0 +1,176 @@
+"""The program `learn`: arguments, commands and exit status."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.report import describe, status_lines, write_report
+from skiros2_learning.core.scenario import OPTIMISERS, SIMULATED_SKILLS, Scenario, load_scenario
+from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.workers import Runner
+from skiros2_learning.local.episode import check_scenario
+
+#: Evaluations of which the rate is the mean.
+_RECENT = 20
+
+
+class Progress:
+    """Prints a line after each evaluation: number, rate, time left, success, and the best so far."""
+
+    def __init__(self, study: LearningStudy) -> None:
+        self._study = study
+        self._times = [time.monotonic()]
+
+    def __call__(self, number: int, result: Evaluation) -> None:
+        self._times = [*self._times, time.monotonic()][-_RECENT:]
+        rate = (len(self._times) - 1) / max(1e-3, self._times[-1] - self._times[0])
+        done, budget = self._study.counted, self._study.scenario.evaluations
+        best = max((each.success_rate for each in self._study.results().values()), default=0.0)
+        left = (budget - done) / rate
+        sys.stdout.write(
+            f"[{done}/{budget}] {rate:.2f}/s, {left:.0f} s left, best success {best:.0%} | {number}: "
+            f"{describe(result)}\n"
+        )
+        sys.stdout.flush()
+
+
+def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> CommandResult:
+    """Runs a study until its budget is used up, and writes the report. Ctrl-C keeps all finished evaluations."""
+    begin = time.monotonic()
+    runner = Runner(study, workers, Progress(study))
+    with study.running():
+        if requeue:
+            study.requeue_interrupted()
+        try:
+            runner.run()
+        except KeyboardInterrupt:
+            sys.stdout.write(f"\ninterrupted; go on with: learn resume {study.folder}\n")
+            raise
+    report = write_report(study)
+    spent = time.monotonic() - begin
+    sampling = f"the sampler took {runner.sampling_time:.1f} s of {spent:.1f} s"
+    return CommandResult([*status_lines(study), sampling, f"report: {report}"])
+
+
+def _run(options: argparse.Namespace) -> CommandResult:
+    scenario = _changed(load_scenario(options.scenario), options)
+    if scenario.execution == SIMULATED_SKILLS:
+        check_scenario(scenario)
+    folder = options.study or Path("build/learning") / scenario.name
+    return run_study(LearningStudy.create(scenario, folder, options.storage), options.workers)
+
+
+def _resume(options: argparse.Namespace) -> CommandResult:
+    study = LearningStudy.open(options.study, options.storage)
+    study.scenario = _changed(study.scenario, options)
+    return run_study(study, options.workers, requeue=not options.storage)
+
+
+def _status(options: argparse.Namespace) -> CommandResult:
+    study = LearningStudy.open(options.study, options.storage)
+    data = {str(number): result.to_json() for number, result in study.results().items()}
+    return CommandResult(status_lines(study), data)
+
+
+def _report(options: argparse.Namespace) -> CommandResult:
+    study = LearningStudy.open(options.study, options.storage)
+    others = {str(folder): LearningStudy.open(folder) for folder in options.compare}
+    return CommandResult([str(write_report(study, others))])
+
+
+def _replay(options: argparse.Namespace) -> CommandResult:
+    study = LearningStudy.open(options.study, options.storage)
+    stored = study.result(options.number)
+    again = evaluate(study.scenario, stored.configuration, stored.seed)
+    same = "the same" if again == stored else "NOT the same"
+    lines = [f"stored: {describe(stored)}", f"again:  {describe(again)}", f"the result is {same}"]
+    for index, repetition in enumerate(again.repetitions):
+        values = ", ".join(f"{name} {value:.3g}" for name, value in repetition.rewards.items())
+        word = "success" if repetition.is_success else f"no success {repetition.reason}".rstrip()
+        lines.append(f"  {index}: {word}; {repetition.duration:.1f} s; {values}")
+    return CommandResult(lines, again.to_json(), 0 if again == stored else 1)
+
+
+def _check(options: argparse.Namespace) -> CommandResult:
+    scenario = load_scenario(options.scenario)
+    if scenario.execution == SIMULATED_SKILLS:
+        check_scenario(scenario)
+    return CommandResult([f"{variable.name}: {variable.range_text}" for variable in scenario.variables])
+
+
+def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:
+    """Returns the scenario with the changes of the command line."""
+    text = scenario.source
+    if getattr(options, "no_priors", False):
+        raise ConfigurationError("remove the priors in the scenario file instead")
+    changes: dict[str, object] = {}
+    if options.evaluations is not None:
+        changes["evaluations"] = options.evaluations
+        changes["initial"] = min(scenario.initial, options.evaluations)
+    if getattr(options, "optimiser", None):
+        changes["optimiser"] = options.optimiser
+    return dataclasses.replace(scenario, source=text, **changes)  # type: ignore[arg-type]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="learn", description="Learns parameters of skills in simulation. See docs/learning.md.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add(name: str, text: str) -> argparse.ArgumentParser:
+        command: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+        command.add_argument("--json", action="store_true", help="print JSON")
+        return command
+
+    def add_study(name: str, text: str) -> argparse.ArgumentParser:
+        command = add(name, text)
+        command.add_argument("study", type=Path, metavar="STUDY", help="folder of the study")
+        command.add_argument("--storage", default="", metavar="URL", help="database of the study, if it has one")
+        return command
+
+    def add_budget(command: argparse.ArgumentParser) -> None:
+        command.add_argument(
+            "--workers", type=_count, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
+        )
+        command.add_argument("--evaluations", type=_count, metavar="N", help="another budget than the scenario's")
+
+    command = add("check", "Checks a scenario: names, ranges, scene, skills.")
+    command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file")
+    command = add("run", "Starts a study. Ctrl-C ends it; `learn resume` goes on.")
+    command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file")
+    command.add_argument("--study", type=Path, metavar="FOLDER", help="default: build/learning/NAME")
+    command.add_argument("--storage", default="", metavar="URL", help="database, such as postgresql://user@host/name")
+    command.add_argument("--optimiser", choices=OPTIMISERS, help="another optimiser than the scenario's")
+    add_budget(command)
+    command = add_study("resume", "Goes on with a study, also on another machine with --storage.")
+    add_budget(command)
+    add_study("status", "Shows progress and the Pareto-optimal configurations.")
+    command = add_study("report", "Writes report.html with pictures into the folder of the study.")
+    command.add_argument("--compare", type=Path, nargs="*", default=[], metavar="STUDY", help="draw these studies too")
+    command = add_study("replay", "Runs an evaluation again and compares it with the stored result.")
+    command.add_argument("number", type=int, metavar="NUMBER", help="number of the evaluation")
+    return parser
+
+
+def _count(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected 1 or more, got {number}")
+    return number
+
+
+_COMMANDS = {"check": _check, "run": _run, "resume": _resume, "status": _status, "report": _report, "replay": _replay}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the program. Returns the exit status."""
+    options = _parser().parse_args(command_arguments(arguments))
+    return run_command("learn", lambda: _COMMANDS[options.command](options), options.json)

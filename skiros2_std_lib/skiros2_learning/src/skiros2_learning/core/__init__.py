@@ -1,0 +1,1 @@
+"""Scenarios, rewards, studies, samplers and reports, without ROS."""

@@ -1,0 +1,153 @@
+"""One evaluation: scenario, configuration and seed give objective values, always the same ones."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from skiros2_common.core.errors import ConfigurationError, SkirosError, WrongValue
+from skiros2_learning.core.episode_record import EpisodeRecord
+from skiros2_learning.core.scenario import Scenario
+from skiros2_learning.core.variables import Value, configuration_problems
+
+#: Runs one execution: scenario, configuration, seed of the evaluation, index of the repetition.
+Execution = Callable[[Scenario, Mapping[str, Value], int, int], EpisodeRecord]
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """The result of one execution.
+
+    :param objectives, constraints: values by name; of constraints, the value of their reward.
+    :param rewards: value of each reward, by OBJECTIVE.NAME.
+    :param is_success: whether the task and all criteria of success hold.
+    :param reason: why the task did not succeed; "" if it did.
+    :param duration: simulated time (s).
+    """
+
+    objectives: dict[str, float]
+    constraints: dict[str, float]
+    rewards: dict[str, float]
+    is_success: bool
+    reason: str
+    duration: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The result of an evaluation.
+
+    :param objectives: mean of the repetitions, by name.
+    :param violations: mean violation of each constraint; 0 or less if it holds.
+    :param success_rate: fraction of the repetitions.
+    :param error: why there is no result, such as a crash; "" if there is one.
+    """
+
+    configuration: dict[str, Value]
+    seed: int
+    objectives: dict[str, float] = field(default_factory=dict)
+    violations: dict[str, float] = field(default_factory=dict)
+    success_rate: float = 0.0
+    repetitions: list[Repetition] = field(default_factory=list)
+    error: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Evaluation:
+        """The inverse of `to_json`."""
+        return cls(**{**data, "repetitions": [Repetition(**each) for each in data["repetitions"]]})
+
+
+def evaluate(scenario: Scenario, configuration: Mapping[str, Value], seed: int) -> Evaluation:
+    """Runs all repetitions of a configuration. An execution that breaks is a result with a reason.
+
+    :raises WrongValue: the configuration does not fit the scenario.
+    :raises ConfigurationError: the scenario names an execution that does not exist.
+    """
+    chosen = dict(configuration)
+    problems = configuration_problems(scenario.variables, chosen)
+    if problems:
+        raise WrongValue("; ".join(problems))
+    execution = find_execution(scenario.execution)
+    repetitions = []
+    for index in range(scenario.repetitions):
+        try:
+            repetitions.append(judge(scenario, execution(scenario, chosen, seed, index)))
+        except SkirosError as error:
+            return Evaluation(chosen, seed, repetitions=repetitions, error=f"repetition {index}: {error}")
+        except Exception as error:  # of a skill library, a plug-in or the physics: this evaluation has no result
+            text = f"repetition {index}: {type(error).__name__}: {error}"
+            return Evaluation(chosen, seed, repetitions=repetitions, error=text)
+    return summary(scenario, chosen, seed, repetitions)
+
+
+def judge(scenario: Scenario, record: EpisodeRecord) -> Repetition:
+    """Computes the rewards of one execution.
+
+    :raises WrongValue: a reward is not a finite number.
+    """
+    rewards: dict[str, float] = {}
+    objectives: dict[str, float] = {}
+    for objective in scenario.objectives:
+        total = 0.0
+        for part in objective.rewards:
+            value = _finite(part.reward(record), f"{objective.name}.{part.name}")
+            rewards[f"{objective.name}.{part.name}"] = value
+            total += part.weight * value
+        objectives[objective.name] = total
+    constraints = {each.name: _finite(each.reward(record), each.name) for each in scenario.constraints}
+    is_success = record.succeeded and all(
+        each.violation(_finite(each.reward(record), each.name)) <= 0.0 for each in scenario.success
+    )
+    return Repetition(objectives, constraints, rewards, is_success, record.reason, record.duration)
+
+
+def summary(
+    scenario: Scenario, configuration: Mapping[str, Value], seed: int, repetitions: Sequence[Repetition]
+) -> Evaluation:
+    """Averages the repetitions of an evaluation."""
+    count = len(repetitions)
+    return Evaluation(
+        dict(configuration),
+        seed,
+        {o.name: math.fsum(r.objectives[o.name] for r in repetitions) / count for o in scenario.objectives},
+        {
+            each.name: math.fsum(each.violation(r.constraints[each.name]) for r in repetitions) / count
+            for each in scenario.constraints
+        },
+        sum(r.is_success for r in repetitions) / count,
+        list(repetitions),
+    )
+
+
+def find_execution(name: str) -> Execution:
+    """Returns the function `module:function`.
+
+    :raises ConfigurationError: there is none.
+    """
+    module, _, function = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), function, None)
+    except ImportError as error:
+        raise ConfigurationError(f"execution {name!r}: {error}") from None
+    if not callable(found):
+        raise ConfigurationError(f"execution {name!r}: expected module:function, such as a.b:run_episode")
+    execution: Execution = found
+    return execution
+
+
+def seed_of(scenario: Scenario, number: int) -> int:
+    """Returns the seed of an evaluation of a study: each evaluation has other draws of the randomisation."""
+    return scenario.seed * 1_000_003 + number
+
+
+def _finite(value: float, name: str) -> float:
+    if not math.isfinite(value):
+        raise WrongValue(f"reward {name} is {value}, expected a finite number")
+    return float(value)

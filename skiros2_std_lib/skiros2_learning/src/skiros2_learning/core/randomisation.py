@@ -1,0 +1,138 @@
+"""Domain randomisation: a scene as it might be in reality, drawn from a random generator."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_learning.core.sections import Section, near
+from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
+from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
+from skiros2_std_reasoners.core.geometry import Pose, from_euler, multiplied
+
+#: Default limit of normal distributions, in standard deviations.
+_CLIP = 2.0
+#: Friction of a body without randomisation; see `skiros2_sim.core.body`.
+_FRICTION = 0.9
+#: Smallest factor of a mass or a size.
+_LEAST_FACTOR = 0.1
+
+
+@dataclass(frozen=True)
+class BodySpread:
+    """How a body may differ from the scene. All distributions are normal, clipped at `clip` standard deviations.
+
+    :param position: standard deviation of x and y (m).
+    :param height: of z (m).
+    :param yaw: of the rotation about the vertical (rad).
+    :param mass, size: of a factor of the mass, of all edges.
+    :param friction: of the friction coefficient, around `mean_friction`.
+    """
+
+    position: float = 0.0
+    height: float = 0.0
+    yaw: float = 0.0
+    mass: float = 0.0
+    size: float = 0.0
+    friction: float = 0.0
+    mean_friction: float = _FRICTION
+    clip: float = _CLIP
+
+
+@dataclass(frozen=True)
+class Randomisation:
+    """What differs from one execution to the next.
+
+    :param bodies: by label.
+    :param sensor: noise of the force/torque sensors at the wrists.
+    :param starts: names of postures of the arm, one of which is the start configuration; (): that of the simulator.
+    """
+
+    bodies: Mapping[str, BodySpread] = field(default_factory=dict)
+    sensor: SensorModel = EXACT
+    starts: tuple[str, ...] = ()
+
+
+#: Each execution is as the scene.
+NO_RANDOMISATION = Randomisation()
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One possible reality.
+
+    :param friction: coefficient by id of the body.
+    :param start: name of the start posture; "" for that of the simulator.
+    """
+
+    scene: SceneSpec
+    friction: Mapping[str, float]
+    start: str
+
+
+def read_randomisation(section: Section) -> Randomisation:
+    """Reads the section `randomisation` of a scenario."""
+    bodies = {}
+    for label, body in section.section("bodies").sections():
+        values = {
+            f.name: body.number(f.name, f.default, low=0.0, **({"above": 0.0} if f.name == "clip" else {}))
+            for f in dataclasses.fields(BodySpread)
+        }
+        bodies[label] = BodySpread(**values)
+        body.end()
+    sensor = section.section("sensor")
+    noise = SensorModel(sensor.number("force_noise", 0.0, low=0.0), sensor.number("torque_noise", 0.0, low=0.0))
+    sensor.end()
+    starts = tuple(section.texts("starts", ()))
+    section.end()
+    return Randomisation(bodies, noise, starts)
+
+
+def draw(scene: SceneSpec, randomisation: Randomisation, random: np.random.Generator) -> Draw:
+    """Draws one reality. The order of the bodies in the scene determines the order of random numbers.
+
+    :raises UnknownName: a body is not in the scene.
+    """
+    labels = {body.label for body in scene.bodies}
+    unknown = [label for label in randomisation.bodies if label not in labels]
+    if unknown:
+        raise UnknownName("; ".join(f"no body is labelled {label!r}; {near(label, labels)}" for label in unknown))
+    friction: dict[str, float] = {}
+    bodies: list[BodySpec] = []
+    for body in scene.bodies:
+        spread = randomisation.bodies.get(body.label)
+        if spread is None:
+            bodies.append(body)
+            continue
+        # always the same number of random numbers, so that one spread does not change the others
+        dx, dy, dz, turn, mass, size, rub = np.clip(random.standard_normal(7), -spread.clip, spread.clip).tolist()
+        bodies.append(_changed(body, spread, (dx, dy, dz, turn, mass, size)))
+        if spread.friction or spread.mean_friction != _FRICTION:
+            friction[body.id] = max(0.0, spread.mean_friction + spread.friction * rub)
+    start = ""
+    if randomisation.starts:
+        start = randomisation.starts[int(random.integers(len(randomisation.starts)))]
+    return Draw(dataclasses.replace(scene, bodies=tuple(bodies)), friction, start)
+
+
+def _changed(body: BodySpec, spread: BodySpread, numbers: Sequence[float]) -> BodySpec:
+    dx, dy, dz, turn, mass, size = numbers
+    x, y, z = body.pose.position
+    position = (x + spread.position * dx, y + spread.position * dy, z + spread.height * dz)
+    yaw = from_euler(0.0, 0.0, spread.yaw * turn)
+    changes: dict[str, object] = {"pose": Pose(position, multiplied(yaw, body.pose.orientation))}
+    if spread.size and body.size is not None:
+        factor = max(_LEAST_FACTOR, 1.0 + spread.size * size)
+        a, b, c = body.size
+        changes["size"] = (a * factor, b * factor, c * factor)
+        # it keeps standing on what it stood on
+        changes["pose"] = Pose((*position[:2], position[2] + c * (factor - 1.0) / 2.0), changes["pose"].orientation)  # type: ignore[attr-defined]
+    if spread.mass:
+        known = body.mass if body.mass is not None else math.prod(body.size or (0.05,) * 3) * 600.0
+        changes["mass"] = known * max(_LEAST_FACTOR, 1.0 + spread.mass * mass)
+    return dataclasses.replace(body, **changes)  # type: ignore[arg-type]

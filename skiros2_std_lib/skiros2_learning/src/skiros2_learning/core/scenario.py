@@ -1,0 +1,365 @@
+"""Learning scenarios: one readable YAML file with everything that defines a study."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
+from skiros2_learning.core.rewards import Reward, read_reward
+from skiros2_learning.core.sections import Section
+from skiros2_learning.core.variables import KINDS, Gaussian, Kind, Prior, Value, Variable, Weights
+
+#: The samplers that a scenario may name; see `study.make_sampler`.
+OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
+#: The layout of the file.
+VERSION = 1
+#: Runs the task in the simulated world; see `local.episode`.
+SIMULATED_SKILLS = "skiros2_learning.local.episode:run_episode"
+
+Sense = Literal["maximise", "minimise"]
+
+
+class ScenarioError(ConfigurationError):
+    """A scenario with mistakes.
+
+    :param problems: all of them, one line each.
+    """
+
+    def __init__(self, source: str, problems: Sequence[str]) -> None:
+        super().__init__(f"{source}: {'; '.join(problems)}")
+        self.problems = tuple(problems)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A skill of the task.
+
+    :param name: prefix of its variables; by default the skill's type.
+    :param parameters: fixed values by key; elements by label.
+    """
+
+    name: str
+    skill: str
+    label: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class WeightedReward:
+    """A reward as a part of an objective.
+
+    :param name: as in the scenario, for reports.
+    """
+
+    name: str
+    weight: float
+    reward: Reward
+
+
+@dataclass(frozen=True)
+class Objective:
+    """A weighted sum of rewards, kept apart from other objectives."""
+
+    name: str
+    sense: Sense
+    rewards: tuple[WeightedReward, ...]
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A reward with limits: a constraint, or a part of the definition of success.
+
+    :param name: as in the scenario, for reports.
+    """
+
+    name: str
+    reward: Reward
+    at_least: float = -math.inf
+    at_most: float = math.inf
+
+    def violation(self, value: float) -> float:
+        """How far a value is outside the limits; 0 or less inside."""
+        return max(self.at_least - value, value - self.at_most)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """How the task is simulated.
+
+    :param time_limit: of an execution (s of simulated time); the task is preempted then.
+    :param tick_rate: of the skills (Hz).
+    :param step_rate: of the physics (Hz).
+    """
+
+    time_limit: float = 30.0
+    tick_rate: float = 10.0
+    step_rate: int = 240
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A learning scenario.
+
+    :param scene: file of the scene, absolute.
+    :param libraries: Python packages or modules with the skills of the task.
+    :param plugins: Python modules that add rewards.
+    :param execution: `module:function` that runs one execution; see `evaluation.Execution`.
+    :param success: what counts as success, besides the success of the task.
+    :param evaluations: budget of the study; `initial` of them are drawn from the prior.
+    :param repetitions: executions per configuration, each with another draw of the randomisation.
+    :param timeout: of one evaluation (s of wall time).
+    :param source: the text of the file.
+    """
+
+    name: str
+    task: tuple[Step, ...]
+    variables: tuple[Variable, ...]
+    objectives: tuple[Objective, ...]
+    scene: Path
+    libraries: tuple[str, ...] = ()
+    plugins: tuple[str, ...] = ()
+    execution: str = SIMULATED_SKILLS
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    success: tuple[Criterion, ...] = ()
+    constraints: tuple[Criterion, ...] = ()
+    randomisation: Randomisation = NO_RANDOMISATION
+    simulation: Simulation = field(default_factory=Simulation)
+    evaluations: int = 100
+    initial: int = 20
+    repetitions: int = 5
+    seed: int = 0
+    optimiser: str = "prior"
+    timeout: float = 120.0
+    source: str = ""
+
+    @property
+    def all_rewards(self) -> list[Reward]:
+        """The rewards of objectives, constraints and success."""
+        weighted = [part.reward for objective in self.objectives for part in objective.rewards]
+        return weighted + [criterion.reward for criterion in (*self.constraints, *self.success)]
+
+    def without_priors(self) -> Scenario:
+        """The same scenario with uniform priors."""
+        variables = tuple(dataclasses.replace(variable, prior=None) for variable in self.variables)
+        return dataclasses.replace(self, variables=variables)
+
+
+def load_scenario(file: str | Path) -> Scenario:
+    """Reads a scenario file.
+
+    :raises ScenarioError: it has mistakes; the text names all of them.
+    :raises ConfigurationError: it cannot be read.
+    """
+    path = Path(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"scenario {path}: {getattr(error, 'strerror', None) or error}") from None
+    return parse_scenario(text, path.resolve().parent, str(path))
+
+
+def parse_scenario(text: str, folder: Path, source: str = "scenario") -> Scenario:
+    """Reads a scenario.
+
+    :param folder: for relative names of files.
+    :param source: for error texts.
+    :raises ScenarioError: it has mistakes; the text names all of them.
+    """
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ScenarioError(source, [" ".join(str(error).split())]) from None
+    problems: list[str] = []
+    root = Section(data, "", problems)
+    scenario = _read(root, folder, text)
+    root.end()
+    if problems:
+        raise ScenarioError(source, problems)
+    return scenario
+
+
+def _read(root: Section, folder: Path, text: str) -> Scenario:
+    name = root.text("scenario")
+    version = root.whole("version", VERSION, low=1)
+    if version != VERSION:
+        root.problem("version", f"expected {VERSION}, got {version}")
+    plugins = tuple(root.texts("plugins", ()))
+    for plugin in plugins:
+        try:
+            importlib.import_module(plugin)
+        except ImportError as error:
+            root.problem("plugins", f"{plugin}: {error}")
+    simulation = root.section("simulation")
+    settings = Simulation(
+        simulation.number("time_limit", 30.0, above=0.0),
+        simulation.number("tick_rate", 10.0, low=1.0, high=240.0),
+        simulation.whole("step_rate", 240, low=240, high=2000),
+    )
+    simulation.end()
+    budget = root.section("budget")
+    evaluations = budget.whole("evaluations", 100, low=1)
+    initial = budget.whole("initial", min(20, evaluations), low=0, high=evaluations)
+    budget.end()
+    task = tuple(_step(part) for part in root.listed("task", ()))
+    variables = tuple(_variable(key, part) for key, part in root.section("variables").sections())
+    if not variables:
+        root.problem("variables", "none; a scenario needs at least one")
+    objectives = tuple(_objective(key, part) for key, part in root.section("objectives").sections())
+    if not objectives:
+        root.problem("objectives", "none; a scenario needs at least one")
+    execution = root.text("execution", SIMULATED_SKILLS)
+    if execution == SIMULATED_SKILLS:
+        if not task:
+            root.problem("task", "no steps; name at least one skill")
+        _check_names(root, task, variables)
+    return Scenario(
+        name=name,
+        task=task,
+        variables=variables,
+        objectives=objectives,
+        scene=_file(root, "scene", folder, needed=execution == SIMULATED_SKILLS),
+        libraries=tuple(root.texts("libraries", ())),
+        plugins=plugins,
+        execution=execution,
+        settings=root.take("settings", {}),
+        success=tuple(_criterion(part) for part in root.listed("success", ())),
+        constraints=tuple(_criterion(part) for part in root.listed("constraints", ())),
+        randomisation=read_randomisation(root.section("randomisation")),
+        simulation=settings,
+        evaluations=evaluations,
+        initial=initial,
+        repetitions=root.whole("repetitions", 5, low=1),
+        seed=root.whole("seed", 0),
+        optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
+        timeout=root.number("timeout", 120.0, above=0.0),
+        source=text,
+    )
+
+
+def _file(root: Section, key: str, folder: Path, needed: bool) -> Path:
+    """Returns a file: absolute, or relative to the folder of the scenario."""
+    named = root.text(key) if needed else root.text(key, "")
+    if not named:
+        return Path()
+    path = folder / named
+    if needed and not path.is_file():
+        root.problem(key, f"no such file: {path}")
+    return path.resolve()
+
+
+def _step(section: Section) -> Step:
+    skill = section.text("skill")
+    step = Step(
+        section.text("name", skill), skill, section.text("label", ""), section.section("parameters").take_all()
+    )
+    section.end()
+    return step
+
+
+def _variable(name: str, section: Section) -> Variable:
+    kind: Kind = section.choice("type", KINDS, "real")  # type: ignore[assignment]
+    unit = section.text("unit", "")
+    low = high = 0.0
+    values: tuple[Value, ...] = ()
+    if kind in ("real", "integer"):
+        low, high = section.numbers("range", 2)
+        if low >= high and len(section.items("range")) == 2:
+            section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
+            low, high = high, low
+        if kind == "integer" and (low % 1 or high % 1):
+            section.problem("range", f"expected integers, got [{low:g}, {high:g}]")
+    else:
+        values = tuple(section.items("values"))
+        _check_values(section, kind, values)
+    prior = _prior(section, kind, low, high, values)
+    section.end()
+    return Variable(name, kind, low, high, values, unit, prior)
+
+
+def _check_values(section: Section, kind: str, values: Sequence[Any]) -> None:
+    if len(values) < 2:
+        section.problem("values", f"expected at least two, got {len(values)}")
+    elif len(set(map(repr, values))) < len(values):
+        section.problem("values", f"expected different values, got {list(values)!r}")
+    elif not all(isinstance(value, str | int | float) for value in values):
+        section.problem("values", f"expected texts, numbers or truth values, got {list(values)!r}")
+    elif kind == "ordinal":
+        numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
+        if len(numbers) < len(values) or sorted(numbers) != numbers:
+            section.problem("values", f"expected numbers in ascending order, got {list(values)!r}")
+
+
+def _prior(section: Section, kind: str, low: float, high: float, values: Sequence[Any]) -> Prior | None:
+    if "prior" not in section:
+        return None
+    part = section.section("prior")
+    prior: Prior | None = None
+    if "weights" in part:
+        numbers = [w for w in part.items("weights") if isinstance(w, int | float) and 0 <= w < math.inf]
+        if not values:
+            part.problem("weights", f"only for ordinal and categorical variables; this one is {kind}")
+        elif len(numbers) != len(values) or len(part.items("weights")) != len(values) or sum(numbers) <= 0:
+            part.problem("weights", f"expected {len(values)} numbers of 0 or more, not all 0")
+        else:
+            prior = Weights(tuple(number / sum(numbers) for number in numbers))
+    else:
+        mean, std = part.number("mean"), part.number("std", above=0.0)
+        lowest, highest = (min(values), max(values)) if kind == "ordinal" and values else (low, high)
+        if kind == "categorical":
+            part.problem("", "a categorical variable has no mean; give weights")
+        elif not lowest <= mean <= highest:
+            part.problem("mean", f"expected {lowest:g} to {highest:g}, the range of the variable, got {mean:g}")
+        else:
+            prior = Gaussian(mean, std)
+    part.end()
+    return prior
+
+
+def _objective(name: str, section: Section) -> Objective:
+    sense: Sense = section.choice("sense", ("maximise", "minimise"), "maximise")  # type: ignore[assignment]
+    rewards = []
+    for part in section.listed("rewards"):
+        weight = part.number("weight", 1.0)
+        title = part.text("name", part.take("reward", ""))
+        made = read_reward(part)
+        part.end()
+        if made is not None:
+            rewards.append(WeightedReward(title, weight, made))
+    if not rewards and "rewards" in section and not section.items("rewards"):
+        section.problem("rewards", "none; an objective needs at least one")
+    section.end()
+    return Objective(name, sense, tuple(rewards))
+
+
+def _criterion(section: Section) -> Criterion:
+    limits = {key: section.number(key) for key in ("at_least", "at_most") if key in section}
+    title = section.text("name", section.take("reward", ""))
+    made = read_reward(section)
+    if not limits:
+        section.problem("", "expected at_least or at_most")
+    section.end()
+    if made is None:
+        return Criterion(title, lambda record: 0.0)
+    return Criterion(title, made, **limits)
+
+
+def _check_names(root: Section, task: Sequence[Step], variables: Sequence[Variable]) -> None:
+    names = [step.name for step in task]
+    for twice in {name for name in names if names.count(name) > 1}:
+        root.problem("task", f"several steps are called {twice!r}; give each a name")
+    for variable in variables:
+        step, dot, _ = variable.name.rpartition(".")
+        if not dot or step not in names:
+            root.problem(
+                f"variables.{variable.name}",
+                f"expected STEP.PARAMETER with a step of the task: {', '.join(names) or 'none'}",
+            )

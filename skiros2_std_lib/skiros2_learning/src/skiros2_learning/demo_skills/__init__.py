@@ -1,0 +1,1 @@
+"""Skills whose parameters are learned."""

@@ -1,0 +1,1 @@
+"""Skills, drivers and physics in one process, without a ROS master."""

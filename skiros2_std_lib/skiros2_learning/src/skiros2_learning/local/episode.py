@@ -1,0 +1,252 @@
+"""One execution of a task: skills, tree engine, drivers and physics in this process, faster than real time.
+
+The same scenario, configuration, seed and index give the same record, bit for bit: everything is made from scratch,
+time is the simulated one, and threads of skills end before the world is stepped.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.params import Param
+from skiros2_common.core.world_element import Element
+from skiros2_learning.core.episode_record import EpisodeRecord
+from skiros2_learning.core.randomisation import Draw, draw
+from skiros2_learning.core.rewards import names_used
+from skiros2_learning.core.scenario import Scenario, Step
+from skiros2_learning.core.sections import near
+from skiros2_learning.core.variables import Value
+from skiros2_learning.local.drivers import LocalDrivers
+from skiros2_learning.local.recorder import Recorder
+from skiros2_sim.core.scene_reader import SceneTree, load_scene
+from skiros2_sim.core.world import World
+from skiros2_sim_skills.core.devices import posture
+from skiros2_skill.testing import BenchTask, FakeClock, SkillBench
+from skiros2_std_reasoners.core import spatial_data as space
+from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
+
+#: Time that a preempted task has to end (s of simulated time).
+_GRACE = 2.0
+#: Time that a thread of a skill has to end (s of wall time).
+_THREAD_TIMEOUT = 10.0
+#: Smallest motion that is written to the world model (m).
+_STILL = 1e-5
+
+
+def run_episode(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Runs the task of a scenario once.
+
+    :param seed: of the evaluation.
+    :param index: of the repetition.
+    :raises SkirosError: the scenario does not fit the scene or the skills.
+    """
+    with FakeClock() as clock, Episode(scenario, seed, index, clock) as episode:
+        return episode.run(configuration)
+
+
+class Episode:
+    """A scene with physics and a robot's skills, ready to run the task once. A context manager.
+
+    :param clock: in use.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int, index: int, clock: FakeClock) -> None:
+        self._scenario = scenario
+        self._period = 1.0 / scenario.simulation.tick_rate
+        random = np.random.default_rng([seed, index])
+        self.bench = SkillBench(scenario.scene, clock=clock, period=self._period)
+        self.bench.import_libraries(*scenario.libraries)
+        workspace = scenario.scene.parent
+        self.draw: Draw = draw(load_scene(scenario.scene, workspace), scenario.randomisation, random)
+        self.world = World(
+            self.draw.scene,
+            seed=int(random.integers(2**31)),
+            rate=scenario.simulation.step_rate,
+            sensor=scenario.randomisation.sensor,
+        )
+        try:
+            self._prepare()
+        except SkirosError:
+            self.close()
+            raise
+
+    def __enter__(self) -> Episode:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the world."""
+        self.bench.close()
+        self.world.close()
+
+    def run(self, configuration: Mapping[str, Value]) -> EpisodeRecord:
+        """Runs the task until it ends or its time is over.
+
+        :raises SkirosError: a skill, parameter or element of the task does not exist, or a value is not allowed.
+        """
+        bench, limit = self.bench, self._scenario.simulation.time_limit
+        steps = max(1, round(self._period * self.world.rate))
+        with self.drivers.installed():
+            task = bench.commands(*(self._command(step, configuration) for step in self._scenario.task))
+            deadline, reason = limit, ""
+            while self._tick(task) is State.Running:
+                if self.world.time >= deadline:
+                    if reason:
+                        break
+                    reason, deadline = f"not finished after {limit:g} s", limit + _GRACE
+                    task.preempt()
+                self.drivers.step(steps)
+                self._follow_frames()
+                self.recorder.sample()
+        succeeded = task.state is State.Success and not reason
+        return self.recorder.record(succeeded, "" if succeeded else reason or why(task), bench.wmi)
+
+    # -- internal --------------------------------------------------------------------------------------------------
+
+    def _prepare(self) -> None:
+        for eid, value in self.draw.friction.items():
+            self.world.bullet.changeDynamics(self.world.bodies[eid].body, -1, lateralFriction=value)
+        if self.draw.start:
+            self._take_posture(self.draw.start)
+        self.drivers = LocalDrivers(self.world)
+        elements = self.bench.wmi.get_scene_elements()
+        ids = {element.label: element.id for element in elements if element.label}
+        tree = SceneTree(elements)
+        fixed = {
+            element.label: pose
+            for element in elements
+            if element.label and element.id not in self.world and (pose := tree.pose_in_map(element)) is not None
+        }
+        self.recorder = Recorder(self.world, ids, fixed, *names_used(self._scenario.all_rewards))
+        self.world.motions.add(self.recorder)
+        self._last: dict[str, Pose] = {}
+        self._follow_frames()
+        self.recorder.sample()
+
+    def _take_posture(self, name: str) -> None:
+        for eid, arm in self.world.arms.items():
+            positions = posture(self.bench.wmi.get_element(eid), name)
+            joints = {joint.name.rpartition("/")[2]: joint for joint in arm.joints}
+            wanted = {joint.rpartition("/")[2]: position for joint, position in positions.items()}
+            if wanted.keys() != joints.keys():
+                raise WrongValue(f"posture {name!r} of {eid}: joints {sorted(wanted)}, expected {sorted(joints)}")
+            for key, joint in joints.items():
+                self.world.bullet.resetJointState(arm.body, joint.index, wanted[key])
+            arm.drive([wanted[key] for key in joints])
+
+    def _command(self, step: Step, configuration: Mapping[str, Value]) -> tuple[str, str, dict[str, Any]]:
+        learned = {
+            name.rpartition(".")[2]: value
+            for name, value in configuration.items()
+            if name.rpartition(".")[0] == step.name
+        }
+        given = {**step.parameters, **learned}
+        declared = _declared(self.bench, step)
+        unknown = [key for key in given if key not in declared]
+        if unknown:
+            texts = (f"{step.skill} has no parameter {key!r}; {near(key, declared)}" for key in unknown)
+            raise UnknownName("; ".join(texts))
+        return step.skill, step.label, {key: self._value(declared[key], value) for key, value in given.items()}
+
+    def _value(self, param: Param, value: Any) -> Any:
+        return self.bench.element(value) if param.is_element and isinstance(value, str) else value
+
+    def _tick(self, task: BenchTask) -> State:
+        """Ticks the task, then waits for the threads of its skills: the next tick does not depend on their speed."""
+        before = set(threading.enumerate())
+        state = task.tick()
+        for thread in threading.enumerate():
+            if thread not in before:
+                thread.join(_THREAD_TIMEOUT)
+                if thread.is_alive():
+                    raise WrongValue(f"a thread of a skill ({thread.name}) has not ended in {_THREAD_TIMEOUT:g} s")
+        return state
+
+    def _follow_frames(self) -> None:
+        """Writes the poses of robots and grippers to the world model, as its reasoner does from tf."""
+        for robot in self.world.robots.values():
+            self._write(robot.spec.id, robot.pose())
+            for arm in robot.arms.values():
+                if arm.gripper is not None:
+                    mount = composed(robot.pose(), arm.spec.pose)
+                    self._write(arm.gripper.id, composed(inverted(mount), arm.tool_pose()))
+
+    def _write(self, eid: str, pose: Pose) -> None:
+        last = self._last.get(eid)
+        if last is not None and math.dist(last.position, pose.position) < _STILL:
+            return
+        self._last[eid] = pose
+        element: Element = self.bench.wmi.get_element(eid)
+        space.set_pose(element, pose)
+        self.bench.wmi.update_element_properties(element)
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Checks a scenario against its scene and skills: labels, parameters, ranges; nothing is simulated.
+
+    :raises ConfigurationError: the text names all problems.
+    """
+    with FakeClock() as clock:
+        try:
+            episode = Episode(scenario, scenario.seed, 0, clock)
+        except ConfigurationError:
+            raise
+        except SkirosError as error:
+            raise ConfigurationError(f"scenario {scenario.name}: {error}") from None
+        with episode:
+            problems = [text for step in scenario.task for text in _step_problems(scenario, step, episode.bench)]
+    if problems:
+        raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
+
+
+def _step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str]:
+    try:
+        declared = _declared(bench, step)
+    except SkirosError as error:
+        return [str(error)]
+    found = []
+    variables = {v.name.rpartition(".")[2]: v for v in scenario.variables if v.name.rpartition(".")[0] == step.name}
+    for key in (*step.parameters, *variables):
+        if key not in declared:
+            found.append(f"{step.skill} has no parameter {key!r}; {near(key, declared)}")
+    for key, variable in variables.items():
+        if key not in declared:
+            continue
+        param = declared[key]
+        ends = variable.values or (variable.low, variable.high)
+        if param.is_element:
+            found.append(f"{variable.name}: an element cannot be learned; only numbers, texts and truth values can")
+        elif problem := param.limits.problem(ends):
+            found.append(f"{variable.name}: the skill allows other values: {problem}")
+    for key, value in step.parameters.items():
+        if key in declared and declared[key].is_element and isinstance(value, str):
+            try:
+                bench.element(value)
+            except SkirosError:
+                labels = [e.label for e in bench.wmi.get_scene_elements() if e.label]
+                found.append(f"{step.name}.{key}: no element is labelled {value!r}; {near(value, labels)}")
+    return found
+
+
+def _declared(bench: SkillBench, step: Step) -> dict[str, Param]:
+    """Returns the parameters of a step's skill, by key.
+
+    :raises UnknownName: there is no such skill.
+    """
+    candidates = bench.library.candidates(step.skill, step.label)
+    return dict(candidates[0].declared.params.items())
+
+
+def why(task: BenchTask) -> str:
+    """Returns the messages of the nodes that have failed, the deepest last."""
+    texts = [node.progress_msg for node in task.nodes() if node.state is State.Failure and node.progress_msg]
+    return texts[-1] if texts else str(task.root.progress_msg)

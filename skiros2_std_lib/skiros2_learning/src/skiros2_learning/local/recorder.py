@@ -1,0 +1,120 @@
+"""Records what rewards read, while the world is stepped."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_learning.core.episode_record import EpisodeRecord
+from skiros2_learning.core.sections import near
+from skiros2_sim.core.arm import Arm
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import Pose
+
+#: Distances of pairs are measured up to this one (m).
+_FAR = 1.0
+_SERIES = ("force", "torque", "measured_force", "measured_torque", "power")
+
+
+class Recorder:
+    """Takes a sample at each call of `sample`, and the extremes of forces and torques at each step.
+
+    :param ids: of all elements of the scene, by label.
+    :param fixed: poses in the map of elements without a body, such as goals, by label.
+    :param things, pairs, series: what to record; see `rewards.names_used`.
+    :raises UnknownName: a label or a series does not exist; the text names all.
+    """
+
+    outcome: object | None = None  # of a motion of the world: never ends
+
+    def __init__(
+        self,
+        world: World,
+        ids: Mapping[str, str],
+        fixed: Mapping[str, Pose],
+        things: Collection[str],
+        pairs: Collection[tuple[str, str]],
+        series: Collection[str],
+    ) -> None:
+        self._world = world
+        self._fixed = fixed
+        self._ids = ids
+        arms = {label: world.arms[eid] for label, eid in ids.items() if eid in world.arms}
+        known = {label for label, eid in ids.items() if eid in world} | set(fixed)
+        solid = {label for label, eid in ids.items() if eid in world.bodies or eid in world.grippers}
+        possible = {f"{arm}.{quantity}" for arm in arms for quantity in _SERIES}
+        problems = [f"nothing with a pose is labelled {t!r}; {near(t, known)}" for t in things if t not in known]
+        problems += [f"{t!r} has no shape" for pair in pairs for t in pair if t in known and t not in solid]
+        problems += [f"there is no series {name!r}; {near(name, possible)}" for name in series if name not in possible]
+        if problems:
+            raise UnknownName("; ".join(problems))
+        self._things = sorted(things)
+        self._pairs = sorted(pairs)
+        self._series = sorted(series)
+        self._arms: dict[str, Arm] = {name: arms[name.rpartition(".")[0]] for name in self._series}
+        self._now: dict[str, list[float]] = {name: [] for name in self._series}
+        self._times: list[float] = []
+        self._poses: dict[str, list[Pose]] = {label: [] for label in self._things}
+        self._values: dict[str, list[float]] = {name: [] for name in self._series}
+        self._clearances: dict[tuple[str, str], list[float]] = {pair: [] for pair in self._pairs}
+        self._start = world.time
+
+    # -- as a motion of the world ----------------------------------------------------------------------------------
+
+    def update(self, dt: float) -> None:
+        """Called before each step: measures the last one."""
+        for name in self._series:
+            self._now[name].append(self._measure(name))
+
+    def cancel(self) -> None:
+        """Does nothing: it moves nothing."""
+
+    # -- samples ---------------------------------------------------------------------------------------------------
+
+    def sample(self) -> None:
+        """Takes a sample of the present state."""
+        self._times.append(self._world.time - self._start)
+        for label in self._things:
+            pose = self._fixed[label] if label in self._fixed else self._world.pose_of(self._ids[label])
+            self._poses[label].append(pose)
+        for name in self._series:
+            since = [*self._now[name], self._measure(name)]
+            self._values[name].append(float(np.mean(since)) if name.endswith(".power") else max(since))
+            self._now[name] = []
+        for pair in self._pairs:
+            self._clearances[pair].append(self._distance(*pair))
+
+    def record(self, succeeded: bool, reason: str, wmi: WorldModelPort) -> EpisodeRecord:
+        """Returns all samples."""
+        return EpisodeRecord(
+            succeeded,
+            reason,
+            self._times[-1],
+            np.array(self._times),
+            {label: np.array([pose.position for pose in poses]) for label, poses in self._poses.items()},
+            {label: np.array([pose.orientation for pose in poses]) for label, poses in self._poses.items()},
+            {name: np.array(values) for name, values in self._values.items()},
+            {pair: np.array(values) for pair, values in self._clearances.items()},
+            wmi,
+        )
+
+    def _measure(self, name: str) -> float:
+        arm, quantity = self._arms[name], name.rpartition(".")[2]
+        if quantity == "power":
+            return float(np.abs(np.array(arm.efforts()) * np.array(arm.velocities())).sum())
+        wrench = arm.measured_wrench() if quantity.startswith("measured_") else arm.wrench()
+        return float(np.linalg.norm(wrench[:3] if quantity.endswith("force") else wrench[3:]))
+
+    def _distance(self, label: str, other: str) -> float:
+        (body, link), (body_2, link_2) = (self._handle(self._ids[each]) for each in (label, other))
+        found = self._world.bullet.getClosestPoints(body, body_2, _FAR, linkIndexA=link, linkIndexB=link_2)
+        return min((float(point[8]) for point in found), default=_FAR)
+
+    def _handle(self, eid: str) -> tuple[int, int]:
+        if eid in self._world.bodies:
+            return self._world.bodies[eid].body, -1
+        gripper = self._world.grippers[eid]
+        return gripper.body, gripper.tool_link

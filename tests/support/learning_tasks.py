@@ -1,0 +1,63 @@
+"""Executions for tests of studies: functions of the configuration, and ones that break. Worker processes import
+them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from skiros2_learning.core.episode_record import EpisodeRecord
+from skiros2_learning.core.scenario import Scenario
+from skiros2_learning.core.variables import Value
+
+
+def record(value: float, succeeded: bool = True) -> EpisodeRecord:
+    """An execution with a series `value`."""
+    nothing: dict[str, np.ndarray] = {}
+    times = np.array([0.0, 1.0])
+    return EpisodeRecord(succeeded, "" if succeeded else "failed", 1.0, times, nothing, nothing,
+                         {"value": np.array([value, value])})  # fmt: skip
+
+
+def parabola(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Best at x = 0.3, with noise that depends on seed and repetition."""
+    noise = float(np.random.default_rng([seed, index]).normal(0.0, 0.001))
+    return record((float(configuration["x"]) - 0.3) ** 2 + noise, succeeded=float(configuration["x"]) < 0.5)
+
+
+def dies_once(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """The process is killed in its first evaluation ever; the file `died` in the settings' folder remembers it."""
+    mark = Path(str(scenario.settings["folder"])) / "died"
+    try:
+        mark.touch(exist_ok=False)
+    except FileExistsError:
+        return parabola(scenario, configuration, seed, index)
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+def always_dies(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """The process is killed."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+def hangs(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Does not return."""
+    while True:
+        time.sleep(1.0)
+
+
+def raises(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Raises."""
+    raise RuntimeError("the physics has exploded")
+
+
+def not_a_number(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Gives a value that is no number."""
+    return record(float("nan"))

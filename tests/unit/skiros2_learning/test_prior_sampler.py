@@ -1,0 +1,154 @@
+"""The sampler with priors, on functions with known optima, beside Optuna's samplers. Fixed seeds: always the same
+result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import optuna
+import pytest
+from optuna.samplers import BaseSampler, NSGAIISampler, RandomSampler, TPESampler
+from optuna.trial import Trial
+
+from skiros2_learning.core.prior_sampler import Choice, Normal, PriorSampler
+
+#: Of Hartmann's function of six variables: https://www.sfu.ca/~ssurjano/hart6.html
+_SCALES = np.array(
+    [[10, 3, 17, 3.5, 1.7, 8], [0.05, 10, 17, 0.1, 8, 14], [3, 3.5, 1.7, 10, 17, 8], [17, 8, 0.05, 10, 0.1, 14]]
+)
+_CENTRES = 1e-4 * np.array(
+    [[1312, 1696, 5569, 124, 8283, 5886], [2329, 4135, 8307, 3736, 1004, 9991],
+     [2348, 1451, 3522, 2883, 3047, 6650], [4047, 8828, 8732, 5743, 1091, 381]]
+)  # fmt: skip
+_BEST = (0.20169, 0.150011, 0.476874, 0.275332, 0.311652, 0.6573)
+HARTMANN_MINIMUM, BRANIN_MINIMUM = -3.32237, 0.397887
+
+
+def branin(trial: Trial) -> float:
+    x, y = trial.suggest_float("x", -5.0, 10.0), trial.suggest_float("y", 0.0, 15.0)
+    bowl = y - 5.1 / (4 * math.pi**2) * x**2 + 5 / math.pi * x - 6
+    return bowl**2 + 10 * (1 - 1 / (8 * math.pi)) * math.cos(x) + 10
+
+
+def hartmann(trial: Trial) -> float:
+    x = np.array([trial.suggest_float(f"x{i}", 0.0, 1.0) for i in range(6)])
+    return -float(np.array([1, 1.2, 3, 3.2]) @ np.exp(-(_SCALES * (x - _CENTRES) ** 2).sum(axis=1)))
+
+
+def zdt1(trial: Trial) -> tuple[float, float]:
+    x = np.array([trial.suggest_float(f"x{i}", 0.0, 1.0) for i in range(4)])
+    g = 1 + 9 * float(x[1:].mean())
+    return float(x[0]), g * (1 - math.sqrt(float(x[0]) / g))
+
+
+def minimum(function: Callable[[Trial], float], sampler: BaseSampler, count: int) -> float:
+    study = optuna.create_study(sampler=sampler)
+    study.optimize(function, n_trials=count)
+    return study.best_value
+
+
+def dominated_area(front: list[tuple[float, ...]], corner: tuple[float, float] = (1.1, 5.0)) -> float:
+    """The hypervolume of two objectives that are minimised."""
+    area, last = 0.0, corner[1]
+    for x, y in sorted(front):
+        if x < corner[0] and y < last:
+            area += (corner[0] - x) * (last - y)
+            last = y
+    return area
+
+
+def test_branin_is_minimised_better_than_at_random_and_by_tpe() -> None:
+    found = minimum(branin, PriorSampler(seed=1), 30)
+    assert found == pytest.approx(BRANIN_MINIMUM, abs=0.03)
+    assert found < minimum(branin, RandomSampler(seed=1), 30)
+    assert found < minimum(branin, TPESampler(seed=1), 30)
+
+
+def test_a_good_prior_saves_evaluations_on_hartmann() -> None:
+    good = {f"x{i}": Normal(best + 0.05, 0.1) for i, best in enumerate(_BEST)}
+    with_prior = minimum(hartmann, PriorSampler(good, seed=1, n_startup_trials=5, beta=2), 20)
+    assert with_prior < -3.2
+    assert with_prior < minimum(hartmann, PriorSampler(seed=1, n_startup_trials=5), 20)
+    assert with_prior < minimum(hartmann, TPESampler(seed=1, n_startup_trials=5), 20)
+
+
+def test_a_misleading_prior_is_overcome() -> None:
+    wrong = {"x": Normal(5.5, 0.7), "y": Normal(13.0, 0.7)}  # the worst corner of the valley
+    assert minimum(branin, PriorSampler(wrong, seed=1, n_startup_trials=5, beta=3), 40) < BRANIN_MINIMUM + 0.1
+
+
+def test_two_objectives_give_a_wide_front() -> None:
+    areas = {}
+    for name, sampler in (("prior", PriorSampler(seed=1)), ("random", RandomSampler(seed=1)),
+                          ("nsga2", NSGAIISampler(seed=1, population_size=10))):  # fmt: skip
+        study = optuna.create_study(directions=["minimize", "minimize"], sampler=sampler)
+        study.optimize(zdt1, n_trials=40)
+        areas[name] = dominated_area([tuple(trial.values) for trial in study.best_trials])
+    assert areas["prior"] > max(areas["random"], areas["nsga2"])
+    assert areas["prior"] > 4.3  # the true front dominates 5.07
+
+
+def test_variables_of_all_types_are_searched() -> None:
+    def cost(trial: Trial) -> float:
+        gait = {"walk": 0.0, "trot": 1.0, "crawl": 2.0}[trial.suggest_categorical("gait", ["crawl", "walk", "trot"])]
+        size = trial.suggest_categorical("size", [1, 2, 4, 8])
+        count = trial.suggest_int("count", 1, 9)
+        rate = trial.suggest_float("rate", 1e-3, 1.0, log=True)
+        return gait + abs(size - 4) + abs(count - 7) + abs(math.log10(rate) + 2.0)
+
+    study = optuna.create_study(sampler=PriorSampler({"gait": Choice({"walk": 1, "trot": 1, "crawl": 1})}, seed=2))
+    study.optimize(cost, n_trials=45)
+    assert study.best_params["gait"] == "walk"
+    assert study.best_params["size"] == 4
+    assert abs(study.best_params["count"] - 7) <= 1
+
+
+def test_constraints_are_respected() -> None:
+    def cost(trial: Trial) -> float:
+        x, y = trial.suggest_float("x", 0.0, 1.0), trial.suggest_float("y", 0.0, 1.0)
+        trial.set_constraint("sum", 0.8 - x - y)
+        return x + 2.0 * y
+
+    study = optuna.create_study(sampler=PriorSampler(seed=1))
+    study.optimize(cost, n_trials=35)
+    assert study.best_trial.constraints["sum"] <= 0.0
+    assert study.best_value == pytest.approx(0.8, abs=0.05)
+    later = [all(v <= 0 for v in trial.constraints.values()) for trial in study.trials[15:]]
+    assert sum(later) >= len(later) / 2
+
+
+def test_the_first_trials_are_drawn_from_the_prior() -> None:
+    study = optuna.create_study(sampler=PriorSampler({"x": Normal(3.0, 0.1)}, n_startup_trials=30, seed=1))
+    study.optimize(lambda trial: trial.suggest_float("x", -5.0, 10.0), n_trials=30)
+    drawn = np.array([trial.params["x"] for trial in study.trials])
+    assert drawn.mean() == pytest.approx(3.0, abs=0.1)
+    assert drawn.std() == pytest.approx(0.1, abs=0.05)
+
+
+def test_a_study_that_is_resumed_goes_on_as_it_would_have() -> None:
+    whole = optuna.create_study(sampler=PriorSampler(seed=1, n_startup_trials=3))
+    whole.optimize(branin, n_trials=6)
+    storage = optuna.storages.InMemoryStorage()
+    for _ in range(2):
+        part = optuna.create_study(
+            storage=storage, study_name="part", load_if_exists=True, sampler=PriorSampler(seed=1, n_startup_trials=3)
+        )
+        part.optimize(branin, n_trials=3)
+    assert [trial.params for trial in part.trials] == [trial.params for trial in whole.trials]
+
+
+def test_failed_trials_are_avoided_and_running_ones_differ() -> None:
+    study = optuna.create_study(sampler=PriorSampler(seed=1, n_startup_trials=4))
+
+    def cost(trial: Trial) -> float:
+        x = trial.suggest_float("x", 0.0, 1.0)
+        if x > 0.5:
+            raise ValueError
+        return -x
+
+    study.optimize(cost, n_trials=20, catch=(ValueError,))
+    assert study.best_value < -0.4
+    space = {"x": optuna.distributions.FloatDistribution(0.0, 1.0)}
+    assert study.ask(space).params != study.ask(space).params

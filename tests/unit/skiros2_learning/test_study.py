@@ -1,0 +1,144 @@
+"""Studies: parallel processes, broken evaluations, interruption and resumption. With executions of
+support.learning_tasks."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import ConfigurationError, Refused, UnknownName
+from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.scenario import Scenario, parse_scenario
+from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.workers import Runner
+
+TEXT = """
+scenario: parabola
+execution: support.learning_tasks:EXECUTION
+settings: {folder: FOLDER}
+variables:
+  x: {type: real, range: [0, 1]}
+objectives:
+  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
+constraints:
+  - {name: small, reward: signal, series: value, at_most: 0.1}
+budget: {evaluations: 6, initial: 3}
+repetitions: 2
+seed: 3
+timeout: 60
+"""
+
+
+def scenario(folder: Path, execution: str = "parabola") -> Scenario:
+    return parse_scenario(TEXT.replace("EXECUTION", execution).replace("FOLDER", str(folder)), folder)
+
+
+def run(study: LearningStudy, count: int = 1) -> dict[int, Evaluation]:
+    Runner(study, count).run()
+    return study.results()
+
+
+def test_an_evaluation_depends_on_configuration_and_seed_only(tmp_path: Path) -> None:
+    plan = scenario(tmp_path)
+    first = evaluate(plan, {"x": 0.4}, 7)
+    assert first == evaluate(plan, {"x": 0.4}, 7) == Evaluation.from_json(first.to_json())
+    assert first != evaluate(plan, {"x": 0.4}, 8)
+    assert first.objectives["cost"] == pytest.approx(0.01, abs=0.005)
+    assert first.success_rate == 1.0
+    assert first.violations["small"] == pytest.approx(-0.09, abs=0.005)
+
+
+def test_an_execution_that_raises_or_gives_no_number_is_a_result_with_a_reason(tmp_path: Path) -> None:
+    broken = evaluate(scenario(tmp_path, "raises"), {"x": 0.4}, 1)
+    assert broken.error == "repetition 0: RuntimeError: the physics has exploded"
+    broken = evaluate(scenario(tmp_path, "not_a_number"), {"x": 0.4}, 1)
+    assert broken.error == "repetition 0: reward cost.signal is nan, expected a finite number"
+
+
+def test_processes_use_up_the_budget_and_the_results_are_those_of_this_process(tmp_path: Path) -> None:
+    study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    results = run(study, count=2)
+    assert len(results) == 6
+    for result in results.values():
+        assert result == evaluate(study.scenario, result.configuration, result.seed)
+    best = study.best()[0]
+    assert results[best].objectives["cost"] == min(result.objectives["cost"] for result in results.values())
+
+
+def test_the_evaluation_of_a_killed_process_is_repeated(tmp_path: Path) -> None:
+    study = LearningStudy.create(scenario(tmp_path, "dies_once"), tmp_path / "study")
+    results = run(study)
+    assert (tmp_path / "died").exists()
+    assert [result.error for result in results.values()] == [""] * 6
+
+
+def test_an_evaluation_whose_process_dies_again_is_a_result_with_a_reason(tmp_path: Path) -> None:
+    plan = dataclasses.replace(scenario(tmp_path, "always_dies"), evaluations=1)
+    results = run(LearningStudy.create(plan, tmp_path / "study"))
+    assert [result.error for result in results.values()] == ["its process died 2 times (signal SIGKILL)"]
+
+
+def test_a_late_evaluation_is_a_result_with_a_reason(tmp_path: Path) -> None:
+    plan = dataclasses.replace(scenario(tmp_path, "hangs"), evaluations=1, timeout=0.5)
+    results = run(LearningStudy.create(plan, tmp_path / "study"))
+    assert [result.error for result in results.values()] == ["not finished within 0.5 s of wall time"]
+
+
+def test_an_interrupted_study_goes_on_and_loses_nothing(tmp_path: Path) -> None:
+    study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    number, configuration, seed = study.ask()
+    study.tell(number, evaluate(study.scenario, configuration, seed))
+    _, lost_configuration, lost_seed = study.ask()  # running when the process ends
+    del study
+    study = LearningStudy.open(tmp_path / "study")
+    assert study.counted == 1
+    assert study.requeue_interrupted() == 1
+    results = run(study)
+    assert len(results) == study.counted == 6
+    assert (lost_configuration, lost_seed) in [(r.configuration, r.seed) for r in results.values()]
+
+
+def test_interruption_ends_the_processes_and_keeps_what_is_finished(tmp_path: Path) -> None:
+    study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+
+    def interrupt(number: int, result: Evaluation) -> None:
+        if study.counted == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Runner(study, 1, interrupt).run()
+    again = LearningStudy.open(tmp_path / "study")
+    assert again.counted == 2
+    again.requeue_interrupted()
+    assert len(run(again)) == 6
+
+
+def test_two_runs_of_one_study_are_refused(tmp_path: Path) -> None:
+    study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    other = LearningStudy.open(tmp_path / "study")
+    with study.running(), pytest.raises(Refused, match="another process is running the study"), other.running():
+        pass
+
+
+def test_a_folder_has_one_study(tmp_path: Path) -> None:
+    LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    with pytest.raises(Refused, match="has a study already"):
+        LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    with pytest.raises(UnknownName, match="has no study"):
+        LearningStudy.open(tmp_path / "other")
+    with pytest.raises(UnknownName, match=r"has no result 5; it has none"):
+        LearningStudy.open(tmp_path / "study").result(5)
+
+
+def test_a_database_is_accepted(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'study.db'}"
+    study = LearningStudy.create(scenario(tmp_path), tmp_path / "study", url)
+    assert len(run(study)) == 6
+    assert LearningStudy.open(tmp_path / "study", url).results() == study.results()
+
+
+def test_an_execution_that_does_not_exist_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="expected module:function"):
+        evaluate(scenario(tmp_path, "nothing"), {"x": 0.4}, 1)

@@ -235,7 +235,7 @@ def test_retraction_moves_back_along_the_tool_axis(rig: Rig) -> None:
 
 @pytest.mark.parametrize("value", [0.0, 500.0])
 def test_parameter_out_of_its_limits_does_not_start(rig: Rig, value: float) -> None:
-    with pytest.raises(OutOfLimits, match="'ContactForce': expected 0.5 to 30 N"):
+    with pytest.raises(OutOfLimits, match=r"'ContactForce': expected 0\.5 to 30 N"):
         rig.command("MoveUntilContact", ContactForce=value)
 
 

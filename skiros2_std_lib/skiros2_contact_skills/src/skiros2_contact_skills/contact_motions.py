@@ -112,7 +112,8 @@ class insert_part(ContactPrimitive):
         depth, wanted = self.depth(state), self.value("Depth")
         if depth > self._best + _PROGRESS:
             self._best, self._best_at = depth, state.stamp
-        is_deep, is_stuck = depth >= wanted - self.value("Tolerance"), state.stamp - self._best_at > self.value("Patience")
+        is_deep = depth >= wanted - self.value("Tolerance")
+        is_stuck = state.stamp - self._best_at > self.value("Patience")
         # a part that has slipped in the hand is not as deep as the tool: the floor is felt
         if is_deep and (is_stuck or pressed(state) >= self.value("SeatForce")):
             return self.success(f"Inserted {1000 * depth:.1f} mm deep ({forces(state)})")

@@ -41,6 +41,7 @@ from skiros2_gui.app.events import (
 from skiros2_gui.app.jobs import Jobs
 from skiros2_gui.app.problems import ExceptHook, Problems
 from skiros2_gui.app.system import System, missing
+from skiros2_gui.app.widgets.collector import Collector
 from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, push_button, text_label
 from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.stop_bar import StopBar
@@ -196,6 +197,7 @@ class MainWidget(QWidget):
         super().__init__(parent)
         self.setObjectName("skiros")
         self.setWindowTitle("SkiROS")
+        self._collector = Collector(self)
         self._bridge = Bridge()
         self.system = connect(self._bridge.event_queue)
         self.shared = Window(self.system, self._bridge.jobs, self._bridge.problems, self._bridge.event_queue)
@@ -276,6 +278,7 @@ class MainWidget(QWidget):
         self._is_closed = True
         QApplication.instance().removeEventFilter(self)
         self._excepthook.close()
+        self._collector.close()
         self._bridge.close()
         for page in self.pages:
             try:

@@ -1,0 +1,157 @@
+"""The interfaces of compliant controllers of other projects, as data: one profile for each.
+
+Names are templates with the field `compliant`, the name of the controller. Messages are known by the name of their
+type, and their fields are read by name: the packages of a driver are needed only where it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from scipy.spatial.transform import Rotation
+
+from skiros2_contact_skills.core.compliant_arm import Wrench
+from skiros2_contact_skills.core.simulated_arm import turned_wrench
+from skiros2_std_reasoners.core.geometry import Pose
+
+#: Returns the pose of a tf frame in the base frame.
+Lookup = Callable[[str], Pose]
+
+
+class Reading(NamedTuple):
+    """What a driver measures.
+
+    :param pose: of the tool in the driver's base frame (m).
+    :param wrench: force (N) and torque about the tool (Nm) that the environment exerts on the hand, along the axes of
+        that frame.
+    :param stopped: why the driver does not follow commands; "" if it does.
+    """
+
+    pose: Pose
+    wrench: Wrench
+    stopped: str = ""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Parameters that set the stiffness, by the service `dynamic_reconfigure/Reconfigure`.
+
+    :param parameters: names, each with the axes (0 to 5: along, about x, y, z) that it sets, and its maximum. One for
+        several axes is set to the least of their values: the arm is never stiffer than wanted.
+    """
+
+    service: str
+    parameters: Mapping[str, tuple[tuple[int, ...], float]]
+
+    def values(self, wanted: Sequence[float]) -> dict[str, float]:
+        """Returns the values of the parameters for six wanted ones (N/m, Nm/rad)."""
+        return {name: min(most, *(wanted[i] for i in axes)) for name, (axes, most) in self.parameters.items()}
+
+    def effective(self, wanted: Sequence[float]) -> list[float]:
+        """Returns the six values that the driver then has."""
+        values = self.values(wanted)
+        found = [0.0] * 6
+        for name, (axes, _) in self.parameters.items():
+            for axis in axes:
+                found[axis] = values[name]
+        return found
+
+
+@dataclass(frozen=True)
+class Profile:
+    """An interface. A topic or service that is "" does not exist: `TopicArm` then does that itself, as far as it can.
+
+    :param state: topic and type of the message that `read` converts.
+    :param read: converts a message, with a lookup of tf frames and the name of the tool frame.
+    :param reference: topic `geometry_msgs/PoseStamped`, in `base_frame`.
+    :param base_frame: tf frame of the arm's base.
+    :param tool_frame: tf frame between the fingertips, z pointing out of the hand.
+    :param wrench: topic `geometry_msgs/WrenchStamped`: wrench that the tool exerts, in the tool frame.
+    :param zero: service `std_srvs/Trigger`, called before the wrench in the state is zeroed.
+    :param recovery: topic and type of the goal of an action that recovers from a stop; the goal is empty.
+    :param switch: service `controller_manager_msgs/SwitchController`.
+    :param controllers: service `controller_manager_msgs/ListControllers`.
+    """
+
+    state: tuple[str, str]
+    read: Callable[[Any, Lookup, str], Reading]
+    reference: str
+    base_frame: str
+    tool_frame: str
+    stiffness: Stiffness
+    wrench: str = ""
+    zero: str = ""
+    recovery: tuple[str, str] = ("", "")
+    switch: str = "/controller_manager/switch_controller"
+    controllers: str = "/controller_manager/list_controllers"
+
+
+#: Of franka_msgs/FrankaState.robot_mode: why the arm does not follow.
+_FRANKA_MODES = {3: "it is guided by hand", 4: "reflex", 5: "user stop", 6: "automatic error recovery"}
+
+
+def _read_franka(message: Any, frame: Lookup, tool: str) -> Reading:
+    """franka_msgs/FrankaState: `O_T_EE` is column-major; `O_F_ext_hat_K` is the wrench that the robot exerts on the
+    environment, along the axes of the base."""
+    t = message.O_T_EE
+    x, y, z = (float(value) for value in t[12:15])
+    rotation = Rotation.from_matrix([[float(t[4 * column + row]) for column in range(3)] for row in range(3)])
+    qx, qy, qz, qw = rotation.as_quat().tolist()
+    pose = Pose((x, y, z), (qx, qy, qz, qw))
+    fx, fy, fz, tx, ty, tz = (-float(value) for value in message.O_F_ext_hat_K)
+    stopped = _FRANKA_MODES.get(message.robot_mode, "")
+    if stopped:
+        errors = message.current_errors
+        active = [name for name in errors.__slots__ if getattr(errors, name) is True]
+        stopped += f": {', '.join(active)}" if active else ""
+    return Reading(pose, (fx, fy, fz, tx, ty, tz), stopped)
+
+
+def read_sensor(message: Any, frame: Lookup, tool: str) -> Reading:
+    """geometry_msgs/WrenchStamped of a force/torque sensor, in its own frame; the pose of the tool is that in tf."""
+    pose, sensor = frame(tool), frame(message.header.frame_id)
+    fx, fy, fz, tx, ty, tz = turned_wrench(sensor.orientation, wrench_from(message.wrench))
+    x, y, z = (a - b for a, b in zip(sensor.position, pose.position, strict=True))
+    return Reading(pose, (fx, fy, fz, tx + y * fz - z * fy, ty + z * fx - x * fz, tz + x * fy - y * fx))
+
+
+def wrench_from(message: Any) -> Wrench:
+    """Converts a `geometry_msgs/Wrench` message."""
+    f, t = message.force, message.torque
+    return f.x, f.y, f.z, t.x, t.y, t.z
+
+
+_EACH_AXIS = {
+    name: ((axis,), 2000.0 if axis < 3 else 300.0)
+    for axis, name in enumerate(("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z"))
+}
+
+#: The profiles by name.
+PROFILES = {
+    # franka_ros: franka_example_controllers/CartesianImpedanceExampleController
+    "franka_ros": Profile(
+        state=("/franka_state_controller/franka_states", "franka_msgs/FrankaState"),
+        read=_read_franka,
+        reference="/{compliant}/equilibrium_pose",
+        base_frame="panda_link0",
+        tool_frame="panda_hand_tcp",
+        stiffness=Stiffness(
+            "/{compliant}/dynamic_reconfigure_compliance_param_node/set_parameters",
+            {"translational_stiffness": ((0, 1, 2), 400.0), "rotational_stiffness": ((3, 4, 5), 30.0)},
+        ),
+        recovery=("/franka_control/error_recovery/goal", "franka_msgs/ErrorRecoveryActionGoal"),
+    ),
+    # FZI: cartesian_controllers/CartesianComplianceController
+    "cartesian_controllers": Profile(
+        state=("/{compliant}/ft_sensor_wrench", "geometry_msgs/WrenchStamped"),
+        read=read_sensor,
+        reference="/{compliant}/target_frame",
+        base_frame="base_link",
+        tool_frame="tool0",
+        stiffness=Stiffness("/{compliant}/stiffness/set_parameters", _EACH_AXIS),
+        wrench="/{compliant}/target_wrench",
+        zero="/{compliant}/signal_taring",
+    ),
+}

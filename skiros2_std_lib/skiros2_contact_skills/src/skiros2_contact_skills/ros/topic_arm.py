@@ -1,0 +1,382 @@
+"""A compliant arm whose driver has the topics and services of a profile."""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import roslib.message
+import rospy
+from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import Quaternion as QuaternionMessage
+from geometry_msgs.msg import Wrench as WrenchMessage
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
+from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName
+from skiros2_contact_skills.core.compliant_arm import STALE, ArmState, Wrench, checked_limits, checked_reference
+from skiros2_contact_skills.core.simulated_arm import turned_wrench
+from skiros2_contact_skills.ros.profiles import Profile, Reading
+from skiros2_sim.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
+from skiros2_sim.core.spiral import Spiral, SpiralGoal
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, conjugated
+from skiros2_std_reasoners.ros.transforms import Transforms
+
+log = logging.getLogger(__name__)
+
+#: Period with which `state` sends a commanded wrench again (s): drivers may let it expire.
+REFRESH = 0.2
+#: Time that services and subscribers may need to appear (s of wall time).
+_CONNECT_TIME = 5.0
+#: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
+_LEAST_STIFFNESS, _MAX_OFFSET = (50.0,) * 3 + (5.0,) * 3, 0.15
+_ZERO: Wrench = (0.0,) * 6
+
+
+class TopicArm:
+    """Adapter of `CompliantArm` to a profile.
+
+    A thread of its own sends commands and calls services, in their order. What the driver lacks is done here: a spiral
+    is added to the reference at each `state`; without a topic for it, a wrench becomes an offset of the reference, by
+    the stiffness; the limits are checked at each message of the state, and above one the arm holds its current pose.
+    Damping factors have no effect: these drivers have none.
+
+    :param names: names of the controllers (`compliant`, `position`), and any name of the profile that differs.
+    :raises ConfigurationError: a message or a service of the driver is not installed.
+    """
+
+    def __init__(self, profile: Profile, names: Mapping[str, str]) -> None:
+        self._profile, self._names = profile, names
+        self._controller = names["compliant"]
+        self._base, self._tool = self._name("base_frame"), self._name("tool_frame")
+        self._lock = threading.RLock()
+        self._transforms = Transforms()
+        self._transforms.listen()
+        self._reading: Reading | None = None
+        self._read_at, self._messages, self._stamp = 0.0, 0, 0.0
+        self._problem = self._refused = self._stop = ""
+        self._pending, self._needed = 0, 0
+        self._limits = (0.0, 0.0)
+        self._zero = _ZERO
+        self._stiffness: Sequence[float] = STIFFNESS
+        self._wrench, self._wrench_sent = _ZERO, 0.0
+        self._reference: Pose | None = None
+        self._spiral: Spiral | None = None
+        self._spiral_at = 0.0
+        kind = message_class(profile.state[1])
+        recovery, goal = profile.recovery
+        recovery_kind = message_class(goal) if recovery else None
+        self._publishers = {
+            key: rospy.Publisher(self._name(key), command, queue_size=10)
+            for key, command in (("reference", PoseStamped), ("wrench", WrenchStamped))
+            if getattr(profile, key)
+        }
+        if recovery:
+            self._publishers["recovery"] = rospy.Publisher(self._format(recovery), recovery_kind, queue_size=1)
+        self._topic = names.get("state", self._format(profile.state[0]))
+        self._subscriber = rospy.Subscriber(self._topic, kind, self._on_state, queue_size=1, tcp_nodelay=True)
+        self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._serve, name=f"requests to {self._controller}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Closes the connections. The arm is not commanded."""
+        self._requests.put(None)
+        self._subscriber.unregister()
+        for publisher in self._publishers.values():
+            publisher.unregister()
+
+    # -- the port ---------------------------------------------------------------------------------------------------
+
+    def now(self) -> float:
+        return float(rospy.get_time())
+
+    def state(self) -> ArmState | None:
+        now = self.now()
+        with self._lock:
+            reading, refused = self._reading, self._refused
+            if self._pending or (not (refused or self._problem) and self._messages < self._needed):
+                return None
+            if reading is None:
+                return ArmState(IDENTITY, _ZERO, now, refused or self._problem) if refused or self._problem else None
+            stopped = refused or self._stop or reading.stopped or self._problem
+            if now - self._read_at > STALE:
+                stopped = stopped or f"no {self._topic} for {now - self._read_at:.1f} s"
+            pose, wrench = self._measured(reading)
+            stamp = self._stamp
+        if not stopped:
+            self._refresh(now)
+        return ArmState(pose, wrench, stamp, stopped)
+
+    def begin(self) -> None:
+        with self._lock:
+            self._refused = self._stop = ""
+            self._reference = self._spiral = None
+            self._wrench = _ZERO
+        self._request(self._activate)
+
+    def end(self) -> None:
+        with self._lock:
+            reading = self._reading
+            if reading is None or self._refused or self._stop or reading.stopped:
+                return
+            self._wrench, self._spiral = _ZERO, None
+            self._reference = reading.pose
+        self._request(self._send_wrench)
+        self._request(self._send_reference)
+
+    def set_reference(self, pose: Pose) -> None:
+        reference = checked_reference(pose)
+        with self._lock:
+            if self._stop:  # until limits are set again; the state has the reason
+                return
+            self._reference = reference
+        self._request(self._send_reference)
+
+    def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
+        values = checked("stiffness", (*translational, *rotational), MAX_STIFFNESS, lowest=0.0)
+        kind = self._profile.stiffness
+        with self._lock:
+            before, self._stiffness = self._stiffness, kind.effective(values)
+        if before != self._stiffness:
+            self._request(lambda: _reconfigure(self._format(kind.service), kind.values(values)))
+
+    def set_damping(self, factors: Sequence[float]) -> None:
+        checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
+
+    def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
+        fx, fy, fz, tx, ty, tz = checked("wrench", (*force, *torque), MAX_WRENCH)
+        with self._lock:
+            if self._stop:
+                return
+            self._wrench = (fx, fy, fz, tx, ty, tz)
+        self._request(self._send_wrench)
+
+    def start_spiral(self, spiral: SpiralGoal) -> None:
+        with self._lock:
+            if not self._stop:
+                self._spiral, self._spiral_at = Spiral(spiral), self.now()
+
+    def stop_overlay(self) -> None:
+        with self._lock:
+            if self._spiral is not None:
+                self._spiral.stop()
+
+    def set_wrench_limits(self, force: float, torque: float) -> None:
+        limits = checked_limits(force, torque)
+        with self._lock:
+            self._limits, self._stop = limits, ""
+
+    def zero_sensor(self) -> None:
+        self._request(self._zero_sensor)
+
+    # -- what is measured -------------------------------------------------------------------------------------------
+
+    def _on_state(self, message: Any) -> None:
+        """Called by the subscriber's thread with each message."""
+        try:
+            reading = self._profile.read(message, self._pose_of, self._tool)
+            if not all(map(math.isfinite, (*reading.pose.position, *reading.pose.orientation, *reading.wrench))):
+                raise Refused(f"{self._topic} has numbers that are not finite")
+        except (SkirosError, AttributeError, ValueError) as error:
+            with self._lock:
+                if self._problem != str(error):
+                    log.warning("%s", error)
+                self._problem = str(error)
+            return
+        with self._lock:
+            self._reading, self._problem = reading, ""
+            self._read_at = self.now()
+            self._stamp = message.header.stamp.to_sec() or self._read_at
+            self._messages += 1
+            exceeded = "" if self._stop else self._exceeded(reading)
+            if exceeded:
+                self._stop, self._reference, self._spiral = exceeded, reading.pose, None
+                self._wrench = _ZERO
+        if exceeded:  # at once, before what is queued
+            self._send_wrench()
+            self._send_reference()
+
+    def _exceeded(self, reading: Reading) -> str:
+        """Returns which limit is exceeded; "" if none is."""
+        _, wrench = self._measured(reading)
+        for name, value, limit, unit in (
+            ("force", math.hypot(*wrench[:3]), self._limits[0], "N"),
+            ("torque", math.hypot(*wrench[3:]), self._limits[1], "Nm"),
+        ):
+            if 0.0 < limit < value:
+                return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
+        return ""
+
+    def _measured(self, reading: Reading) -> tuple[Pose, Wrench]:
+        """Returns pose and wrench without the zero of the sensor."""
+        zero = turned_wrench(reading.pose.orientation, self._zero)
+        fx, fy, fz, tx, ty, tz = (a - b for a, b in zip(reading.wrench, zero, strict=True))
+        return reading.pose, (fx, fy, fz, tx, ty, tz)
+
+    def _pose_of(self, frame: str) -> Pose:
+        found = self._transforms.find(self._base, frame)
+        if found is None:
+            raise UnknownName(f"tf has no transform from {self._base} to {frame or 'an empty frame'} ({self._topic})")
+        return found
+
+    # -- commands, by the thread of requests ------------------------------------------------------------------------
+
+    def _request(self, function: Callable[[], None]) -> None:
+        with self._lock:
+            self._pending += 1
+        self._requests.put(function)
+
+    def _serve(self) -> None:
+        while (function := self._requests.get()) is not None:
+            refused = ""
+            try:
+                function()
+            except SkirosError as error:
+                refused = str(error)
+                log.warning("%s: %s", self._controller, error)
+            finally:
+                with self._lock:
+                    self._pending -= 1
+                    self._refused = self._refused or refused
+
+    def _activate(self) -> None:
+        """Waits for the driver, recovers it from a stop and switches to the compliant controller."""
+        for key in ("reference", "wrench"):
+            if key in self._publishers:
+                self._wait_for_subscriber(key)
+        if "recovery" in self._publishers and self._reading is not None and self._reading.stopped:
+            self._wait_for_subscriber("recovery")
+            self._publishers["recovery"].publish(message_class(self._profile.recovery[1])())
+        names = self._names["compliant"], self._names["position"]
+        strictness = SwitchControllerRequest.BEST_EFFORT
+        answer = _call(self._name("switch"), SwitchController, [names[0]], [names[1]], strictness, True, 0.0)
+        listed = _call(self._name("controllers"), ListControllers).controller
+        if not answer.ok or not any(c.name == names[0] and c.state == "running" for c in listed):
+            known = ", ".join(f"{c.name} ({c.state})" for c in listed) or "none"
+            raise Refused(f"controller {names[0]} does not run; {self._name('controllers')} lists: {known}")
+        with self._lock:
+            self._needed = self._messages + 2  # the next one may have been on its way
+
+    def _wait_for_subscriber(self, key: str) -> None:
+        publisher, deadline = self._publishers[key], time.monotonic() + _CONNECT_TIME
+        pause = threading.Event()
+        while not publisher.get_num_connections():
+            if time.monotonic() > deadline or rospy.is_shutdown():
+                raise Refused(f"nothing subscribes to {publisher.resolved_name}: the controller is not loaded")
+            pause.wait(0.01)
+
+    def _zero_sensor(self) -> None:
+        if self._profile.zero:
+            _call(self._name("zero"), Trigger)
+        with self._lock:
+            if self._reading is not None:
+                self._zero = turned_wrench(conjugated(self._reading.pose.orientation), self._reading.wrench)
+
+    def _send_reference(self) -> None:
+        """Sends the reference with the overlay motion and the offset of the wrench, if these are done here."""
+        with self._lock:
+            reference, reading = self._reference, self._reading
+            if reference is None:
+                reference = reading.pose if reading is not None else None
+            if reference is None:
+                return
+            now, offset = self.now(), [0.0, 0.0, 0.0]
+            if self._spiral is not None:
+                offset = self._spiral.update(max(0.0, now - self._spiral_at)).tolist()
+                self._spiral_at = now
+                if self._spiral.has_ended:
+                    self._spiral = None
+            turn = [0.0, 0.0, 0.0]
+            if "wrench" not in self._publishers:
+                shift = [
+                    min(max(f / max(k, least), -_MAX_OFFSET), _MAX_OFFSET)
+                    for f, k, least in zip(self._wrench, self._stiffness, _LEAST_STIFFNESS, strict=True)
+                ]
+                offset, turn = [a + b for a, b in zip(offset, shift[:3], strict=True)], shift[3:]
+        x, y, z = offset
+        pose = composed(reference, Pose((x, y, z), _small_rotation(turn)))
+        message = PoseMessage(Point(*pose.position), QuaternionMessage(*pose.orientation))
+        self._publishers["reference"].publish(PoseStamped(Header(stamp=rospy.Time.now(), frame_id=self._base), message))
+
+    def _send_wrench(self) -> None:
+        with self._lock:
+            wrench, self._wrench_sent = self._wrench, self.now()
+        if "wrench" not in self._publishers:
+            self._send_reference()
+            return
+        message = WrenchMessage(Vector3(*wrench[:3]), Vector3(*wrench[3:]))
+        header = Header(stamp=rospy.Time.now(), frame_id=self._tool)
+        self._publishers["wrench"].publish(WrenchStamped(header, message))
+
+    def _refresh(self, now: float) -> None:
+        """Sends again what would expire, and what moves."""
+        with self._lock:
+            resend = any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH
+            is_moving = self._spiral is not None
+        if resend:
+            self._send_wrench()
+        if is_moving:
+            self._send_reference()
+
+    # -- names ------------------------------------------------------------------------------------------------------
+
+    def _format(self, template: str) -> str:
+        return template.format(**self._names)
+
+    def _name(self, key: str) -> str:
+        """Returns the name of a topic, service or frame: the given one, or that of the profile."""
+        return self._names.get(key) or self._format(getattr(self._profile, key))
+
+
+def message_class(name: str) -> Any:
+    """Returns the class of a message.
+
+    :raises ConfigurationError: its package is not installed.
+    """
+    found = roslib.message.get_message_class(name)
+    if found is None:
+        raise ConfigurationError(f"message {name} is not installed: the driver needs the package {name.split('/')[0]}")
+    return found
+
+
+def _call(name: str, kind: Any, *values: Any) -> Any:
+    """Calls a service, and checks the fields `ok` and `success` of its answer.
+
+    :raises Refused: it does not exist, or refuses; the text names it.
+    """
+    try:
+        rospy.wait_for_service(name, _CONNECT_TIME)
+        answer = rospy.ServiceProxy(name, kind)(*values)
+    except (rospy.ROSException, rospy.ServiceException) as error:
+        raise Refused(f"service {name}: {error}") from None
+    if (not getattr(answer, "ok", True) and hasattr(answer, "message")) or not getattr(answer, "success", True):
+        raise Refused(f"{name}: {answer.message}")
+    return answer
+
+
+def _reconfigure(name: str, values: dict[str, float]) -> None:
+    """Sets parameters by `dynamic_reconfigure/Reconfigure`.
+
+    :raises ConfigurationError: its package is not installed.
+    :raises Refused: the service does not exist or fails.
+    """
+    kind = roslib.message.get_service_class("dynamic_reconfigure/Reconfigure")
+    if kind is None:
+        raise ConfigurationError("the stiffness cannot be set: the package dynamic_reconfigure is not installed")
+    number, config = (message_class(f"dynamic_reconfigure/{part}") for part in ("DoubleParameter", "Config"))
+    _call(name, kind, config(doubles=[number(key, value) for key, value in values.items()]))
+
+
+def _small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:
+    """Returns the quaternion of a rotation vector (rad)."""
+    angle = math.hypot(*turn)
+    factor = math.sin(angle / 2.0) / angle if angle > 1e-9 else 0.5
+    return turn[0] * factor, turn[1] * factor, turn[2] * factor, math.cos(angle / 2.0)

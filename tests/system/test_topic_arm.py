@@ -1,0 +1,202 @@
+"""Adapters of `CompliantArm` to the controllers of franka_ros and FZI, with stand-ins of these drivers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from skiros2_contact_skills.core.compliant_arm import ArmState
+from skiros2_contact_skills.ros.profiles import PROFILES
+from skiros2_contact_skills.ros.topic_arm import TopicArm
+from skiros2_sim.core.spiral import SpiralGoal
+from skiros2_std_reasoners.core.geometry import Pose
+from support.ros import Ros, RosMaster, wait_until
+from support.stand_in_controllers import REFLEX, CartesianControllers, FrankaRos, StandIn, other_packages
+
+pytestmark = pytest.mark.timeout(120)
+
+WAIT = 30.0
+DRIVERS = {"franka_ros": FrankaRos, "cartesian_controllers": CartesianControllers}
+
+
+class Rig:
+    """An adapter and its driver."""
+
+    def __init__(self, profile: str) -> None:
+        self.driver: StandIn = DRIVERS[profile]()
+        names = {"compliant": self.driver.controller_name, "position": "position_joint_trajectory_controller"}
+        self.arm = TopicArm(PROFILES[profile], names)
+
+    def close(self) -> None:
+        self.arm.close()
+        self.driver.close()
+
+    def wait_for(self, condition: Callable[[ArmState], object]) -> ArmState:
+        """Ticks until the state is as wanted."""
+
+        def state() -> ArmState | None:
+            found = self.arm.state()
+            return found if found is not None and condition(found) else None
+
+        return wait_until(state, WAIT, "a state as wanted")
+
+    def at_rest(self) -> ArmState:
+        """The state when the tool does not move any more."""
+        last = [self.wait_for(lambda s: True)]
+
+        def still(state: ArmState) -> bool:
+            if state.stamp < last[-1].stamp + 0.3:
+                return False
+            last.append(state)
+            return math.dist(last[-1].pose.position, last[-2].pose.position) < 0.0005
+
+        return self.wait_for(still)
+
+
+@pytest.fixture(scope="module")
+def ros(ros_master: RosMaster) -> Iterator[Ros]:
+    system = Ros(ros_master)
+    with other_packages():
+        yield system
+    system.stop()
+
+
+@pytest.fixture(params=list(DRIVERS))
+def rig(ros: Ros, request: pytest.FixtureRequest) -> Iterator[Rig]:
+    yield from begun(request.param)
+
+
+@pytest.fixture
+def franka(ros: Ros) -> Iterator[Rig]:
+    yield from begun("franka_ros")
+
+
+@pytest.fixture
+def fzi(ros: Ros) -> Iterator[Rig]:
+    yield from begun("cartesian_controllers")
+
+
+def begun(profile: str) -> Iterator[Rig]:
+    rig = Rig(profile)
+    try:
+        rig.arm.begin()
+        rig.arm.set_stiffness((400.0,) * 3, (30.0,) * 3)
+        rig.wait_for(lambda s: not s.stopped)
+        yield rig
+    finally:
+        rig.close()
+
+
+def moved(pose: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+    return Pose((pose.position[0] + x, pose.position[1] + y, pose.position[2] + z), pose.orientation)
+
+
+def test_tool_follows_the_reference_on_the_base_of_the_arm(rig: Rig) -> None:
+    assert rig.driver.running == rig.driver.controller_name
+    target = moved(rig.at_rest().pose, x=-0.04, z=0.03)
+    rig.arm.set_reference(target)
+    rig.wait_for(lambda s: math.dist(s.pose.position, target.position) < 0.004)
+    assert rig.driver.references[-1].header.frame_id in ("panda_link0", "base_link")
+
+
+def test_wrench_is_that_of_the_environment_about_the_tool_along_the_axes_of_the_base(rig: Rig) -> None:
+    rig.at_rest()
+    rig.arm.zero_sensor()
+    rig.wait_for(lambda s: math.hypot(*s.wrench[:3]) < 0.5)
+    rig.driver.push(6.0, 0.0, -4.0, 10.0)
+    state = rig.wait_for(
+        lambda s: abs(s.wrench[0] - 6.0) < 0.5 and abs(s.wrench[1]) < 0.5 and abs(s.wrench[2] + 4.0) < 0.5
+    )
+    assert math.hypot(*state.wrench[3:]) < 1.0, "the hand is pushed near the tool"
+
+
+def test_commanded_wrench_moves_the_tool_by_force_over_stiffness(rig: Rig) -> None:
+    start = rig.at_rest().pose
+    rig.arm.set_reference(start)
+    rig.arm.set_wrench((0.0, 0.0, 8.0))
+    state = rig.wait_for(lambda s: start.position[2] - s.pose.position[2] > 0.9 * 8.0 / 400.0)
+    assert math.dist(state.pose.position, start.position) < 1.3 * 8.0 / 400.0
+
+
+def test_spiral_moves_the_tool_around_its_reference_and_back(rig: Rig) -> None:
+    start = rig.at_rest().pose
+    rig.arm.set_reference(start)
+    rig.arm.start_spiral(SpiralGoal(radius=0.02, path_distance=0.008, path_velocity=0.03))
+    rig.wait_for(lambda s: math.dist(s.pose.position, start.position) > 0.01)
+    rig.arm.stop_overlay()
+    assert math.dist(rig.at_rest().pose.position, start.position) < 0.005
+
+
+def test_exceeded_limit_holds_the_arm_until_limits_are_set_again(rig: Rig) -> None:
+    rig.at_rest()
+    rig.arm.zero_sensor()
+    rig.arm.set_wrench_limits(10.0, 5.0)
+    rig.driver.push(20.0, 0.0, 0.0, 0.3)
+    stopped = rig.wait_for(lambda s: s.stopped)
+    assert stopped.stopped.startswith("force of") and stopped.stopped.endswith("above the limit of 10 N")
+    rig.arm.set_reference(moved(stopped.pose, x=-0.2))
+    held = rig.at_rest()
+    assert held.stopped
+    assert math.dist(held.pose.position, stopped.pose.position) < 0.06
+    rig.arm.set_wrench_limits(60.0, 20.0)
+    rig.wait_for(lambda s: not s.stopped)
+
+
+def test_driver_that_stops_publishing_is_reported(rig: Rig) -> None:
+    rig.driver.is_silent = True
+    state = rig.wait_for(lambda s: s.stopped)
+    assert state.stopped.startswith("no /")
+
+
+def test_controller_that_does_not_run_is_reported_with_those_that_exist(rig: Rig) -> None:
+    rig.driver.running, rig.driver.can_switch = "", False
+    rig.arm.begin()
+    state = rig.wait_for(lambda s: s.stopped)
+    name = rig.driver.controller_name
+    assert f"controller {name} does not run" in state.stopped
+    assert f"{name} (stopped)" in state.stopped
+
+
+def test_end_leaves_the_arm_at_rest_without_a_wrench(rig: Rig) -> None:
+    start = rig.at_rest().pose
+    rig.arm.set_reference(moved(start, x=-0.1))
+    rig.arm.set_wrench((0.0, 0.0, 10.0))
+    rig.arm.end()
+    there = rig.at_rest().pose
+    assert math.dist(there.position, start.position) < 0.06
+
+
+def test_reflex_of_a_franka_arm_has_its_errors_and_begin_recovers(franka: Rig) -> None:
+    assert isinstance(franka.driver, FrankaRos)
+    franka.driver.mode = REFLEX
+    state = franka.wait_for(lambda s: s.stopped)
+    assert state.stopped == "reflex: cartesian_reflex"
+    franka.arm.begin()
+    franka.wait_for(lambda s: not s.stopped)
+
+
+def test_stiffness_of_a_franka_arm_is_the_least_of_its_axes(franka: Rig) -> None:
+    franka.arm.set_stiffness((300.0, 200.0, 2000.0), (100.0, 20.0, 60.0))
+    wait_until(lambda: franka.driver.arm.stiffness == (200.0,) * 3 + (20.0,) * 3, WAIT, "the stiffness")
+
+
+def test_wrench_is_sent_again_to_a_controller_that_takes_one(fzi: Rig) -> None:
+    fzi.arm.set_wrench((0.0, 0.0, 3.0))
+    fzi.wait_for(lambda s: len(fzi.driver.wrenches) >= 3)
+    assert {message.wrench.force.z for message in fzi.driver.wrenches} == {3.0}
+    assert fzi.driver.wrenches[-1].header.frame_id == "tool0"
+
+
+def test_sensor_without_a_transform_is_reported(ros: Ros) -> None:
+    driver = CartesianControllers()
+    names = {"compliant": driver.controller_name, "position": "position", "base_frame": "another_base"}
+    arm = TopicArm(PROFILES["cartesian_controllers"], names)
+    try:
+        arm.begin()
+        state = wait_until(lambda: (s := arm.state()) and s.stopped and s, WAIT, "a reason")
+        assert "tf has no transform from another_base to tool0" in state.stopped
+    finally:
+        arm.close()
+        driver.close()

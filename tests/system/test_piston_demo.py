@@ -1,0 +1,40 @@
+"""The demo of the piston cell, as `make demo DEMO=piston` runs it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from support.programs import Program
+from support.ros import install_environment
+
+#: What is true at the end, in the bag and in the simulated world.
+PROOF = (
+    "at the end: Piston is in Bore 2",
+    r"Piston is (59|60)\.\d mm deep in Bore 2",
+    "it is tilted by 0",
+    "the largest force",
+)
+
+
+@pytest.fixture
+def demo(tmp_path: Path) -> Iterator[Program]:
+    environment = {**install_environment(), "HOME": str(tmp_path)}
+    environment.pop("ROS_MASTER_URI", None)
+    command = ["rosrun", "skiros2_contact_skills", "piston_demo", "--seed", "1", "--folder", str(tmp_path / "demo")]
+    program = Program(command, environment, cwd=tmp_path)
+    yield program
+    program.stop()
+
+
+@pytest.mark.timeout(600)
+def test_two_arms_insert_the_piston_of_a_displaced_block(demo: Program, tmp_path: Path) -> None:
+    status = demo.wait(580)
+    assert status == 0, demo.output
+    for words in PROOF:
+        assert re.search(rf"^  ✓ {words}", demo.output, re.MULTILINE), f"not proven: {words}\n{demo.output}"
+    assert "1. take_part" in demo.output and "3. insert_piston" in demo.output
+    assert (tmp_path / "demo" / "force_over_depth.png").exists()

@@ -17,9 +17,10 @@ build:  ## build and install anew, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
 
-demo:  ## a simulated robot picks and places; GUI=1 shows it in a window, DEMO_ARGS="--disturb slip" disturbs it
-	@.ci/setup run planner sim
-	@exec .ci/in_ros rosrun skiros2_sim_skills pick_place_demo $(if $(filter-out 0 false no,$(GUI)),--gui) $(DEMO_ARGS)
+demo:  ## a simulated robot picks and places; GUI=1 shows it in a window, DEMO_ARGS="--disturb slip" disturbs it; DEMO=push learns a push
+	@.ci/setup run planner sim $(if $(filter push,$(DEMO)),learning)
+	@exec .ci/in_ros rosrun $(if $(filter push,$(DEMO)),skiros2_learning push_demo,skiros2_sim_skills pick_place_demo \
+		$(if $(filter-out 0 false no,$(GUI)),--gui)) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
 # One process more than there are cores, for tests of nodes wait a third of their time.

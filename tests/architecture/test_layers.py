@@ -52,7 +52,7 @@ PORTS = {
         "skiros2_contact_skills.core",
         "skiros2_std_reasoners.core",
     },
-    "skiros2_learning": {"skiros2_sim.core", "skiros2_std_reasoners.core"},
+    "skiros2_learning": {"skiros2_skill.core", "skiros2_sim.core", "skiros2_std_reasoners.core"},
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {
         "skiros2_runs.core",

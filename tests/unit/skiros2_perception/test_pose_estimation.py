@@ -22,6 +22,8 @@ from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
 from support import depth_scene as scene
 from support.simulated_cell import at
 
+pytestmark = pytest.mark.timeout(300)  # sixty views are rendered and registered for the first tests
+
 SEEDS = 20
 
 

@@ -26,7 +26,7 @@ def ask_master(call: str, *arguments: Any) -> Any:
     """
     uri = rosgraph.get_master_uri()
     try:
-        return _ask(uri, call, *arguments)
+        return ask_node(uri, call, *arguments)
     except XMLRPC_ERRORS as error:
         reason = _reason(error)
         raise Unavailable(f"no ROS master answers at {uri} ({reason}); start one, or set ROS_MASTER_URI") from None
@@ -43,13 +43,16 @@ def check_node(node: str, service: str, what: str) -> None:
         raise Unavailable(f"there is no {what} {node} on the master {rosgraph.get_master_uri()}")
     try:
         # A probe connection to the service would make the node report a failed connection.
-        _ask(str(address), "getPid")
+        ask_node(str(address), "getPid")
     except XMLRPC_ERRORS as error:
         raise Unavailable(f"the {what} {node} does not answer at {address} ({_reason(error)})") from None
 
 
-def _ask(uri: str, call: str, *arguments: Any) -> Any:
-    """The result of a call of a master or node; None if the call fails."""
+def ask_node(uri: str, call: str, *arguments: Any) -> Any:
+    """The result of a call of a node's or the master's API; None if the call fails.
+
+    :raises XMLRPC_ERRORS: nothing answers there.
+    """
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(TIMEOUT)
     try:

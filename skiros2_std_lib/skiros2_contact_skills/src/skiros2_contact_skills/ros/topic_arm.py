@@ -196,24 +196,13 @@ class TopicArm:
             self._read_at = self.now()
             self._stamp = message.header.stamp.to_sec() or self._read_at
             self._messages += 1
-            exceeded = "" if self._stop else self._exceeded(reading)
+            exceeded = "" if self._stop else exceeded_limit(self._measured(reading)[1], self._limits)
             if exceeded:
                 self._stop, self._reference, self._spiral = exceeded, reading.pose, None
                 self._wrench = _ZERO
         if exceeded:  # at once, before what is queued
             self._send_wrench()
             self._send_reference()
-
-    def _exceeded(self, reading: Reading) -> str:
-        """Returns which limit is exceeded; "" if none is."""
-        _, wrench = self._measured(reading)
-        for name, value, limit, unit in (
-            ("force", math.hypot(*wrench[:3]), self._limits[0], "N"),
-            ("torque", math.hypot(*wrench[3:]), self._limits[1], "Nm"),
-        ):
-            if 0.0 < limit < value:
-                return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
-        return ""
 
     def _measured(self, reading: Reading) -> tuple[Pose, Wrench]:
         """Returns pose and wrench without the zero of the sensor."""
@@ -277,17 +266,8 @@ class TopicArm:
 
     def _wait_for_subscriber(self, key: str) -> None:
         publisher = self._publishers[key]
-        if not self._wait_until(lambda: publisher.get_num_connections() > 0):
+        if not connected(lambda: publisher.get_num_connections() > 0):
             raise Refused(f"nothing subscribes to {publisher.resolved_name}: the controller is not loaded")
-
-    def _wait_until(self, condition: Callable[[], bool]) -> bool:
-        """Returns whether the condition holds within the time for connections."""
-        deadline, pause = time.monotonic() + CONNECT_TIME, threading.Event()
-        while not condition():
-            if time.monotonic() > deadline or rospy.is_shutdown():
-                return False
-            pause.wait(0.01)
-        return True
 
     def _zero_sensor(self) -> None:
         if self._profile.zero:
@@ -353,6 +333,25 @@ class TopicArm:
     def _name(self, key: str) -> str:
         """Returns the name of a topic, service or frame: the given one, or that of the profile."""
         return self._names.get(key) or self._format(getattr(self._profile, key))
+
+
+def exceeded_limit(wrench: Wrench, limits: tuple[float, float]) -> str:
+    """Returns which limit of the force (N) and torque (Nm) a wrench exceeds; "" if none. A limit of 0 is none."""
+    for name, part, limit, unit in (("force", wrench[:3], limits[0], "N"), ("torque", wrench[3:], limits[1], "Nm")):
+        value = math.hypot(*part)
+        if 0.0 < limit < value:
+            return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
+    return ""
+
+
+def connected(condition: Callable[[], bool]) -> bool:
+    """Waits for a condition; returns whether it holds within the time for connections."""
+    deadline, pause = time.monotonic() + CONNECT_TIME, threading.Event()
+    while not condition():
+        if time.monotonic() > deadline or rospy.is_shutdown():
+            return False
+        pause.wait(0.01)
+    return True
 
 
 def message_class(name: str) -> Any:

@@ -26,7 +26,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_contact_skills.core.urdf_chain import read_chain
-from skiros2_contact_skills.ros.topic_arm import CONNECT_TIME, TopicArm, small_rotation
+from skiros2_contact_skills.ros.topic_arm import CONNECT_TIME, TopicArm, connected, small_rotation
 from skiros2_sim.core.arm_kinematics import difference
 from skiros2_std_reasoners.core.geometry import Pose, conjugated, multiplied, normalized, rotated
 
@@ -78,7 +78,7 @@ class TrajectoryArm(TopicArm):
         if not self._client.wait_for_server(rospy.Duration.from_sec(CONNECT_TIME)):
             raise Refused(f"there is no action server {self._name('action')}")
         names = self._chain.joints
-        if not self._wait_until(lambda: all(name in self._positions for name in names)):
+        if not connected(lambda: all(name in self._positions for name in names)):
             missing = [name for name in names if name not in self._positions]
             raise Refused(f"{self._name('joint_states')} has no {', '.join(missing)}")
         with self._lock:

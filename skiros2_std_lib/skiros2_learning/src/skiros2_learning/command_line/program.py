@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import datetime
 import os
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
 from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.hypermapper import import_hypermapper
+from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.report import describe, status_lines, write_report
 from skiros2_learning.core.scenario import OPTIMISERS, SIMULATED_SKILLS, Scenario, load_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
 from skiros2_learning.local.episode import check_scenario
+from skiros2_learning.local.identification import identify
 
 #: Evaluations of which the rate is the mean.
 _RECENT = 20
@@ -100,6 +102,37 @@ def _replay(options: argparse.Namespace) -> CommandResult:
     return CommandResult(lines, again.to_json(), 0 if again == stored else 1)
 
 
+def _apply(options: argparse.Namespace) -> CommandResult:
+    from skiros2_world_model.command_line.program import connect  # takes a second to import, and needs ROS
+
+    study = LearningStudy.open(options.study, options.storage)
+    result = study.result(options.number)
+    date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+    source = options.storage or str(options.study.resolve())
+    added = apply_result(connect(options.wm, user()), study.scenario, options.number, result, date, source)
+    lines = [f"{each.id}: {describe(result)}" for each in added]
+    return CommandResult([*lines, "take it back with: learn remove ID"], [each.id for each in added])
+
+
+def _remove(options: argparse.Namespace) -> CommandResult:
+    from skiros2_world_model.command_line.program import connect
+
+    remove_set(connect(options.wm, user()), options.id)
+    return CommandResult([f"{options.id} is removed"])
+
+
+def _scenario(options: argparse.Namespace) -> CommandResult:
+    text = identify(options.scene.resolve(), options.libraries.split(","), options.skill, options.parameters)
+    if options.output:
+        options.output.write_text(text, encoding="utf-8")
+        return CommandResult([f"{options.output}: complete the objectives, then: learn check {options.output}"])
+    return CommandResult(text.splitlines())
+
+
+def _import(options: argparse.Namespace) -> CommandResult:
+    return CommandResult(import_hypermapper(options.file).splitlines())
+
+
 def _check(options: argparse.Namespace) -> CommandResult:
     scenario = load_scenario(options.scenario)
     if scenario.execution == SIMULATED_SKILLS:
@@ -109,16 +142,11 @@ def _check(options: argparse.Namespace) -> CommandResult:
 
 def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:
     """Returns the scenario with the changes of the command line."""
-    text = scenario.source
-    if getattr(options, "no_priors", False):
-        raise ConfigurationError("remove the priors in the scenario file instead")
-    changes: dict[str, object] = {}
-    if options.evaluations is not None:
-        changes["evaluations"] = options.evaluations
-        changes["initial"] = min(scenario.initial, options.evaluations)
-    if getattr(options, "optimiser", None):
-        changes["optimiser"] = options.optimiser
-    return dataclasses.replace(scenario, source=text, **changes)  # type: ignore[arg-type]
+    return scenario.derived(
+        priors=not getattr(options, "no_priors", False),
+        evaluations=options.evaluations,
+        optimiser=getattr(options, "optimiser", None),
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -149,12 +177,27 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--study", type=Path, metavar="FOLDER", help="default: build/learning/NAME")
     command.add_argument("--storage", default="", metavar="URL", help="database, such as postgresql://user@host/name")
     command.add_argument("--optimiser", choices=OPTIMISERS, help="another optimiser than the scenario's")
+    command.add_argument("--no-priors", action="store_true", help="remove all priors")
     add_budget(command)
     command = add_study("resume", "Goes on with a study, also on another machine with --storage.")
     add_budget(command)
     add_study("status", "Shows progress and the Pareto-optimal configurations.")
     command = add_study("report", "Writes report.html with pictures into the folder of the study.")
     command.add_argument("--compare", type=Path, nargs="*", default=[], metavar="STUDY", help="draw these studies too")
+    command = add("scenario", "Prints a scenario for a skill: its missing parameters are the variables.")
+    command.add_argument("skill", metavar="SKILL", help="type of the skill, such as Push")
+    command.add_argument("parameters", nargs="*", metavar="KEY=LABEL", help="elements and fixed values")
+    command.add_argument("--scene", type=Path, required=True, metavar="FILE", help="scene file")
+    command.add_argument("--libraries", required=True, metavar="A,B", help="Python packages with the skills")
+    command.add_argument("-o", "--output", type=Path, metavar="FILE", help="write it to a file")
+    command = add("import", "Prints the variables and objectives of a HyperMapper scenario (JSON) in this layout.")
+    command.add_argument("file", type=Path, metavar="JSON", help="scenario of HyperMapper")
+    command = add_study("apply", "Stores a configuration in the world model: skills take it when they start.")
+    command.add_argument("number", type=int, metavar="NUMBER", help="number of the evaluation")
+    command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
+    command = add("remove", "Takes an applied configuration back.")
+    command.add_argument("id", metavar="ID", help="id of the parameter set")
+    command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
     command = add_study("replay", "Runs an evaluation again and compares it with the stored result.")
     command.add_argument("number", type=int, metavar="NUMBER", help="number of the evaluation")
     return parser
@@ -167,7 +210,18 @@ def _count(text: str) -> int:
     return number
 
 
-_COMMANDS = {"check": _check, "run": _run, "resume": _resume, "status": _status, "report": _report, "replay": _replay}
+_COMMANDS = {
+    "scenario": _scenario,
+    "import": _import,
+    "check": _check,
+    "run": _run,
+    "resume": _resume,
+    "status": _status,
+    "report": _report,
+    "replay": _replay,
+    "apply": _apply,
+    "remove": _remove,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import math
 from collections.abc import Mapping, Sequence
@@ -116,7 +115,7 @@ class Scenario:
     :param success: what counts as success, besides the success of the task.
     :param evaluations: budget of the study; `initial` of them are drawn from the prior.
     :param repetitions: executions per configuration, each with another draw of the randomisation.
-    :param timeout: of one evaluation (s of wall time).
+    :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
     :param source: the text of the file.
     """
 
@@ -138,7 +137,7 @@ class Scenario:
     repetitions: int = 5
     seed: int = 0
     optimiser: str = "prior"
-    timeout: float = 120.0
+    timeout: float = 600.0
     source: str = ""
 
     @property
@@ -147,10 +146,37 @@ class Scenario:
         weighted = [part.reward for objective in self.objectives for part in objective.rewards]
         return weighted + [criterion.reward for criterion in (*self.constraints, *self.success)]
 
-    def without_priors(self) -> Scenario:
-        """The same scenario with uniform priors."""
-        variables = tuple(dataclasses.replace(variable, prior=None) for variable in self.variables)
-        return dataclasses.replace(self, variables=variables)
+    def derived(
+        self,
+        *,
+        priors: bool = True,
+        evaluations: int | None = None,
+        initial: int | None = None,
+        repetitions: int | None = None,
+        optimiser: str | None = None,
+        seed: int | None = None,
+    ) -> Scenario:
+        """Returns the scenario with changes, also in its text, and with the absolute name of the scene: to be stored
+        anywhere.
+
+        :param priors: False removes all priors.
+        :raises ScenarioError: the changes do not fit.
+        """
+        data = yaml.safe_load(self.source)
+        if "scene" in data:
+            data["scene"] = str(self.scene)
+        budget = data.setdefault("budget", {})
+        budget["evaluations"] = self.evaluations if evaluations is None else evaluations
+        wanted = self.initial if initial is None else initial
+        budget["initial"] = min(wanted, budget["evaluations"]) if initial is None else wanted
+        for key, value in (("repetitions", repetitions), ("optimiser", optimiser), ("seed", seed)):
+            if value is not None:
+                data[key] = value
+        if not priors:
+            for variable in data["variables"].values():
+                variable.pop("prior", None)
+        text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
+        return parse_scenario(text, Path("/"), self.name)
 
 
 def load_scenario(file: str | Path) -> Scenario:
@@ -240,7 +266,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         repetitions=root.whole("repetitions", 5, low=1),
         seed=root.whole("seed", 0),
         optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
-        timeout=root.number("timeout", 120.0, above=0.0),
+        timeout=root.number("timeout", 600.0, above=0.0),
         source=text,
     )
 

@@ -25,7 +25,7 @@ from skiros2_common.core.errors import ConfigurationError, MissingPackage, Refus
 from skiros2_learning.core.evaluation import Evaluation, seed_of
 from skiros2_learning.core.prior_sampler import Choice, Normal, PriorSampler
 from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
-from skiros2_learning.core.scenario import Scenario, load_scenario, parse_scenario
+from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.variables import Gaussian, Value, Variable, Weights
 
 SCENARIO_FILE, JOURNAL_FILE, LOCK_FILE = "scenario.yaml", "journal.log", "lock"
@@ -69,8 +69,9 @@ class LearningStudy:
         if (folder / SCENARIO_FILE).exists():
             raise Refused(f"{folder} has a study already; resume it, or name another folder")
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / SCENARIO_FILE).write_text(relocated(scenario), encoding="utf-8")
-        return cls(scenario, folder, storage)
+        stored = scenario.derived()
+        (folder / SCENARIO_FILE).write_text(stored.source, encoding="utf-8")
+        return cls(stored, folder, storage)
 
     @classmethod
     def open(cls, folder: Path, storage: str = "") -> LearningStudy:
@@ -229,19 +230,6 @@ def make_sampler(scenario: Scenario) -> BaseSampler:
 def _need(optimiser: str, package: str) -> None:
     if importlib.util.find_spec(package) is None:
         raise MissingPackage(f"optimiser {optimiser} needs the package {package}: pip install {package}")
-
-
-def relocated(scenario: Scenario) -> str:
-    """Returns the text of a scenario with the scene's absolute path, for another folder.
-
-    :raises ConfigurationError: the text does not describe the scenario any more.
-    """
-    lines = [
-        f"scene: {scenario.scene}" if line.startswith("scene:") else line for line in scenario.source.splitlines()
-    ]
-    text = "\n".join(lines) + "\n"
-    parse_scenario(text, Path("/"), scenario.name)
-    return text
 
 
 def _storage(folder: Path, url: str) -> BaseStorage | str:

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_learning.core.evaluation import Evaluation, evaluate
 from skiros2_learning.core.scenario import Scenario
@@ -179,6 +181,7 @@ def _work(connection: Connection, scenario: Scenario) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     logging.disable(logging.WARNING)  # of skills that fail: the result has the reason
     _silence()
+    threadpool_limits(1)  # the processes use all cores already
     parent = os.getppid()
     while True:
         try:

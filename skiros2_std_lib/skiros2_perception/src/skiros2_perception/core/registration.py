@@ -102,8 +102,8 @@ def register(
 ) -> Registration:
     """Returns the pose of an object whose points are given.
 
-    Searches from the prior pose, from the centre of the points, and from the rotations of each that map the bounding
-    box of the shape to itself. Of equally good poses, the one nearest to the prior is returned.
+    Searches from the prior pose, from the centre of the points, and from the rotations of each after which the shape
+    looks similar. Of equally good poses, the one nearest to the prior is returned.
 
     :param cloud: points of the object in the view.
     :param prior: expected pose of the object, in the reference frame of the view.
@@ -148,7 +148,7 @@ def with_camera_error(information: Array, pose: Pose, camera: Pose, sensor: Sens
 
 
 def _starts(shape: Shape, cloud: Cloud, prior: Pose) -> list[Pose]:
-    turns: list[Quaternion] = shape.half_turns()
+    turns: list[Quaternion] = shape.similar_turns()
     starts = [Pose(prior.position, multiplied(prior.orientation, turn)) for turn in turns]
     # the middle of what is seen, at the prior height
     low, high = np.percentile(cloud.points, (2, 98), axis=0)
@@ -238,7 +238,7 @@ def _problems(fit: _Fit, seen: Visibility, prior: Pose, limits: Limits) -> list[
     checks = (
         (fit.fitness < limits.fitness, Code.LOW_FITNESS,
          f"{fit.fitness:.0%} of the points match the shape: expected at least {limits.fitness:.0%}"),
-        (fit.chi2 > limits.residual**2, Code.LARGE_RESIDUAL,
+        (fit.matches and fit.chi2 > limits.residual**2, Code.LARGE_RESIDUAL,
          f"matched points are {math.sqrt(fit.chi2):.1f} standard deviations from the shape: expected up to"
          f" {limits.residual:g}"),
         (seen.absent > limits.contradicted, Code.CONTRADICTED,

@@ -69,10 +69,12 @@ class Shape:
         """Distance from the origin to a corner of the bounding box (m)."""
         return math.hypot(*self.size) / 2
 
-    def half_turns(self) -> list[Quaternion]:
-        """Returns the rotations that map the bounding box to itself, the identity first. Registration starts from each
-        of them."""
+    def similar_turns(self) -> list[Quaternion]:
+        """Returns the rotations after which the shape looks similar but not the same, the identity first: those that
+        map the bounding box of a shape with bores to itself. Registration starts from each of them."""
         turns = []
+        if not self.bores:
+            return [(0.0, 0.0, 0.0, 1.0)]
         for order in itertools.permutations(range(3)):
             if all(abs(self.size[i] - self.size[order[i]]) < _EQUAL for i in range(3)):
                 for signs in itertools.product((1.0, -1.0), repeat=3):

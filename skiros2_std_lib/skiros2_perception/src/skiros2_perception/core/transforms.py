@@ -61,3 +61,9 @@ def turned_covariance(covariance: Array, orientation: Quaternion) -> Array:
     """
     turn = np.kron(np.eye(2), matrix_of(orientation))
     return np.asarray(turn @ covariance @ turn.T)
+
+
+def inverse(matrix: Array) -> Array:
+    """Returns the symmetric inverse of a covariance or information matrix."""
+    result = np.linalg.inv(matrix)
+    return np.asarray((result + result.T) / 2, float)

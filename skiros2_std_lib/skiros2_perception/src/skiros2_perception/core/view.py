@@ -158,7 +158,9 @@ class Cloud:
         return self.part(np.arange(0, len(self), max(1, math.ceil(len(self) / count))))
 
 
-def cloud_of(view: View, sensor: Sensor, near: Sequence[float] | None = None, radius: float = math.inf) -> Cloud:
+def cloud_of(
+    view: View, sensor: Sensor, near: Sequence[float] | None = None, radius: float = math.inf, stride: int = 1
+) -> Cloud:
     """Returns the measured points with their normals.
 
     The normal of a point is the direction of the smallest variance of its neighbours (H. Hoppe et al., "Surface
@@ -166,9 +168,11 @@ def cloud_of(view: View, sensor: Sensor, near: Sequence[float] | None = None, ra
 
     :param near: centre of a sphere; None for the whole image.
     :param radius: of the sphere (m).
+    :param stride: uses each `stride`-th row and column.
     :returns: the points inside of the sphere; too few for normals are an empty cloud.
     """
-    mask = view.measured(sensor)
+    mask = np.zeros(view.depth.shape, bool)
+    mask[::stride, ::stride] = view.measured(sensor)[::stride, ::stride]
     points = view.points(mask)
     colours = None if view.rgb is None else view.rgb[mask & np.isfinite(view.depth)].astype(float)
     if near is not None:
@@ -188,3 +192,25 @@ def cloud_of(view: View, sensor: Sensor, near: Sequence[float] | None = None, ra
     along = rays @ matrix_of(view.pose.orientation)[:, 2]
     deviations = sensor.noise / along * np.abs(np.einsum("ni,ni->n", normals, rays))
     return Cloud(points, normals, np.asarray(deviations), colours)
+
+
+def view_of_points(points: Array, pose: Pose, frame: str, stamp: float) -> View:
+    """Returns the view of an organised point cloud: the camera matrix follows from the points.
+
+    :param points: height x width x 3, in the optical frame (m); NaN where nothing was measured.
+    :param pose: of the optical frame in the reference frame.
+    :raises WrongValue: the points are not those of a pinhole camera in its optical frame, pixel by pixel.
+    """
+    where = f"point cloud in {frame!r}"
+    if points.ndim != 3 or points.shape[0] < 8 or points.shape[1] < 8:
+        raise WrongValue(f"{where}: shape {points.shape[:2]}: expected an organised cloud, at least 8 x 8 points")
+    rows, columns = np.nonzero(np.isfinite(points).all(axis=2) & (points[:, :, 2] > 0))
+    if len(rows) < 100:
+        raise WrongValue(f"{where}: {len(rows)} points before the camera: expected at least 100, with z forward")
+    x, y, z = points[rows, columns].T
+    (fx, cx), (fy, cy) = np.polyfit(x / z, columns, 1), np.polyfit(y / z, rows, 1)
+    errors = np.hypot(fx * x / z + cx - columns, fy * y / z + cy - rows)
+    if not (fx > 0 and fy > 0 and float(np.median(errors)) < 0.5):
+        raise WrongValue(f"{where}: its points are not on the rays of its pixels: expected the camera's optical frame")
+    depth = np.where(np.isfinite(points).all(axis=2), points[:, :, 2], np.nan)
+    return View(depth, (float(fx), float(fy)), (float(cx), float(cy)), pose, frame, stamp)

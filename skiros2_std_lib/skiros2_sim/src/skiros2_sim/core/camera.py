@@ -5,6 +5,7 @@ Uses PyBullet's TinyRenderer, on the CPU. Call in the stepping thread.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -110,6 +111,15 @@ def picture_of(world: World, camera: str) -> Picture:
     """
     lens = lens_of(world, camera)
     return picture_from(world, world.pose_of(camera), lens)
+
+
+def with_depth_noise(picture: Picture, deviation: float, random: np.random.Generator) -> Picture:
+    """Returns an image with noise of each pixel's depth.
+
+    :param deviation: standard deviation (m).
+    """
+    noise = random.normal(0.0, deviation, picture.depth.shape)
+    return dataclasses.replace(picture, depth=np.asarray(picture.depth + noise, np.float32))
 
 
 def lens_of(world: World, camera: str) -> Lens:

@@ -35,6 +35,7 @@ class Options:
     :param paused: whether time is stopped initially.
     :param gui: whether to show PyBullet's window.
     :param camera_rate: Hz of simulated time; 0 for no images on topics.
+    :param depth_noise: standard deviation of the depth of each pixel in images on topics (m).
     :param detection: source of poses in perception.
     :param noise: of perception.
     :param position_noise: maximum offset of movable bodies at the start (m).
@@ -51,6 +52,7 @@ class Options:
     paused: bool = False
     gui: bool = False
     camera_rate: float = CAMERA_RATE
+    depth_noise: float = 0.0
     detection: Source = Source.CAMERA
     noise: Noise = EXACT
     position_noise: float = 0.0
@@ -85,6 +87,7 @@ def read_options(get: Callable[[str, Any], Any]) -> Options:
         paused=bool(get("~paused", False)),
         gui=bool(get("~gui", False)),
         camera_rate=_number(get, "~camera_rate", CAMERA_RATE, step_rate),
+        depth_noise=_number(get, "~depth_noise", 0.0, 0.1),
         detection=Source(detection),
         noise=Noise(depth=metres, position=metres, angle=10 * metres),
         position_noise=_number(get, "~position_noise", 0.0, 1.0),

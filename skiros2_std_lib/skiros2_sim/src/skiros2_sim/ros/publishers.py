@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 
+import numpy as np
 import rospy
 from genpy import Message
 from geometry_msgs.msg import Point, WrenchStamped
@@ -14,7 +15,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from skiros2_sim.core.camera import Picture, picture_of
+from skiros2_sim.core.camera import Picture, picture_of, with_depth_noise
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.robot_model import BASE_LINK
 from skiros2_sim.core.scene_spec import CameraSpec
@@ -188,13 +189,18 @@ class Cameras:
     """Publishes images in the stepping thread, while there are subscribers.
 
     :param rate: Hz of simulated time; 0 for never.
+    :param depth_noise: standard deviation of the depth of each pixel (m); depends only on the seed and the time of the
+        world.
     """
 
-    def __init__(self, world: World, stepper: Stepper, clock: SimulatedClock, frames: Frames, rate: float) -> None:
+    def __init__(
+        self, world: World, stepper: Stepper, clock: SimulatedClock, frames: Frames, rate: float, depth_noise: float
+    ) -> None:
         self._world = world
         self._stepper = stepper
         self._clock = clock
         self._frames = frames
+        self._depth_noise = depth_noise
         self._period = max(1, round(world.rate / rate)) if rate else 0
         self._topics = {camera.id: _camera_topics(camera) for camera in world.cameras.values()} if rate else {}
 
@@ -202,9 +208,12 @@ class Cameras:
         """Publishes what is due."""
         if not self._period or self._stepper.count % self._period:
             return
-        for camera, topics in self._topics.items():
+        for number, (camera, topics) in enumerate(self._topics.items()):
             if any(topic.has_subscribers for topic, _ in topics):
                 picture = picture_of(self._world, camera)
+                if self._depth_noise:
+                    random = np.random.default_rng((self._world.seed, number, self._world.steps))
+                    picture = with_depth_noise(picture, self._depth_noise, random)
                 header = Header(stamp=self._clock.now, frame_id=self._frames.camera(camera))
                 for topic, message in topics:
                     topic.put(self._world, message(picture, header))

@@ -83,7 +83,7 @@ class Simulator:
             if arm.id in robot.arms
         ]
         self._state_publisher = StatePublisher(world, stepper, self._clock, self._frames)
-        self._cameras = Cameras(world, stepper, self._clock, self._frames, options.camera_rate)
+        self._cameras = Cameras(world, stepper, self._clock, self._frames, options.camera_rate, options.depth_noise)
         stepper.add_hook(self._state_publisher.after_step)
         stepper.add_hook(self._cameras.after_step)
         for arm in self._compliant_arms:

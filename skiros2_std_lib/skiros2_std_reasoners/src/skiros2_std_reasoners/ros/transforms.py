@@ -88,6 +88,17 @@ class Transforms:
                 return found
             time.sleep(_POLL_PERIOD)
 
+    def at(self, base: str, target: str, stamp: Any) -> Pose | None:
+        """Returns the pose of a frame in another one at a time (`rospy.Time`); None if it is unknown. Does not
+        block."""
+        base, target = _legal(base), _legal(target)
+        if base == target:
+            return IDENTITY
+        try:
+            return _pose(self._buffer.lookup_transform_core(base, target, stamp))
+        except tf2_py.TransformException:
+            return None
+
     def _look_up(self, base: str, target: str) -> Pose | None:
         latest = rospy.Time(0)
         try:
@@ -98,11 +109,9 @@ class Transforms:
                 moved = self._moving(name) if name in self._own else None
                 if moved is not None:
                     self._set(transform_message(moved[0], name, moved[1], latest), True)
-            found = self._buffer.lookup_transform_core(base, target, latest).transform
+            return _pose(self._buffer.lookup_transform_core(base, target, latest))
         except tf2_py.TransformException:
             return None
-        t, r = found.translation, found.rotation
-        return Pose((t.x, t.y, t.z), normalized((r.x, r.y, r.z, r.w)))
 
     def _on_tf(self, message: Any, static: bool) -> None:
         if getattr(message, "content", None) in self._sent:
@@ -121,6 +130,12 @@ class Transforms:
             self._buffer.set_transform_static(transform, "skiros")
         else:
             self._buffer.set_transform(transform, "skiros")
+
+
+def _pose(message: Any) -> Pose:
+    """Converts a `TransformStamped` message."""
+    t, r = message.transform.translation, message.transform.rotation
+    return Pose((t.x, t.y, t.z), normalized((r.x, r.y, r.z, r.w)))
 
 
 def transform_message(base: str, name: str, pose: Pose, stamp: Any) -> Any:

@@ -26,6 +26,7 @@ from skiros2_skill.core.engine.blackboard import format_values
 from skiros2_skill.core.engine.executor import Executor, preview_start
 from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
+from skiros2_skill.core.runtime.learned_parameters import learned_values
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.node import Root
@@ -181,9 +182,20 @@ def _checked(
         else:
             if values:
                 given[key] = values
-    for key, param in declared.items():
-        needed = param.paramTypeIs(ParamTypes.Required) and not param.is_element and not param.is_bound()
-        if needed and key not in given and key not in produced and key not in wrong:
+    needed = [
+        (key, param)
+        for key, param in declared.items()
+        if param.paramTypeIs(ParamTypes.Required) and not param.is_element and not param.is_bound()
+        if key not in given and key not in produced and key not in wrong
+    ]
+    learned = learned_values(implementation.type, given, wmi) if needed else {}
+    for key, param in needed:
+        if key in learned:
+            try:
+                given[key] = _checked_values(param, Param(key, "", learned[key], ParamTypes.Required), wmi)
+            except SkirosError as error:
+                problems.append(type(error)(f"{name}, learned value of parameter {key!r}: {error}"))
+        else:
             problems.append(Refused(f"{name}: required parameter {key!r} ({param.dataType().__name__}) is not set"))
     if problems:
         raise _as_one(problems)

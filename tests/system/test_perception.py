@@ -1,0 +1,177 @@
+"""Skills locate an engine block with the simulated camera of an arm, over topics and tf."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import rospy
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
+from std_msgs.msg import Header
+
+from skiros2_msgs import srv as srvs
+from skiros2_perception.core.transforms import difference
+from skiros2_sim_msgs.srv import GetPose, SetPose
+from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support.perception_cell import BLOCK, CAMERA, CUBE, SCENE
+from support.ros import Ros, RosMaster, run_command
+from support.simulator_client import pose_stamped
+from support.stand_in_drivers import pose_of
+
+pytestmark = pytest.mark.timeout(240)
+
+UNKNOWN_CLOUD = "/test/points"
+
+
+class Cell:
+    """The simulated cell with a world model and a skill manager."""
+
+    def __init__(self, ros: Ros) -> None:
+        self.ros = ros
+        workspace = {"workspace_dir": SCENE.parent}
+        ros.launch("skiros2_sim", "sim.launch", scene=SCENE.name, rate=2.0, depth_noise=0.001, **workspace)
+        ros.launch(
+            "skiros2",
+            "skiros.launch",
+            gui=False,
+            init_scene=SCENE.name,
+            robot_name="stationary",
+            robot_ontology_prefix="skiros",
+            libraries_list="[skiros2_std_skills, skiros2_sim_skills, skiros2_perception]",
+            skill_list="[]",
+            primitive_list="[move_arm_joints, estimate_pose, observe_scene]",
+            **workspace,
+        )
+        ros.service("/stationary/command", srvs.SkillCommand)
+        self._get = ros.service("/sim/get_pose", GetPose)
+        self._set = ros.service("/sim/set_pose", SetPose)
+        self.wm = WorldModelInterface("tests")
+
+    def run(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return run_command(["rosrun", "skiros2_skill", "run", *words], self.ros.master.env)
+
+    def done(self, *words: str) -> str:
+        result = self.run(*words)
+        assert result.returncode == 0, result.stdout + result.stderr
+        return result.stdout
+
+    def put(self, eid: str, position: tuple[float, ...], yaw: float) -> None:
+        q = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+        assert self._set(element=eid, pose=pose_stamped(position, q)).ok
+
+    def error(self, eid: str) -> tuple[float, float]:
+        """How far the world model is from the truth: m, degrees."""
+        error = difference(pose_in_scene(self.wm, self.wm.get_element(eid))[1], self.true(eid))
+        return float(np.linalg.norm(error[:3])), math.degrees(float(np.linalg.norm(error[3:])))
+
+    def true(self, eid: str) -> Pose:
+        return pose_of(self._get(element=eid).pose.pose)
+
+
+@pytest.fixture(scope="module")
+def cell(ros_master: RosMaster) -> Iterator[Cell]:
+    ros = Ros(ros_master)
+    try:
+        yield Cell(ros)
+    finally:
+        ros.stop()
+
+
+def test_block_is_located_from_three_postures_of_the_arm(cell: Cell) -> None:
+    cell.put(BLOCK, (0.62, 0.015, 0.35), math.pi / 2 + 0.1)
+    assert cell.error(BLOCK)[0] > 0.02
+    cell.done("move_arm_joints", "Arm=Arm", "Posture=left")
+    cell.done("estimate_pose", "Camera=Camera", "Object=Engine block")
+    cell.done("move_arm_joints", "Arm=Arm", "Posture=right")
+    cell.done("estimate_pose", "Camera=Camera", "Object=Engine block", "Fuse=true")
+    cell.done("move_arm_joints", "Arm=Arm", "Posture=home")
+    text = cell.done("estimate_pose", "Camera=Camera", "Object=Engine block", "Fuse=true")
+    assert "3 views" in text
+    position, angle = cell.error(BLOCK)
+    assert position < 0.001 and angle < 0.3
+    block = cell.wm.get_element(BLOCK)
+    assert block.value_of("skiros:EstimateViews") == 3 and block.value_of("skiros:EstimateFitness") > 0.8
+
+
+def test_displaced_block_is_refused_by_fusion_and_located_again(cell: Cell) -> None:
+    cell.done("move_arm_joints", "Arm=Arm", "Posture=left")
+    cell.done("estimate_pose", "Camera=Camera", "Object=Engine block")
+    x, y, z = cell.true(BLOCK).position
+    cell.put(BLOCK, (x - 0.02, y, z), math.pi / 2)
+    version = cell.wm.get_element(BLOCK).version
+    refused = cell.run("estimate_pose", "Camera=Camera", "Object=Engine block", "Fuse=true")
+    assert refused.returncode == 1 and "the object may have moved" in refused.stdout
+    assert cell.wm.get_element(BLOCK).version == version
+    cell.done("estimate_pose", "Camera=Camera", "Object=Engine block")
+    assert cell.error(BLOCK)[0] < 0.002
+
+
+def test_removed_cube_becomes_missing_and_an_unknown_one_an_element(cell: Cell) -> None:
+    cell.done("move_arm_joints", "Arm=Arm", "Posture=home")
+    assert "2 objects in view" in cell.done("observe_scene", "Camera=Camera")
+    cell.put(CUBE, (3.0, 3.0, 0.1), 0.0)
+    for _ in range(4):
+        text = cell.done("observe_scene", "Camera=Camera")
+    assert "missing: Cube" in text
+    assert cell.wm.get_element(CUBE).value_of("skiros:Missing") is True
+
+
+def test_camera_without_messages_and_frame_without_tf_are_refused(cell: Cell) -> None:
+    camera = cell.wm.get_element(CAMERA)
+    camera.setProperty("skiros:PointCloudTopic", UNKNOWN_CLOUD, "xsd:string")
+    cell.wm.update_element_properties(camera)
+    try:
+        silent = cell.run("estimate_pose", "Camera=Camera", "Object=Engine block", "Timeout=0.5")
+        assert silent.returncode == 1 and f"No view within 0.5 s: no message on {UNKNOWN_CLOUD}" in silent.stdout
+        publisher = rospy.Publisher(UNKNOWN_CLOUD, PointCloud2, queue_size=1, latch=True)
+        publisher.publish(_cloud("nowhere"))
+        lost = cell.run("estimate_pose", "Camera=Camera", "Object=Engine block", "Timeout=1.0")
+        assert lost.returncode == 1 and re.search("no transform from 'nowhere' to 'map' on tf at", lost.stdout)
+        publisher.publish(_cloud("stationary/base_link"))
+        empty = cell.run("estimate_pose", "Camera=Camera", "Object=Engine block", "Timeout=5.0")
+        assert empty.returncode == 1 and "0 points before the camera: expected at least 100" in empty.stdout
+        publisher.unregister()
+    finally:
+        camera = cell.wm.get_element(CAMERA)
+        camera.setProperty("skiros:PointCloudTopic", "", "xsd:string")
+        cell.wm.update_element_properties(camera)
+
+
+def test_block_is_located_from_point_clouds(cell: Cell) -> None:
+    """The clouds are made of the images, as a driver does."""
+    cell.done("move_arm_joints", "Arm=Arm", "Posture=left")
+    image = rospy.wait_for_message("/stationary/camera/depth/image_raw", Image, 30.0)
+    info = rospy.wait_for_message("/stationary/camera/depth/camera_info", CameraInfo, 30.0)
+    depth = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
+    columns, rows = np.meshgrid(np.arange(image.width), np.arange(image.height))
+    points = np.stack(((columns - info.K[2]) / info.K[0] * depth, (rows - info.K[5]) / info.K[4] * depth, depth), -1)
+    camera = cell.wm.get_element(CAMERA)
+    camera.setProperty("skiros:PointCloudTopic", UNKNOWN_CLOUD, "xsd:string")
+    cell.wm.update_element_properties(camera)
+    publisher = rospy.Publisher(UNKNOWN_CLOUD, PointCloud2, queue_size=1, latch=True)
+    try:
+        cloud = _cloud(image.header.frame_id, points.astype(np.float32))
+        cloud.header.stamp = rospy.Time(0)  # the latest transform: the arm is at rest
+        publisher.publish(cloud)
+        cell.done("estimate_pose", "Camera=Camera", "Object=Engine block")
+        assert cell.error(BLOCK)[0] < 0.002
+    finally:
+        publisher.unregister()
+        camera = cell.wm.get_element(CAMERA)
+        camera.setProperty("skiros:PointCloudTopic", "", "xsd:string")
+        cell.wm.update_element_properties(camera)
+
+
+def _cloud(frame: str, points: np.ndarray | None = None) -> PointCloud2:
+    if points is None:
+        points = np.full((20, 20, 3), np.nan, np.float32)
+    fields = [PointField(name, 4 * n, PointField.FLOAT32, 1) for n, name in enumerate("xyz")]
+    height, width = points.shape[:2]
+    header = Header(frame_id=frame)
+    return PointCloud2(header, height, width, fields, False, 12, 12 * width, points.tobytes(), False)

@@ -1,0 +1,64 @@
+"""The program `learn`, on a small study."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from skiros2_learning.command_line.program import main
+
+TEXT = """
+scenario: parabola
+execution: support.learning_tasks:parabola
+variables:
+  x: {type: real, range: [0, 1], prior: {mean: 0.3, std: 0.1}}
+objectives:
+  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
+budget: {evaluations: 12, initial: 3}
+repetitions: 2
+seed: 3
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> str:
+    (tmp_path / "parabola.yaml").write_text(TEXT)
+    return str(tmp_path / "parabola.yaml")
+
+
+def test_a_study_is_run_shown_reported_replayed_and_resumed(
+    file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = str(tmp_path / "study")
+    assert main(["run", file, "--study", study, "--workers", "1"]) == 0
+    output = capsys.readouterr().out
+    assert "[12/12]" in output
+    assert "s left, best success 100%" in output
+    assert main(["status", study, "--json"]) == 0
+    results = json.loads(capsys.readouterr().out)
+    assert len(results) == 12
+    assert main(["report", study]) == 0
+    report = (tmp_path / "study/report.html").read_text()
+    for part in ("Pareto-optimal", "Convergence", "Importance", "image/png"):
+        assert part in report
+    capsys.readouterr()
+    assert main(["replay", study, "4"]) == 0
+    assert "the result is the same" in capsys.readouterr().out
+    assert main(["resume", study, "--workers", "1", "--evaluations", "14"]) == 0
+    assert "[14/14]" in capsys.readouterr().out
+
+
+def test_each_mistake_is_one_line_on_stderr(file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.yaml").write_text(TEXT.replace("range: [0, 1]", "range: [1, 0]"))
+    for arguments, text in (
+        (["run", str(tmp_path / "bad.yaml")], "variables.x.range: expected the lower bound first"),
+        (["run", str(tmp_path / "none.yaml")], "No such file or directory"),
+        (["status", str(tmp_path / "none")], "has no study"),
+        (["run", file, "--optimiser", "cmaes", "--study", str(tmp_path / "s")], "needs the package cmaes"),
+    ):
+        assert main(arguments) == 1
+        error = capsys.readouterr().err
+        assert text in error
+        assert error.count("\n") == 1

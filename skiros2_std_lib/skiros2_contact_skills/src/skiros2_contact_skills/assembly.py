@@ -9,7 +9,7 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.skill_description import ParamOptions
 from skiros2_common.core.world_element import Element
 from skiros2_sim_skills.core.places import CONTAINER_STATE
-from skiros2_skill.core.processors import ParallelFs, SelectorStar, SerialStar
+from skiros2_skill.core.processors import NoFail, ParallelFs, SelectorStar, SerialStar
 from skiros2_skill.core.skill import SkillBase
 
 Required, Inferred, Optional = ParamTypes.Required, ParamTypes.Inferred, ParamTypes.Optional
@@ -97,24 +97,32 @@ class InsertPiston(_Handling):
         self.addPreCondition(self.getPropCond("BoreIsEmpty", CONTAINER_STATE, "Bore", "=", "Empty", True))
         self.add_move("Part", "Gripper", "Bore")
         self.add_move("Ring", "RingGripper", "RingStand")
-        holds = self.getRelationCond("GripperHoldsPiston", "skiros:contain", "Gripper", "Part", True)
-        self.set_on_preempt("PutDownPart", condition=holds, seconds=_PUT_DOWN_TIME)
+        holds = self.getOrCond(True)
+        holds.addCondition(self.getRelationCond("GripperHoldsPiston", "skiros:contain", "Gripper", "Part", True))
+        holds.addCondition(self.getRelationCond("GripperHoldsRing", "skiros:contain", "RingGripper", "Ring", True))
+        self.set_on_preempt("PutDownPistonAndRing", condition=holds, seconds=2.0 * _PUT_DOWN_TIME)
+
+
+class PutDownPistonAndRing(SkillDescription):
+    """Puts down the piston, which is in the ring, and then the ring."""
+
+    def createDescription(self) -> None:
+        self.setAvailableForPlanning(False)
+        for arm, gripper, part, kind in (
+            ("Arm", "Gripper", "Part", "piston:Piston"),
+            ("RingArm", "RingGripper", "Ring", "piston:Ring"),
+        ):
+            self.addParam(arm, Element("rparts:ArmDevice"), Required, description="An arm")
+            self.addParam(gripper, Element("rparts:GripperEffector"), Required, description="Its gripper")
+            self.addParam(part, Element(kind), Required, description="What it may hold")
 
 
 class GuardBore(SkillDescription):
     """Holds the ring around a bore until it is preempted."""
 
     def createDescription(self) -> None:
+        self.setAvailableForPlanning(False)
         self.addParam("RingArm", Element("rparts:ArmDevice"), Required, description="The arm with the ring")
-        self.addParam("RingGripper", Element("rparts:GripperEffector"), Required, description="Its gripper")
-        self.addParam("Ring", Element("piston:Ring"), Required, description="The held ring")
-        holds = self.getRelationCond("GripperHoldsRing", "skiros:contain", "RingGripper", "Ring", True)
-        self.set_on_preempt(
-            "PutDownPart",
-            bind={"Arm": "RingArm", "Gripper": "RingGripper", "Part": "Ring"},
-            condition=holds,
-            seconds=_PUT_DOWN_TIME,
-        )
 
 
 class take_part(SkillBase):
@@ -143,12 +151,27 @@ class put_down_part(SkillBase):
     def expand(self, skill: Any) -> None:
         skill.setProcessor(SerialStar())
         skill(
-            self.skill("RetractTool", "", specify={"Height": _TRANSFER, "Tolerance": 0.01}),
+            self.skill("RetractTool", "", specify={"Height": _TRANSFER, "Tolerance": 0.03}),
             self.skill("ApproachTarget", "", remap={"Target": "Place"}, specify=_SWING | {"ZeroSensor": True}),
             self.skill("ApproachTarget", "", remap={"Target": "Place"}, specify={"Height": 0.02, "Tolerance": 0.01}),
-            self.skill("MoveUntilContact", "", specify={"Speed": 0.02, "MaxDistance": 0.04, "NeedsContact": False}),
+            self.skill("MoveUntilContact", "", specify={"Speed": 0.01, "MaxDistance": 0.04, "NeedsContact": False}),
             self.skill("ReleasePart", ""),
             self.skill("RetractTool", "", specify=_SWING),
+        )
+
+
+class put_down_piston_and_ring(SkillBase):
+    """Puts down what is held; a piston that cannot be put down does not keep the ring from it."""
+
+    def createDescription(self) -> None:
+        self.setDescription(PutDownPistonAndRing(), self.__class__.__name__)
+
+    def expand(self, skill: Any) -> None:
+        ring = {"Arm": "RingArm", "Part": "Ring", "Gripper": "RingGripper"}
+        skill.setProcessor(SerialStar())
+        skill(
+            self.skill(NoFail(SerialStar()))(self.skill("PutDownPart", "")),
+            self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
         )
 
 

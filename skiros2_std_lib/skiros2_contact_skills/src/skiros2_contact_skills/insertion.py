@@ -25,6 +25,7 @@ class InsertIntoBore(SkillDescription):
     """Inserts a held part into a bore with a tight fit."""
 
     def createDescription(self) -> None:
+        self.setAvailableForPlanning(False)
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm with the part")
         self.addParam("Part", Element("skiros:Product"), ParamTypes.Required, description="The held part")
         self.addParam("Bore", Element("skiros:Bore"), ParamTypes.Required, description="Where it goes")

@@ -8,6 +8,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills.core.compliant_arm import CompliantArm
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
+from skiros2_contact_skills.ros.profiled_arms import profiled_arm
 from skiros2_sim.core import names
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY
@@ -21,10 +22,13 @@ class RosArms:
         self._lock = threading.Lock()
 
     def arm(self, wmi: WorldModelPort, robot: Element, arm: Element) -> CompliantArm:
-        """Returns the arm of an element. Does not block."""
+        """Returns the arm of an element. Does not block.
+
+        :raises SkirosError: its interface is unknown, or its settings are invalid.
+        """
         with self._lock:
             if arm.id not in self._arms:
-                self._arms[arm.id] = connect(robot, arm)
+                self._arms[arm.id] = profiled_arm(robot, arm) or connect(robot, arm)
             return self._arms[arm.id]
 
 

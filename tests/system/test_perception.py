@@ -13,6 +13,7 @@ import rospy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
+from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs
 from skiros2_perception.core.transforms import difference
 from skiros2_sim_msgs.srv import GetPose, SetPose
@@ -125,6 +126,19 @@ def test_removed_cube_becomes_missing(cell: Cell) -> None:
         text = cell.done("observe_scene", "Camera=Camera")
     assert "missing: Cube" in text
     assert cell.wm.get_element(CUBE).value_of("skiros:Missing") is True
+
+
+def test_unknown_cube_becomes_one_element_with_a_frame(cell: Cell) -> None:
+    """Last of the tests with the cube: its element is removed."""
+    cell.done("move_arm_joints", "Arm=Arm", "Posture=home")
+    cell.wm.remove_element(cell.wm.get_element(CUBE))
+    cell.put(CUBE, (0.45, 0.2, 0.33), 0.3)
+    assert "new: skiros:UnknownObject-" in cell.done("observe_scene", "Camera=Camera", "Place=Table")
+    assert "new" not in cell.done("observe_scene", "Camera=Camera", "Place=Table")
+    (element,) = cell.wm.resolve_elements(Element("skiros:UnknownObject"))
+    assert cell.wm.get_element(element.getRelation("", "skiros:contain", "-1")["src"]).label == "Table"
+    assert math.dist(pose_in_scene(cell.wm, element)[1].position, cell.true(CUBE).position) < 0.01
+    assert element.value_of("skiros:FrameId") and element.value_of("skiros:Confidence") > 0.7
 
 
 def test_camera_without_messages_and_frame_without_tf_are_refused(cell: Cell, clouds: Clouds) -> None:

@@ -62,10 +62,10 @@ def test_taught_elements_of_the_selected_object_are_listed(cell: TeachCell, driv
     cell.teach("grasp lifting", "skiros:LiftingPose", pose.id)
     cell.teach("insert", "skiros:TaughtPath", PathSamples="[[0.0, 0, 0, 0, 0, 0, 0, 1]]", GripperEvents="[]")
     cell.teach("elsewhere", owner=cell.arm.id)
-    driver.wait_for_row("taughtList", "insert", "path of 0.0 s, 1 samples, 0 gripper events")
+    driver.wait_for_row("taughtList", "insert", "path of 0.0 s, 1 samples, gripper events: 0")
     assert driver.rows("taughtList") == [
         "grasp  pose at 100, 0, 250 mm, with a lifting pose",
-        "insert  path of 0.0 s, 1 samples, 0 gripper events",
+        "insert  path of 0.0 s, 1 samples, gripper events: 0",
     ]
 
 
@@ -101,7 +101,7 @@ def test_path_is_recorded_until_it_is_stored(cell: TeachCell, driver: Driver) ->
     driver.wait_until(lambda: "Recording: 3.2 s" in driver.widget("teachStatus").text(), "the recording")
     wait_for_tip(driver, "teach_record_path", "/robot is running TeachPath")
     driver.click("teach_store_path")
-    driver.wait_for_row("taughtList", "insert", "path of 5.2 s, 2 samples, 1 gripper events")
+    driver.wait_for_row("taughtList", "insert", "path of 5.2 s, 2 samples, gripper events: 1")
     wait_for_tip(driver, "teach_store_path", "No path is being recorded")
     driver.click("teach_hold")
     wait_for_tip(driver, "teach_hold", "arm is not released")

@@ -27,7 +27,7 @@ from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 
-SCENE = Path(__file__).parents[1] / "unit" / "skiros2_teaching" / "teaching_scene.ttl"
+SCENE = Path(__file__).parents[2] / "skiros2_std_lib" / "skiros2_teaching" / "scene" / "teaching_scene.ttl"
 ARM, GRIPPER, BLOCK = "rparts:ArmDevice-2", "rparts:GripperEffector-3", "skiros:Part-5"
 SKILLS = (
     teach.teach_release,
@@ -166,3 +166,11 @@ class TeachingCell(SkillBench):
         self.advance(seconds, lambda: poses.append(self.tool_on_block()))
         self.world.motions.remove(hand)
         return poses
+
+
+def deviation(poses: list[Pose], others: list[Pose]) -> float:
+    """Largest distance from one of the poses to the line through the others (m)."""
+    points = np.array([pose.position for pose in others])
+    fine = np.linspace(0.0, len(points) - 1.0, 20 * len(points))
+    line = np.column_stack([np.interp(fine, np.arange(len(points)), column) for column in points.T])
+    return max(float(np.min(np.linalg.norm(line - pose.position, axis=1))) for pose in poses)

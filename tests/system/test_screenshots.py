@@ -15,7 +15,7 @@ from support.ros import install_environment
 
 pytestmark = pytest.mark.timeout(120)
 
-PICTURES = ("skills", "running", "dark", "world", "rviz", "signals")
+PICTURES = ("skills", "running", "dark", "world", "rviz", "signals", "teach")
 #: Of each picture (bytes).
 MOST_BYTES = 200_000
 

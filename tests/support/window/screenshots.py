@@ -15,8 +15,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from python_qt_binding.QtCore import QSettings, QSize, Qt, QTimer
+from python_qt_binding.QtCore import QPoint, QSettings, QSize, Qt, QTimer
 from python_qt_binding.QtGui import QImage
+from python_qt_binding.QtTest import QTest
 from python_qt_binding.QtWidgets import QApplication
 
 from skiros2_common.core.errors import SkirosError
@@ -33,6 +34,7 @@ from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 from support.window.press_cell import PressCell
 from support.window.rviz_screenshot import rviz_screenshot
+from support.window.teach_cell import TeachCell
 
 #: The window's size (pixels).
 WIDTH, HEIGHT = 1280, 800
@@ -130,6 +132,7 @@ def _screenshots() -> Iterator[tuple[str, QImage]]:
         if not rviz_problem():
             yield "rviz", rviz_screenshot(driver)
         yield "signals", _signals_screenshot(window.size())
+        yield "teach", _teach_screenshot(window.size())
     finally:
         window.close()
         application.processEvents()
@@ -159,6 +162,32 @@ def _signals_screenshot(size: QSize) -> QImage:
         return _screenshot(driver)
     finally:
         sensor.stop()
+        content.close()
+
+
+def _teach_screenshot(size: QSize) -> QImage:
+    """A path is being recorded, in a window without ROS."""
+    content = MainWidget(LocalSystem)
+    content.resize(size)
+    content.show()
+    cell, driver = TeachCell(content.shared), Driver(content)
+    try:
+        pose = cell.teach("grasp")
+        cell.teach("grasp lifting", "skiros:LiftingPose", pose.id)
+        cell.teach("approach", PositionX=0.08, PositionZ=0.41)
+        driver.open_tab("World model")
+        driver.open_tab("Teach")
+        driver.choose("sceneTree", "block")
+        driver.wait_for_row("taughtList", "grasp")
+        driver.click("teach_release")
+        driver.write("teachName", "insert")
+        driver.click("teach_record_path")
+        driver.wait_until(lambda: "Recording" in driver.widget("teachStatus").text(), "the recording")
+        pad = driver.widget("forcePad")
+        driver.wait_until(pad.isEnabled, "the pad")
+        QTest.mousePress(pad, Qt.LeftButton, Qt.NoModifier, pad.rect().center() + QPoint(20, -35))
+        return _screenshot(driver)
+    finally:
         content.close()
 
 

@@ -165,6 +165,15 @@ def test_relative_topic_is_in_the_namespace_of_the_robots_manager(window: Window
     assert cell.system.signals.topics() == [TOPIC, "/cell/range", "/cell/robot/gap"]
 
 
+def test_signals_of_the_same_name_are_told_apart_by_their_arms(cell: PressCell, plots: SignalPlots) -> None:
+    robot = cell.wm.resolve_element(Element("cora:Robot", "skiros:robot"))
+    cell.arm = cell.add(Element("rparts:ArmDevice", "right arm"), robot)
+    cell.add_signal("skiros:WristForce", "wrist force", "wrench.force", "N", "/right_arm/wrench")
+    plots.show()
+    labels = {signal.label for signal in plots.signals}
+    assert labels == {"wrist force of arm", "wrist force of right arm", "wrist torque"}
+
+
 def test_signal_without_topic_says_why_it_is_not_plotted(cell: PressCell, plots: SignalPlots) -> None:
     broken = cell.add(Element("skiros:WristForce", "broken"), cell.arm)
     plots.show()

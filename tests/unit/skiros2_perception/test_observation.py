@@ -35,16 +35,16 @@ class Table:
 
     def __init__(self, **bodies: tuple[Pose, Vector, tuple[float, ...], bool]) -> None:
         self.wmi = LocalWorldModel("perception")
-        self._add("skiros:Location", "table", at(0.5, 0.0, scene.TOP / 2), (0.8, 1.0, scene.TOP))
+        self.add("skiros:Location", "table", at(0.5, 0.0, scene.TOP / 2), (0.8, 1.0, scene.TOP))
         specs = [BodySpec("table", pose=at(0.5, 0.0, scene.TOP / 2), size=(0.8, 1.0, scene.TOP))]
         for label, (pose, size, colour, is_known) in bodies.items():
             if is_known:
-                self._add("skiros:Product", label, pose, size)
+                self.add("skiros:Product", label, pose, size)
             specs.append(BodySpec(label, pose=pose, size=size, colour=colour))
         self.world = World(SceneSpec(tuple(specs)))
         self._random = np.random.default_rng(0)
 
-    def _add(self, kind: str, label: str, pose: Pose, size: Vector) -> None:
+    def add(self, kind: str, label: str, pose: Pose, size: Vector) -> None:
         element = Element(kind, label)
         element.addRelation(ROOT, "skiros:contain", "-1")
         space.set_pose(element, pose)
@@ -201,6 +201,37 @@ def test_thing_of_another_size_at_the_place_of_an_object_is_new() -> None:
         table.world.set_pose("cube", at(5.0, 5.0, 0.5))
         update = table.look()
         assert update.missed == ["cube"] and len(update.added) == 1
+
+
+def test_object_with_a_model_is_known_by_its_outline_and_keeps_its_pose() -> None:
+    size: Vector = (0.06, 0.06, 0.1)
+    table = Table(piston=(on_table(0.45, 0.1, size), size, RED, True))
+    element = table.element("piston")
+    element.setProperty("skiros:CadModel", "piston.urdf", "xsd:string")
+    table.wmi.update_element_properties(element)
+    with table.world:
+        update = table.look()
+        assert update.seen == ["piston"] and not (update.added or update.missed)
+        assert not table.element("piston").value_of("skiros:PoseCovariance")
+        table.world.set_pose("piston", at(5.0, 5.0, 0.5))
+        assert table.look().missed == ["piston"]
+
+
+def test_ring_in_its_box_is_not_absent() -> None:
+    """Most of the box of a ring is empty."""
+    size: Vector = (0.2, 0.2, 0.06)
+    bar: Vector = (0.2, 0.015, 0.06)
+    side: Vector = (0.015, 0.17, 0.06)
+    walls = {f"wall{n}": (on_table(0.5, y, bar), bar, RED, False) for n, y in enumerate((-0.0925, 0.0925))}
+    walls |= {f"side{n}": (on_table(x, 0.0, side), side, RED, False) for n, x in enumerate((0.4075, 0.5925))}
+    table = Table(**walls)
+    table.add("skiros:Product", "ring", on_table(0.5, 0.0, size), size)
+    element = table.element("ring")
+    element.setProperty("skiros:CadModel", "ring.urdf", "xsd:string")
+    table.wmi.update_element_properties(element)
+    with table.world:
+        update = table.look()
+        assert update.seen == ["ring"] and not (update.added or update.missed)
 
 
 def test_object_of_a_class_that_is_not_looked_for_is_not_compared(table: Table) -> None:

@@ -206,6 +206,7 @@ def test_preempted_skill_leaves_the_world_model_as_it_is(cell: Cell) -> None:
         ({"skiros:SizeX": None}, "has no size"),
         ({"skiros:PositionX": None}, "has no pose"),
         ({"skiros:LinkedToFrameId": "somewhere"}, "follows the tf frame 'somewhere'"),
+        ({"skiros:CadModel": "block.stl"}, "has a model (skiros:CadModel): expected a box with or without bores"),
         ({"skiros:PoseCovariance": "[]"}, "expected a JSON list of 36 finite numbers"),
     ],
 )

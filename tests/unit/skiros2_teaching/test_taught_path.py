@@ -81,6 +81,17 @@ def test_events_stay_where_they_were_and_rests_at_events_are_kept() -> None:
     assert math.dist(at_event, drawn(2.0).position) < 0.001
 
 
+def test_slow_end_of_a_path_is_kept() -> None:
+    """As of a hand that creeps into a fit, at 2 mm/s."""
+    samples = recorded(rest=0.0)
+    x, y, z = samples[-1].pose.position
+    for i in range(1, 51):
+        at = Pose((x, y, z - 0.002 * i / 25.0), samples[-1].pose.orientation)
+        samples.append(Sample(samples[0].time + 4.0 + i / 25.0, at))
+    path = TaughtPath.from_samples(samples).smoothed()
+    assert distances(path.pose(path.duration), at)[0] < 0.0004
+
+
 @pytest.mark.parametrize(
     ("samples", "said"),
     [

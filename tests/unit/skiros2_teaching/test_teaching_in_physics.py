@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from skiros2_common.core.abstract_skill import State
@@ -17,7 +16,7 @@ from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler, multiplied
 from skiros2_teaching.core import taught_elements as taught
 from skiros2_teaching.core.taught_path import GripperEvent, Sample, TaughtPath
-from support.teaching_cell import BLOCK, GRIPPER, TeachingCell
+from support.teaching_cell import BLOCK, GRIPPER, TeachingCell, deviation
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 #: Where the block is moved to: by 5 cm and 20 degrees.
@@ -46,14 +45,6 @@ def move_block(cell: TeachingCell) -> None:
     x, y, z = START.position
     dx, dy, _ = SHIFT.position
     cell.move_block(Pose((x + dx, y + dy, z), multiplied(SHIFT.orientation, START.orientation)))
-
-
-def deviation(poses: list[Pose], others: list[Pose]) -> float:
-    """Largest distance from one of the poses to the line through the others (m)."""
-    points = np.array([pose.position for pose in others])
-    fine = np.linspace(0.0, len(points) - 1.0, 20 * len(points))
-    line = np.column_stack([np.interp(fine, np.arange(len(points)), column) for column in points.T])
-    return max(float(np.min(np.linalg.norm(line - pose.position, axis=1))) for pose in poses)
 
 
 def add_path(cell: TeachingCell, name: str = "sweep", *events: GripperEvent) -> Any:

@@ -28,7 +28,8 @@ class SkillCalls:
         self._on_change = on_change
         self._skills: dict[str, Sequence[Skill] | None] = {}
         self._starting: set[tuple[str, str]] = set()
-        self._called: dict[tuple[str, str], int] = {}  # manager and skill type -> task id
+        # of a manager and skill type: the task id, and when it was started (s since the epoch)
+        self._called: dict[tuple[str, str], tuple[int, float]] = {}
         self._refused: dict[tuple[str, str], str] = {}
         window.subscribe(ManagersChanged, lambda _: self._forget())
 
@@ -73,7 +74,7 @@ class SkillCalls:
     def task(self, manager: str, skill_type: str) -> TaskRun | None:
         """Returns the task of the last call of a skill; None if there is none."""
         called = self._called.get((manager, skill_type))
-        return self._window.tasks.find(manager, called) if called is not None else None
+        return self._window.tasks.find(manager, called[0]) if called is not None else None
 
     def running(self, manager: str, skill_type: str) -> TaskRun | None:
         """Returns a running task of a manager that has started with a skill, by whatever client; None for none."""
@@ -97,8 +98,13 @@ class SkillCalls:
         """Returns whether a call of a skill is running, or has ended within a time (s)."""
         if any(kind == skill_type for _, kind in self._starting):
             return True
-        tasks = (self.task(*key) for key in self._called if key[1] == skill_type)
-        return any(t is not None and (not t.is_finished or time.time() - t.latest.time < seconds) for t in tasks)
+        now = time.time()
+        for key, (_, started) in self._called.items():
+            run = self.task(*key)  # None before its first progress was received
+            is_running = run is not None and not run.is_finished
+            if key[1] == skill_type and (is_running or now - (run.latest.time if run else started) < seconds):
+                return True
+        return False
 
     def failure(self, manager: str, skill_type: str) -> str:
         """Describes why the last call of a skill failed; "" if it has not."""
@@ -131,7 +137,7 @@ class SkillCalls:
 
     def _started(self, key: tuple[str, str], task_id: int, nodes: Sequence[Any], stamp: float) -> None:
         self._starting.discard(key)
-        self._called[key] = task_id
+        self._called[key] = task_id, stamp
         self._window.tasks.started(key[0], task_id, nodes, stamp)
         self._window.publish(TaskStarted(key[0], task_id))
         self._on_change()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_common.core.manager_names import manager_of, matching_name, runs_on
+from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.names import id_order
 from skiros2_common.core.signals import SIGNAL, Signal, SignalSource
 from skiros2_common.core.world_element import Element
@@ -21,6 +22,7 @@ from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.values import SignalBound, TaskBounds
 from skiros2_world_model.core.changes import SCENE
+from skiros2_world_model.core.queries import SceneReader
 
 #: The time spans to choose from (s).
 SPANS = (10.0, 20.0, LONGEST)
@@ -190,7 +192,7 @@ class SignalPlots:
         if scene is None:
             return
         try:
-            owners = dict(self._owners())
+            robots = dict(self._robots_of_signals(scene))
             found = {e.id: e for e in scene.matching(Element(SIGNAL), SCENE)}
         except SkirosError as error:  # the world model is down and the ontologies are unknown
             self.problem = error_text(error)
@@ -198,23 +200,24 @@ class SignalPlots:
         self.problem = ""
         for eid in [eid for eid in self._signals if eid not in found]:
             _end(self._signals.pop(eid))
+        times = Counter(element.label for element in found.values())
         for eid, element in found.items():
-            new = _read(element, owners.get(eid, ""), self._run.robot)
+            new = _read(element, robots.get(eid, ""), self._run.robot)
+            if times[element.label] > 1 and (owner := _owner_label(scene, eid)):
+                new.label = f"{new.label} of {owner}"
             known = self._signals.get(eid)
             if known is None or (known.signal, known.problem, known.robot) != (new.signal, new.problem, new.robot):
                 if known is not None:
                     _end(known)
                 self._signals[eid] = new
-            elif known.label != new.label:
+            else:
                 known.label = new.label
 
-    def _owners(self) -> Iterator[tuple[str, str]]:
+    def _robots_of_signals(self, scene: SceneReader) -> Iterator[tuple[str, str]]:
         """Yields the id of each signal of a robot and the node name of the robot's manager."""
-        scene = self._window.system.scene
-        assert scene is not None
         managers = list(self._window.system.managers)
         for robot in scene.matching(Element("cora:Robot"), SCENE):
-            name = next((m for m in managers if runs_on(robot, m)), "") or matching_name(manager_of(robot), managers)
+            name = matching_name(manager_of(robot), managers)
             for part in scene.branch(robot.id, "skiros:hasA", SIGNAL, SCENE):
                 yield part.id, name
 
@@ -310,6 +313,12 @@ def _read(element: Element, manager: str, shown: str) -> PlottedSignal:
         return PlottedSignal(element.id, label, None, str(error), manager)
     signal = replace(signal, topic=_resolve(signal.topic, manager or shown))
     return PlottedSignal(element.id, label, signal, "", manager)
+
+
+def _owner_label(scene: SceneReader, eid: str) -> str:
+    """Returns the label of the element that a signal is a part of; "" for none."""
+    owners = [scene.find(relation["src"], SCENE) for relation in scene.related("", "skiros:hasA", eid, SCENE)]
+    return next((owner.label or owner.id for owner in owners if owner is not None), "")
 
 
 def _resolve(topic: str, node: str) -> str:

@@ -97,6 +97,6 @@ def _pose_text(element: Element, has_lifting: bool) -> str:
 def _path_text(element: Element) -> str:
     try:
         samples, events = (read_json(str(element.value_of(key) or "[]")) for key in (_SAMPLES, _EVENTS))
-        return f"path of {float(samples[-1][0]):.1f} s, {len(samples)} samples, {len(events)} gripper events"
+        return f"path of {float(samples[-1][0]):.1f} s, {len(samples)} samples, gripper events: {len(events)}"
     except (ValueError, TypeError, LookupError, UnknownName):
         return "path without readable samples"

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from skiros2_common.core.abstract_skill import SkillDescription
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_perception.camera_skill import CameraSkill
@@ -71,6 +72,9 @@ class estimate_pose(CameraSkill):
         element = self.wmi.get_element(self.element("Object").id)
         check_movable(self.wmi, element)
         self._known = known_object(self.wmi, element)
+        if not self._known.exact:
+            name = element.label or element.id
+            raise WrongValue(f"{name!r} has a model (skiros:CadModel): expected a box with or without bores")
         self._before = stored_estimate(self.wmi, element) if self.params["Fuse"].value else None
         return self._known.frame
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, SkirosError
@@ -24,12 +25,33 @@ from skiros2_teaching.grippers import gripper_of
 #: Progress codes of failures: the taught element cannot be used, its object has moved meanwhile.
 UNUSABLE, OBJECT_MOVED = -150, -151
 
+#: Period of the references (s of wall time).
+_PERIOD = 0.01
 #: Damping factors of the compliant controller: about critical damping with the inertia of an arm.
 _DAMPING = (2.0,) * 6
 #: Ratio of angular and linear acceleration (rad/m).
 _TURN = 4.0
 #: Distances by which the object may move during a motion (m, rad): a perception skill may measure it again.
 _SHIFT, _SHIFT_TURN = 0.005, 0.03
+
+
+class _Metronome:
+    """Requests ticks at a rate above that of the skill manager: between two references the tool would move in jerks.
+
+    :param wake: requests a tick, from any thread.
+    """
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake, self._stopped = wake, threading.Event()
+        threading.Thread(target=self._run, name="ticks of a taught motion", daemon=True).start()
+
+    def stop(self) -> None:
+        """Ends the requests."""
+        self._stopped.set()
+
+    def _run(self) -> None:
+        while not self._stopped.wait(_PERIOD):
+            self._wake()
 
 
 class _TaughtMotion(ContactPrimitive):
@@ -54,6 +76,7 @@ class _TaughtMotion(ContactPrimitive):
     def onStart(self) -> bool:
         self._player: Player | None = None
         self._gripper: Gripper | None = None
+        self._metronome: _Metronome | None = None
         try:
             self._owner = taught.owner_of(self.wmi, self.element(self.key))
             self._taught = self.wmi.get_element(self.element(self.key).id)
@@ -71,6 +94,7 @@ class _TaughtMotion(ContactPrimitive):
         self.arm.set_stiffness((stiffness,) * 3, (rotational,) * 3)
         self.arm.set_damping(_DAMPING)
         self._player = Player(self.arm, self._gripper, parts, self.value("Tolerance"))
+        self._metronome = _Metronome(self.wake)
 
     def move(self, state: ArmState, dt: float) -> State:
         player, name = self._player, self.label_of(self.key)
@@ -91,6 +115,8 @@ class _TaughtMotion(ContactPrimitive):
         return self.step(f"{name!r}: {100.0 * player.progress:.0f} %, {lag} behind, {forces(state)}")
 
     def onEnd(self) -> bool:
+        if self._metronome is not None:
+            self._metronome.stop()
         if self._gripper is not None:
             self._gripper.close()
         return super().onEnd()

@@ -141,15 +141,15 @@ class _PoseReader(_Teaching):
         return True
 
     def execute(self) -> State:
-        now, state = self._arm.now(), self._arm.state()
-        if self._began is None:
-            self._began = now
-        if state is None or now - state.stamp > STALE:
+        try:
+            now, state = self._arm.now(), self._arm.state()
+            if self._began is None:
+                self._began = now
+            if state is not None and now - state.stamp <= STALE:
+                return self.success(self.store(state.pose))
             if now - self._began < _PATIENCE:
                 return self.step("Waiting for a state of the arm")
             return self.fail(f"{self.label_of('Arm')} has sent no state for {_PATIENCE:g} s", NO_STATE)
-        try:
-            return self.success(self.store(state.pose))
         except SkirosError as error:
             return self.fail(str(error), REFUSED)
 
@@ -217,8 +217,8 @@ class teach_path(_Teaching):
     def execute(self) -> State:
         guiding = self._guiding
         assert guiding is not None
-        state = guiding.arm.state()
         try:
+            state = guiding.arm.state()
             if self._was_released and guiding_of(self.element("Arm")) is not guiding:
                 return self.fail(f"{self.label_of('Arm')} is not released any more: the path is discarded", REFUSED)
             if state is not None:

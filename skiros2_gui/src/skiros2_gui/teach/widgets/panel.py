@@ -23,7 +23,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.app.widgets.controls import push_button, text_label, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import colour_label
-from skiros2_gui.teach.elements import PATH, Taught
+from skiros2_gui.teach.elements import PATH, POSE, Taught
 from skiros2_gui.teach.presenter import Action, TeachPresenter
 from skiros2_gui.teach.widgets.force_pad import PERIOD, ForcePad
 from skiros2_gui.world.presenter import WorldPresenter
@@ -146,8 +146,9 @@ class TeachPanel(QWidget):
     def _show_buttons(self) -> None:
         presenter = self.presenter
         same = presenter.same_name()
-        self._buttons[Action.RECORD_POSE].setText("Replace pose" if same is not None else "Record pose")
-        self._buttons[Action.RECORD_PATH].setText("Replace path" if same is not None else "Record path")
+        for action, kind, what in ((Action.RECORD_POSE, POSE, "pose"), (Action.RECORD_PATH, PATH, "path")):
+            is_there = same is not None and same.kind == kind
+            self._buttons[action].setText(f"{'Replace' if is_there else 'Record'} {what}")
         is_path = presenter.chosen is not None and presenter.chosen.kind == PATH
         self._buttons[Action.MOVE_TO_POSE].setVisible(not is_path)
         self._buttons[Action.REPLAY_PATH].setVisible(is_path)

@@ -41,7 +41,7 @@ SENSOR = {
     "farthest": "skiros:MaxRange",
 }
 
-_BORE = "skiros:Bore"
+_BORE, _MODEL = "skiros:Bore", "skiros:CadModel"
 #: Standard deviations of a pose in the world model without covariance: position (m), orientation (rad).
 _POSITION, _ANGLE = 0.03, math.radians(10.0)
 
@@ -55,6 +55,8 @@ class KnownObject:
     :param covariance: of the error of the pose (6 x 6), along the axes of that frame.
     :param confidence: 0 to 1.
     :param colour: mean red, green, blue, 0 to 255; None if unknown.
+    :param exact: whether `shape` is the shape of the object; False for an object with a model, of which only the
+        bounding box is known.
     """
 
     id: str
@@ -66,6 +68,7 @@ class KnownObject:
     covariance: Array
     confidence: float = 1.0
     colour: Array | None = None
+    exact: bool = True
 
 
 def sensor_of(camera: Element) -> Sensor:
@@ -128,6 +131,7 @@ def known_object(wmi: WorldModelPort, element: Element) -> KnownObject:
         covariance,
         confidence if is_usable and confidence is not None else 1.0,
         _colour(element),
+        not space.text(element, _MODEL),
     )
 
 

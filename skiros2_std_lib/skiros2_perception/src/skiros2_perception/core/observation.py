@@ -104,7 +104,8 @@ def observe(
     :param fixed: objects that do not move, such as tables: their points are ignored.
     :param measured: objects that perception has added: their sizes are measurements, too.
     """
-    placed = [p for thing in known if (p := _located(thing, [thing.pose], view, sensor, _NEAR_PLACE)) is not None]
+    exact = [thing for thing in known if thing.exact]
+    placed = [p for thing in exact if (p := _located(thing, [thing.pose], view, sensor, _NEAR_PLACE)) is not None]
     cloud, planes = _without_planes(_unexplained(cloud_of(view, sensor, stride=_STRIDE), fixed, placed))
     things = _clusters(cloud, planes, fixed, view)
     found = {p.thing.id for p in placed}
@@ -125,7 +126,8 @@ def observe(
     take(associated(things, waiting), list(waiting))
     things, used = [thing for i, thing in enumerate(things) if i not in used], []
     gone = [thing for thing in waiting if _is_absent(thing, view, sensor)]
-    take(recognised(things, gone), gone)
+    recognisable = [thing for thing in gone if thing.exact]
+    take(recognised(things, recognisable), recognisable)
     things = [thing for i, thing in enumerate(things) if i not in used]
     for cluster in things:
         if not _is_part(cluster, [thing for thing in waiting if thing not in gone]):
@@ -159,6 +161,8 @@ def _seen(cluster: Cluster, thing: KnownObject, is_measured: bool, view: View, s
     """Returns the object of a cluster as seen; None if its shape does not fit there."""
     if is_measured:
         return Seen(thing.id, 1.0, cluster_estimate(cluster, view.stamp), cluster, cluster.colour)
+    if not thing.exact:
+        return Seen(thing.id, 1.0, None, colour=cluster.colour)
     position = cluster.pose.position
     yaw = to_euler(cluster.pose.orientation)[2]
     turns: list[Quaternion] = [thing.pose.orientation, *(from_euler(0.0, 0.0, yaw + q * math.pi / 2) for q in (0, 1))]
@@ -247,16 +251,27 @@ def _is_part(cluster: Cluster, objects: Sequence[KnownObject]) -> bool:
 
 
 def _is_absent(thing: KnownObject, view: View, sensor: Sensor) -> bool:
+    """Whether the camera sees through the place of an object. The box of an inexact object must be empty, too."""
     found = visibility(thing.shape, thing.pose, view, sensor, _AT_PLACE)
-    return found.in_view >= _IN_VIEW and found.absent >= _MOST
+    if found.in_view < _IN_VIEW or found.absent < _MOST:
+        return False
+    return thing.exact or _points_inside(thing, view) < _CLUSTER
+
+
+def _points_inside(thing: KnownObject, view: View) -> int:
+    """Returns the number of measured points inside of an object's box, without those at its bottom."""
+    points = view.points(np.isfinite(view.depth))
+    inside = points[box_distances(points, thing.pose, thing.shape.size) < 0.0]
+    bottom = thing.pose.position[2] - half_extents(thing.pose.orientation, thing.shape.size)[2]
+    return int((inside[:, 2] > bottom + 2 * _MARGIN).sum())
 
 
 def _report_unassociated(result: Observation, thing: KnownObject, view: View, sensor: Sensor) -> None:
     """Reports an object that no cluster belongs to: as absent, at its place, or hidden."""
     found = visibility(thing.shape, thing.pose, view, sensor, _AT_PLACE)
-    if found.in_view >= _IN_VIEW and found.absent >= _MOST:
+    if _is_absent(thing, view, sensor):
         result.absent.append(Absent(thing.id, found.in_view * found.absent))
-    elif found.in_view >= _IN_VIEW and found.seen >= _MOST:
-        result.seen.append(Seen(thing.id, found.in_view * found.seen, None))
+    elif found.in_view >= _IN_VIEW and (found.seen >= _MOST or (not thing.exact and found.hidden < _MOST)):
+        result.seen.append(Seen(thing.id, found.in_view * (1.0 - found.hidden), None))
     else:
         result.hidden.append(thing.id)

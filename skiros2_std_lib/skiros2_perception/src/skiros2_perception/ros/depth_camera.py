@@ -44,6 +44,9 @@ def transforms() -> Transforms:
 class DepthCamera:
     """Waits for a view. Messages are received in threads of ROS; `poll` and `close` are called by one thread.
 
+    A view is used if its stamp is later than the creation of this object: an arm that has just stopped was still moving
+    in earlier ones.
+
     :param frame: reference frame of the views.
     :param on_message: called after each message, in a thread of ROS.
     """
@@ -52,6 +55,7 @@ class DepthCamera:
         self._frame = frame
         self._topics = topics
         self._on_message = on_message
+        self._since = rospy.Time.now()
         self._lock = threading.Lock()
         self._image: Any = None
         self._info: CameraInfo | None = None
@@ -74,7 +78,7 @@ class DepthCamera:
             subscriber.unregister()
 
     def poll(self) -> View | None:
-        """Returns a view taken after this object was made; None while something is missing, which `waiting` names.
+        """Returns a view; None while something is missing, which `waiting` names.
 
         :raises WrongValue: a message is unusable.
         """
@@ -86,6 +90,10 @@ class DepthCamera:
             self.waiting = "no camera_info beside the depth image"
             return None
         header = image.header
+        if header.stamp < self._since:
+            age = (self._since - header.stamp).to_sec()
+            self.waiting = f"the last message is {age:.1f} s older than the start of the skill"
+            return None
         pose = transforms().at(self._frame, header.frame_id, header.stamp)
         if pose is None:
             frames = f"from {header.frame_id!r} to {self._frame!r}"

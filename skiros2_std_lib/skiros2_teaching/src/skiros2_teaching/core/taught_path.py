@@ -30,8 +30,8 @@ Array = npt.NDArray[np.float64]
 _CUT_OFF = 2.5
 #: Weight of the first and the last sample, and of those at gripper events, where the hand rests; 1 for the others.
 _REST_WEIGHT = 100.0
-#: Speeds below which the tool stands still (m/s, rad/s).
-_STANDING, _STANDING_TURN = 0.005, 0.03
+#: Distances from its first or last pose within which the tool rests (m, rad).
+_RESTING, _RESTING_TURN = 0.0003, 0.003
 #: Periods of stored samples (s), and the deviation from the recording that a period may cause (m, and of quaternions).
 _PERIODS, _DEVIATION = (0.4, 0.2, 0.1, 0.05), 1e-4
 #: A path is at least this long (m), or turns by at least this angle (rad).
@@ -132,7 +132,7 @@ class TaughtPath:
             smooth = [make_smoothing_spline(self.times, column, weights, lam=strength) for column in points.T]
             points = np.column_stack([spline(self.times) for spline in smooth])
             points[:, 3:] /= np.linalg.norm(points[:, 3:], axis=1, keepdims=True)
-        begin, end = _moving(self.times, points)
+        begin, end = _moving(points)
         times, points = self.times[begin : end + 1] - self.times[begin], points[begin : end + 1]
         events = tuple(
             GripperEvent(
@@ -217,15 +217,20 @@ def _thinned(path: TaughtPath) -> TaughtPath:
     return path
 
 
-def _moving(times: Array, points: Array) -> tuple[int, int]:
-    """Returns the indices of the last sample before the first motion, and of the first after the last one.
+def _moving(points: Array) -> tuple[int, int]:
+    """Returns the indices of the last sample near the first one, and of the first sample near the last one.
 
     :param points: with continuous quaternions.
     """
-    speed = np.linalg.norm(np.diff(points[:, :3], axis=0), axis=1) / np.diff(times)
-    turn = 2.0 * np.linalg.norm(np.diff(points[:, 3:], axis=0), axis=1) / np.diff(times)
-    moving = np.flatnonzero((speed > _STANDING) | (turn > _STANDING_TURN))
-    return (int(moving[0]), int(moving[-1]) + 1) if len(moving) else (0, len(times) - 1)
+
+    def away_from(point: Array) -> npt.NDArray[np.intp]:
+        far = np.linalg.norm(points[:, :3] - point[:3], axis=1) > _RESTING
+        return np.flatnonzero(far | (2.0 * np.linalg.norm(points[:, 3:] - point[3:], axis=1) > _RESTING_TURN))
+
+    leaves, stays = away_from(points[0]), away_from(points[-1])
+    if not len(leaves) or not len(stays) or leaves[0] > stays[-1]:
+        return 0, len(points) - 1
+    return int(leaves[0]) - 1, int(stays[-1]) + 1
 
 
 def _continuous(points: Array) -> Array:

@@ -24,6 +24,7 @@ from support.ros import Ros, wait_until
 from support.stand_in_drivers import pose_of
 from support.teaching_cell import ARM, BLOCK, GRIPPER, deviation
 
+pytest.importorskip("skiros2_contact_skills.ros.arm_source")  # the adapter of compliant arms to ROS
 pytestmark = pytest.mark.timeout(180)
 
 WAIT = 60.0  # s

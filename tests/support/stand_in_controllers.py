@@ -12,18 +12,23 @@ import time
 import types
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+import actionlib
 import genpy.dynamic
 import numpy as np
+import pybullet_data
 import rospy
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, TransformStamped, Vector3, Wrench, WrenchStamped
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
+from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryResult
 from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import (
     ListControllers,
@@ -32,6 +37,8 @@ from controller_manager_msgs.srv import (
     SwitchControllerResponse,
 )
 from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint
+from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, rotated
 from support.simulated_cell import ARM, GRIPPER, ROBOT, bench
@@ -273,6 +280,51 @@ class CartesianControllers(StandIn):
     def _on_taring(self, _: Any) -> TriggerResponse:
         self.tared += 1
         return TriggerResponse(True, "")
+
+
+class JointDriver(StandIn):
+    """A driver of joints with a force/torque sensor at the tool. Its action server ends with the process."""
+
+    controller_name = "position"
+
+    def connect(self) -> None:
+        urdf = Path(pybullet_data.getDataPath()) / "franka_panda/panda.urdf"
+        rospy.set_param("/robot_description", urdf.read_text())
+        self.goals = 0
+        self._measured = self.topic("/wrench", WrenchStamped)
+        self._tf = self.topic("/tf", TFMessage)
+        self._joints = self.topic("/joint_states", JointState)
+        kind = FollowJointTrajectoryAction
+        self._server = actionlib.SimpleActionServer("/follow_joint_trajectory", kind, self._on_goal, auto_start=False)
+        self._server.start()
+
+    def publish(self) -> None:
+        now, arm = rospy.Time.now(), self.arm.arm
+        names = [joint.name.removeprefix("arm/") for joint in arm.joints]
+        self._joints.publish(JointState(header=Header(stamp=now), name=names, position=arm.positions()))
+        self._tf.publish(TFMessage([_transform(now, "panda_grasptarget", self.tool(), "panda_link0")]))
+        wrench = arm.measured_wrench()
+        message = Wrench(Vector3(*wrench[:3]), Vector3(*wrench[3:]))
+        self._measured.publish(WrenchStamped(Header(stamp=now, frame_id="panda_grasptarget"), message))
+
+    def _on_goal(self, goal: Any) -> None:
+        """Called by the thread of the action server."""
+        self.goals += 1
+        trajectory = goal.trajectory
+        points = tuple(JointPoint(p.time_from_start.to_sec(), tuple(p.positions)) for p in trajectory.points)
+        motion = JointMotion(self.arm, JointGoal(tuple(trajectory.joint_names), points))
+        self.later(lambda: self.world.motions.add(motion))
+        while motion.outcome is None and not self._ended.wait(0.005):
+            if self._server.is_preempt_requested():
+                self.later(motion.cancel)
+        outcome = motion.outcome
+        result = FollowJointTrajectoryResult(outcome.code, outcome.text) if outcome is not None else None
+        if outcome is not None and outcome.state is State.SUCCEEDED:
+            self._server.set_succeeded(result)
+        elif outcome is not None and outcome.state is State.PREEMPTED:
+            self._server.set_preempted(result)
+        else:
+            self._server.set_aborted(result)
 
 
 def _transform(now: rospy.Time, child: str, pose: Pose, parent: str = "base_link") -> TransformStamped:

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[3]
 
 #: The file, the heading of the section, and how many tests it shows.
 SECTIONS = [("docs/skills.md", "Testing skills", 4), ("CONTRIBUTING.md", "Add a skill", 1)]
+SECTIONS.append(("docs/contact.md", "Write a contact skill", 3))
 
 
 @pytest.mark.parametrize(("file", "heading", "tests"), SECTIONS, ids=lambda value: str(value))

@@ -11,6 +11,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.core.compliant_arm import CompliantArm
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
+from skiros2_contact_skills.ros.trajectory_arm import TrajectoryArm
 from skiros2_sim.core.names import COMPLIANT_CONTROLLER, POSITION_CONTROLLER, part_name, robot_name
 
 #: Of an arm: the name of a profile.
@@ -18,7 +19,7 @@ INTERFACE = "skiros:CompliantInterface"
 #: Parameter of the skill manager: settings of its arms by name; they replace those of the world model.
 PARAMETER = "~compliant_arms"
 _KEYS = ("profile", "compliant", "position", "base_frame", "tool_frame", "state", "reference", "wrench", "zero")
-_KEYS += ("switch", "controllers")
+_KEYS += ("switch", "controllers", "action", "joint_states", "description")
 
 
 def profiled_arm(robot: Element, arm: Element) -> CompliantArm | None:
@@ -38,7 +39,8 @@ def profiled_arm(robot: Element, arm: Element) -> CompliantArm | None:
         key: address.of(arm, robot_name(robot), part_name(arm))
         for key, address in (("compliant", COMPLIANT_CONTROLLER), ("position", POSITION_CONTROLLER))
     }
-    return TopicArm(PROFILES[profile], controllers | given)
+    kind = TopicArm if PROFILES[profile].reference else TrajectoryArm
+    return kind(PROFILES[profile], controllers | given)
 
 
 def checked_settings(given: Any, name: str) -> dict[str, str]:

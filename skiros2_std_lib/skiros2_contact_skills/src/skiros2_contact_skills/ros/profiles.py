@@ -59,33 +59,47 @@ class Stiffness:
         return found
 
 
+_EACH_AXIS = {
+    name: ((axis,), 2000.0 if axis < 3 else 300.0)
+    for axis, name in enumerate(("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z"))
+}
+#: For drivers without stiffness: that of `TrajectoryArm`.
+_OWN_STIFFNESS = Stiffness("", _EACH_AXIS)
+
+
 @dataclass(frozen=True)
 class Profile:
     """An interface. A topic or service that is "" does not exist: `TopicArm` then does that itself, as far as it can.
 
     :param state: topic and type of the message that `read` converts.
     :param read: converts a message, with a lookup of tf frames and the name of the tool frame.
-    :param reference: topic `geometry_msgs/PoseStamped`, in `base_frame`.
     :param base_frame: tf frame of the arm's base.
     :param tool_frame: tf frame between the fingertips, z pointing out of the hand.
+    :param reference: topic `geometry_msgs/PoseStamped`, in `base_frame`.
     :param wrench: topic `geometry_msgs/WrenchStamped`: wrench that the tool exerts, in the tool frame.
     :param zero: service `std_srvs/Trigger`, called before the wrench in the state is zeroed.
     :param recovery: topic and type of the goal of an action that recovers from a stop; the goal is empty.
     :param switch: service `controller_manager_msgs/SwitchController`.
     :param controllers: service `controller_manager_msgs/ListControllers`.
+    :param action: `control_msgs/FollowJointTrajectory`, for drivers without `reference`.
+    :param joint_states: topic `sensor_msgs/JointState`, for these.
+    :param description: parameter with the URDF of the robot, for these.
     """
 
     state: tuple[str, str]
     read: Callable[[Any, Lookup, str], Reading]
-    reference: str
     base_frame: str
     tool_frame: str
-    stiffness: Stiffness
+    reference: str = ""
+    stiffness: Stiffness = _OWN_STIFFNESS
     wrench: str = ""
     zero: str = ""
     recovery: tuple[str, str] = ("", "")
     switch: str = "/controller_manager/switch_controller"
     controllers: str = "/controller_manager/list_controllers"
+    action: str = ""
+    joint_states: str = ""
+    description: str = ""
 
 
 #: Of franka_msgs/FrankaState.robot_mode: why the arm does not follow.
@@ -123,11 +137,6 @@ def wrench_from(message: Any) -> Wrench:
     return f.x, f.y, f.z, t.x, t.y, t.z
 
 
-_EACH_AXIS = {
-    name: ((axis,), 2000.0 if axis < 3 else 300.0)
-    for axis, name in enumerate(("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z"))
-}
-
 #: The profiles by name.
 PROFILES = {
     # franka_ros: franka_example_controllers/CartesianImpedanceExampleController
@@ -142,6 +151,16 @@ PROFILES = {
             {"translational_stiffness": ((0, 1, 2), 400.0), "rotational_stiffness": ((3, 4, 5), 30.0)},
         ),
         recovery=("/franka_control/error_recovery/goal", "franka_msgs/ErrorRecoveryActionGoal"),
+    ),
+    # drivers of joints, with a force/torque sensor: see `TrajectoryArm`
+    "follow_joint_trajectory": Profile(
+        state=("/wrench", "geometry_msgs/WrenchStamped"),
+        read=read_sensor,
+        base_frame="base_link",
+        tool_frame="tool0",
+        action="/follow_joint_trajectory",
+        joint_states="/joint_states",
+        description="/robot_description",
     ),
     # FZI: cartesian_controllers/CartesianComplianceController
     "cartesian_controllers": Profile(

@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 #: Period with which `state` sends a commanded wrench again (s): drivers may let it expire.
 REFRESH = 0.2
 #: Time that services and subscribers may need to appear (s of wall time).
-_CONNECT_TIME = 5.0
+CONNECT_TIME = 5.0
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
 _LEAST_STIFFNESS, _MAX_OFFSET = (50.0,) * 3 + (5.0,) * 3, 0.15
 _ZERO: Wrench = (0.0,) * 6
@@ -82,13 +82,13 @@ class TopicArm:
             self._publishers["recovery"] = rospy.Publisher(self._format(recovery), recovery_kind, queue_size=1)
         self._topic = names.get("state", self._format(profile.state[0]))
         self._subscriber = rospy.Subscriber(self._topic, kind, self._on_state, queue_size=1, tcp_nodelay=True)
-        self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._serve, name=f"requests to {self._controller}", daemon=True)
+        self._commands: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._serve, name=f"commands to {self._controller}", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Closes the connections. The arm is not commanded."""
-        self._requests.put(None)
+        self._commands.put(None)
         self._subscriber.unregister()
         for publisher in self._publishers.values():
             publisher.unregister()
@@ -129,8 +129,8 @@ class TopicArm:
                 return
             self._wrench, self._spiral = _ZERO, None
             self._reference = reading.pose
-        self._request(self._send_wrench)
-        self._request(self._send_reference)
+        self._later(self._send_wrench)
+        self._later(self._send_reference)
 
     def set_reference(self, pose: Pose) -> None:
         reference = checked_reference(pose)
@@ -138,15 +138,15 @@ class TopicArm:
             if self._stop:  # until limits are set again; the state has the reason
                 return
             self._reference = reference
-        self._request(self._send_reference)
+        self._later(self._send_reference)
 
     def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
         values = checked("stiffness", (*translational, *rotational), MAX_STIFFNESS, lowest=0.0)
         kind = self._profile.stiffness
         with self._lock:
             before, self._stiffness = self._stiffness, kind.effective(values)
-        if before != self._stiffness:
-            self._request(lambda: _reconfigure(self._format(kind.service), kind.values(values)))
+        if kind.service and before != self._stiffness:
+            self._later(lambda: _reconfigure(self._format(kind.service), kind.values(values)))
 
     def set_damping(self, factors: Sequence[float]) -> None:
         checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
@@ -157,7 +157,7 @@ class TopicArm:
             if self._stop:
                 return
             self._wrench = (fx, fy, fz, tx, ty, tz)
-        self._request(self._send_wrench)
+        self._later(self._send_wrench)
 
     def start_spiral(self, spiral: SpiralGoal) -> None:
         with self._lock:
@@ -196,24 +196,13 @@ class TopicArm:
             self._read_at = self.now()
             self._stamp = message.header.stamp.to_sec() or self._read_at
             self._messages += 1
-            exceeded = "" if self._stop else self._exceeded(reading)
+            exceeded = "" if self._stop else exceeded_limit(self._measured(reading)[1], self._limits)
             if exceeded:
                 self._stop, self._reference, self._spiral = exceeded, reading.pose, None
                 self._wrench = _ZERO
         if exceeded:  # at once, before what is queued
             self._send_wrench()
             self._send_reference()
-
-    def _exceeded(self, reading: Reading) -> str:
-        """Returns which limit is exceeded; "" if none is."""
-        _, wrench = self._measured(reading)
-        for name, value, limit, unit in (
-            ("force", math.hypot(*wrench[:3]), self._limits[0], "N"),
-            ("torque", math.hypot(*wrench[3:]), self._limits[1], "Nm"),
-        ):
-            if 0.0 < limit < value:
-                return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
-        return ""
 
     def _measured(self, reading: Reading) -> tuple[Pose, Wrench]:
         """Returns pose and wrench without the zero of the sensor."""
@@ -227,25 +216,35 @@ class TopicArm:
             raise UnknownName(f"tf has no transform from {self._base} to {frame or 'an empty frame'} ({self._topic})")
         return found
 
-    # -- commands, by the thread of requests ------------------------------------------------------------------------
+    # -- commands, by the thread of commands ------------------------------------------------------------------------
+
+    def _later(self, function: Callable[[], None]) -> None:
+        """Calls a function in the thread of the commands."""
+        self._commands.put(lambda: self._run(function))
 
     def _request(self, function: Callable[[], None]) -> None:
+        """Calls a function later; there is no state before its end."""
+
+        def answered() -> None:
+            self._run(function)
+            with self._lock:
+                self._pending -= 1
+
         with self._lock:
             self._pending += 1
-        self._requests.put(function)
+        self._commands.put(answered)
 
     def _serve(self) -> None:
-        while (function := self._requests.get()) is not None:
-            refused = ""
-            try:
-                function()
-            except SkirosError as error:
-                refused = str(error)
-                log.warning("%s: %s", self._controller, error)
-            finally:
-                with self._lock:
-                    self._pending -= 1
-                    self._refused = self._refused or refused
+        while (function := self._commands.get()) is not None:
+            function()
+
+    def _run(self, function: Callable[[], None]) -> None:
+        try:
+            function()
+        except SkirosError as error:
+            log.warning("%s: %s", self._controller, error)
+            with self._lock:
+                self._refused = self._refused or str(error)
 
     def _activate(self) -> None:
         """Waits for the driver, recovers it from a stop and switches to the compliant controller."""
@@ -266,12 +265,9 @@ class TopicArm:
             self._needed = self._messages + 2  # the next one may have been on its way
 
     def _wait_for_subscriber(self, key: str) -> None:
-        publisher, deadline = self._publishers[key], time.monotonic() + _CONNECT_TIME
-        pause = threading.Event()
-        while not publisher.get_num_connections():
-            if time.monotonic() > deadline or rospy.is_shutdown():
-                raise Refused(f"nothing subscribes to {publisher.resolved_name}: the controller is not loaded")
-            pause.wait(0.01)
+        publisher = self._publishers[key]
+        if not connected(lambda: publisher.get_num_connections() > 0):
+            raise Refused(f"nothing subscribes to {publisher.resolved_name}: the controller is not loaded")
 
     def _zero_sensor(self) -> None:
         if self._profile.zero:
@@ -302,7 +298,10 @@ class TopicArm:
                 ]
                 offset, turn = [a + b for a, b in zip(offset, shift[:3], strict=True)], shift[3:]
         x, y, z = offset
-        pose = composed(reference, Pose((x, y, z), _small_rotation(turn)))
+        self._move_to(composed(reference, Pose((x, y, z), small_rotation(turn))))
+
+    def _move_to(self, pose: Pose) -> None:
+        """Sends a reference to the driver."""
         message = PoseMessage(Point(*pose.position), QuaternionMessage(*pose.orientation))
         self._publishers["reference"].publish(PoseStamped(Header(stamp=rospy.Time.now(), frame_id=self._base), message))
 
@@ -336,6 +335,25 @@ class TopicArm:
         return self._names.get(key) or self._format(getattr(self._profile, key))
 
 
+def exceeded_limit(wrench: Wrench, limits: tuple[float, float]) -> str:
+    """Returns which limit of the force (N) and torque (Nm) a wrench exceeds; "" if none. A limit of 0 is none."""
+    for name, part, limit, unit in (("force", wrench[:3], limits[0], "N"), ("torque", wrench[3:], limits[1], "Nm")):
+        value = math.hypot(*part)
+        if 0.0 < limit < value:
+            return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
+    return ""
+
+
+def connected(condition: Callable[[], bool]) -> bool:
+    """Waits for a condition; returns whether it holds within the time for connections."""
+    deadline, pause = time.monotonic() + CONNECT_TIME, threading.Event()
+    while not condition():
+        if time.monotonic() > deadline or rospy.is_shutdown():
+            return False
+        pause.wait(0.01)
+    return True
+
+
 def message_class(name: str) -> Any:
     """Returns the class of a message.
 
@@ -353,7 +371,7 @@ def _call(name: str, kind: Any, *values: Any) -> Any:
     :raises Refused: it does not exist, or refuses; the text names it.
     """
     try:
-        rospy.wait_for_service(name, _CONNECT_TIME)
+        rospy.wait_for_service(name, CONNECT_TIME)
         answer = rospy.ServiceProxy(name, kind)(*values)
     except (rospy.ROSException, rospy.ServiceException) as error:
         raise Refused(f"service {name}: {error}") from None
@@ -375,7 +393,7 @@ def _reconfigure(name: str, values: dict[str, float]) -> None:
     _call(name, kind, config(doubles=[number(key, value) for key, value in values.items()]))
 
 
-def _small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:
+def small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:
     """Returns the quaternion of a rotation vector (rad)."""
     angle = math.hypot(*turn)
     factor = math.sin(angle / 2.0) / angle if angle > 1e-9 else 0.5

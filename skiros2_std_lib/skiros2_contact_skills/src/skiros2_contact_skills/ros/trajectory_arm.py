@@ -1,0 +1,161 @@
+"""A compliant arm whose driver takes joint trajectories only: an admittance controller in small steps.
+
+The equilibrium of the forces is searched in steps: with the error of the force
+
+    f = F + W - K (x - x0)
+
+with the commanded wrench F, the measured wrench W, the stiffness K, the commanded pose x and the reference x0, the next
+step is f / (K + E), limited in length, where E is the assumed stiffness of the environment while the tool touches it
+(Hogan, Impedance Control, 1985; the step is one of Newton's method). Each step is a goal of
+`control_msgs/FollowJointTrajectory`; the next one is sent at the tick after its end. So the arm yields 5 to 10 times
+per second: it is slow, and an impact is not softened.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import actionlib
+import numpy as np
+import numpy.typing as npt
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
+from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_contact_skills.core.urdf_chain import read_chain
+from skiros2_contact_skills.ros.topic_arm import CONNECT_TIME, TopicArm, connected, small_rotation
+from skiros2_sim.core.arm_kinematics import difference
+from skiros2_std_reasoners.core.geometry import Pose, conjugated, multiplied, normalized, rotated
+
+Array = npt.NDArray[np.float64]
+
+#: Assumed stiffness of the environment (N/m, Nm/rad), and force from which the tool touches it (N).
+_ENVIRONMENT, _TOUCH = np.array([20000.0] * 3 + [200.0] * 3), 2.0
+#: Minimum stiffness of the admittance (N/m, Nm/rad).
+_LEAST = np.array([50.0] * 3 + [5.0] * 3)
+#: Maximum length of a step (m, rad); the tool is at the equilibrium within this (m, rad).
+_STEP, _TURN = 0.005, 0.03
+_AT_REST, _TURNED = 0.00005, 0.0005
+#: Minimum duration of a step (s), and fraction of the joints' maximum velocities.
+_DURATION, _SPEED = 0.1, 0.3
+_ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE)
+
+
+class TrajectoryArm(TopicArm):
+    """Adapter of `CompliantArm` to a profile without `reference`. `state` sends the steps.
+
+    :raises ConfigurationError: there is no URDF with the links `base_frame` and `tool_frame`.
+    """
+
+    def __init__(self, profile: Any, names: Any) -> None:
+        super().__init__(profile, names)
+        parameter = self._name("description")
+        try:
+            self._chain = read_chain(str(rospy.get_param(parameter, "")), self._base, self._tool)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"parameter {parameter}: {error}") from None
+        self._client = actionlib.SimpleActionClient(self._name("action"), FollowJointTrajectoryAction)
+        self._positions: dict[str, float] = {}
+        self._joints = rospy.Subscriber(self._name("joint_states"), JointState, self._on_joints, queue_size=1)
+        self._is_active = False
+        self._target: Pose | None = None
+        self._commanded: Pose | None = None
+        self._solution: Array | None = None
+
+    def close(self) -> None:
+        super().close()
+        self._joints.unregister()
+        self._client.action_client.stop()
+
+    def _on_joints(self, message: JointState) -> None:
+        with self._lock:
+            self._positions.update(zip(message.name, message.position, strict=False))
+
+    def _activate(self) -> None:
+        if not self._client.wait_for_server(rospy.Duration.from_sec(CONNECT_TIME)):
+            raise Refused(f"there is no action server {self._name('action')}")
+        names = self._chain.joints
+        if not connected(lambda: all(name in self._positions for name in names)):
+            missing = [name for name in names if name not in self._positions]
+            raise Refused(f"{self._name('joint_states')} has no {', '.join(missing)}")
+        with self._lock:
+            self._solution = np.array([self._positions[name] for name in self._chain.joints])
+            self._commanded = self._target = self._chain.kinematics.forward(self._solution)
+            self._reference = self._commanded
+            self._needed = self._messages + 2
+            self._is_active = True
+
+    def set_wrench_limits(self, force: float, torque: float) -> None:
+        has_stopped = bool(self._stop)
+        super().set_wrench_limits(force, torque)
+        if has_stopped:
+            self._request(self._activate)
+
+    def _move_to(self, pose: Pose) -> None:
+        with self._lock:
+            self._target = pose
+            stop = bool(self._stop)
+            if stop:
+                self._is_active = False
+        if stop:
+            self._client.cancel_goal()
+
+    def _refresh(self, now: float) -> None:
+        super()._refresh(now)
+        with self._lock:
+            if self._is_active and self._client.get_state() not in _ACTIVE:
+                self._later(self._step)
+
+    def _step(self) -> None:
+        """Sends the next step, if the tool is not at the equilibrium."""
+        with self._lock:
+            target, commanded, reading, start = self._target, self._commanded, self._reading, self._solution
+            if not self._is_active or target is None or commanded is None or reading is None or start is None:
+                return
+            wrench = np.array(self._measured(reading)[1])
+            stiffness = np.maximum(np.array(self._stiffness), _LEAST)
+        step = self._next_step(target, commanded, wrench, stiffness)
+        if float(np.linalg.norm(step[:3])) < _AT_REST and float(np.linalg.norm(step[3:])) < _TURNED:
+            return
+        x, y, z = (a + b for a, b in zip(commanded.position, step[:3].tolist(), strict=True))
+        turned = normalized(multiplied(small_rotation(step[3:].tolist()), commanded.orientation))
+        solution = self._chain.kinematics.inverse(Pose((x, y, z), turned), start, restarts=0)
+        if not solution.converged:
+            raise Refused(f"the next pose is out of reach: off by {solution.off:.3f} m, {solution.turned:.3f} rad")
+        change = np.abs(solution.positions - start) / (_SPEED * np.array(self._chain.velocities))
+        point = JointTrajectoryPoint(
+            positions=solution.positions.tolist(),
+            velocities=[0.0] * len(self._chain.joints),
+            time_from_start=rospy.Duration.from_sec(max(_DURATION, float(change.max()))),
+        )
+        with self._lock:
+            self._commanded, self._solution = Pose((x, y, z), turned), solution.positions
+        trajectory = JointTrajectory(joint_names=list(self._chain.joints), points=[point])
+        self._client.send_goal(FollowJointTrajectoryGoal(trajectory=trajectory), done_cb=self._on_done)
+
+    def _on_done(self, state: int, result: Any) -> None:
+        if state in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST):
+            with self._lock:
+                reason = getattr(result, "error_string", "") or self._client.get_goal_status_text() or "no reason"
+                self._refused, self._is_active = f"{self._name('action')}: {reason}", False
+
+    @staticmethod
+    def _next_step(target: Pose, commanded: Pose, wrench: Array, stiffness: Array) -> Array:
+        """Returns the next step along the axes of the base (m, rad). The stiffness is along those of the tool."""
+        to_tool = conjugated(commanded.orientation)
+        away = -difference(target, commanded)
+
+        def turned(vector: Array, rotation: Any) -> Array:
+            return np.array([*rotated(rotation, vector[:3].tolist()), *rotated(rotation, vector[3:].tolist())])
+
+        force = turned(wrench, to_tool) - stiffness * turned(away, to_tool)
+        touches = float(np.linalg.norm(wrench[:3])) > _TOUCH
+        step = turned(force / (stiffness + (_ENVIRONMENT if touches else 0.0)), commanded.orientation)
+        for part, most in ((slice(0, 3), _STEP), (slice(3, 6), _TURN)):
+            length = float(np.linalg.norm(step[part]))
+            if length > most:
+                step[part] *= most / length
+        return step

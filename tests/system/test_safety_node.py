@@ -17,11 +17,14 @@ from std_srvs.srv import Trigger, TriggerResponse
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import STOP
 from skiros2_gui.app.ros.connections import ManagerConnections
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.stops import StoppedRobot, Stops
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.client.description import Step
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from support.ros import Messages, Ros, RosMaster, SharedSystem, run_command, wait_until
+from support.window.synchronous import make_window
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -208,6 +211,25 @@ def test_most_severe_stop_is_shown_and_each_source_clears_its_own(driver: Driver
     driver.diagnose(0)
     wait_until(lambda: len(driver.status.all[-1].stops) == 1)
     assert driver.status.all[-1].state == "emergency_stop"
+
+
+def test_window_shows_the_stop_and_starts_the_recovery(robot: SkillManagerInterface, driver: Driver) -> None:
+    window = make_window(RosSystem)
+    stops = Stops(window, lambda: None)
+
+    def shown() -> list[StoppedRobot]:
+        window.process_events()
+        return stops.robots
+
+    wait_until(lambda: shown() == [] and ROBOT in window.system.managers, what="the window's connection")
+    driver.press()
+    (stopped,) = wait_until(lambda: [s for s in shown() if not s.obstacle], what="the stop and the robot's skills")
+    assert (stopped.manager, stopped.kind) == (ROBOT, "emergency stop")
+    assert stopped.text.endswith("emergency stop by /e_stop: data is True.")
+    stops.recover(ROBOT)
+    wait_until(lambda: not shown(), what="the end of the stop")
+    assert driver.calls == 1
+    window.system.close()
 
 
 def test_malformed_diagnostics_are_a_fault(robot: SkillManagerInterface, driver: Driver) -> None:

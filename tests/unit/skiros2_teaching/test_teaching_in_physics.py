@@ -240,7 +240,7 @@ def test_second_recording_with_an_arm_is_refused(cell: TeachingCell) -> None:
 def test_released_arm_is_not_moved_by_another_skill(cell: TeachingCell) -> None:
     path = add_path(cell)
     released = release(cell)
-    assert "Arm is used by another skill" in cell.refused("ReplayTaughtPath", Path=path)
+    assert "arm Arm is used by another skill: teach_release" in cell.refused("ReplayTaughtPath", Path=path)
     assert released.state is State.Running
 
 

@@ -60,6 +60,9 @@ class _TaughtMotion(ContactPrimitive):
     #: The parameter with the taught element.
     key = ""
 
+    def __str__(self) -> str:
+        return str(self.label)
+
     def check(self) -> None:
         """To override: checks the parameters before the arm is taken.
 

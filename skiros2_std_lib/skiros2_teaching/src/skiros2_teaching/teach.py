@@ -50,6 +50,9 @@ class teach_release(ContactPrimitive):
     def createDescription(self) -> None:
         self.setDescription(described.TeachRelease(), self.__class__.__name__)
 
+    def __str__(self) -> str:
+        return str(self.label)
+
     def begin(self, state: ArmState) -> None:
         stiffness, rotational = self.value("Stiffness"), self.value("RotationalStiffness")
         self.arm.set_stiffness((stiffness,) * 3, (rotational,) * 3)
@@ -79,6 +82,9 @@ class teach_release(ContactPrimitive):
 
 class _Teaching(PrimitiveBase):
     """Base of the primitives that edit taught elements. Refusals are failures with their reason."""
+
+    def __str__(self) -> str:
+        return str(self.label)
 
     def element(self, key: str) -> Element:
         """Returns the element in a parameter."""

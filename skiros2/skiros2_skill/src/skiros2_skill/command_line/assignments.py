@@ -18,9 +18,15 @@ _SCALARS = {"str": str, "int": int, "float": float, "bool": bool}
 _COLLECTIONS = {"list": list, "dict": dict}
 
 
-def read_steps(words: Sequence[str], skills: Sequence[Skill], find_element: FindElement) -> list[Step]:
+def read_steps(
+    words: Sequence[str],
+    skills: Sequence[Skill],
+    find_element: FindElement,
+    is_learned: Callable[[str], bool] = lambda skill_type: False,
+) -> list[Step]:
     """Parses skills and their parameters, and checks them against the declarations.
 
+    :param is_learned: whether the world model has learned values for a type of skill; then the manager checks.
     :raises SkirosError: a skill or parameter is unknown, a value is wrong, or a parameter is missing.
     """
     steps: list[tuple[NamedSkill, Step]] = []
@@ -36,29 +42,41 @@ def read_steps(words: Sequence[str], skills: Sequence[Skill], find_element: Find
             steps[-1][1].given.setdefault(key, []).append(value)
     produced: set[str] = set()
     for named, step in steps:
-        step.params = _match(named, step.given, produced, find_element)
+        step.params = _match(named, step.given, produced, find_element, is_learned)
         produced.update(*(skill.parameters for skill in named.skills))
     return [step for _, step in steps]
 
 
-def _match(named: NamedSkill, given: dict[str, list[str]], produced: set[str], find_element: FindElement) -> list[str]:
+def _match(
+    named: NamedSkill,
+    given: dict[str, list[str]],
+    produced: set[str],
+    find_element: FindElement,
+    is_learned: Callable[[str], bool],
+) -> list[str]:
     """The parameters for the first implementation that accepts the values."""
     errors = []
     for skill in named.skills:
         try:
-            return _params(skill, given, produced, find_element)
+            return _params(skill, given, produced, find_element, is_learned)
         except SkirosError as error:
             errors.append(error)
     raise errors[0]
 
 
-def _params(skill: Skill, given: dict[str, list[str]], produced: set[str], find_element: FindElement) -> list[str]:
+def _params(
+    skill: Skill,
+    given: dict[str, list[str]],
+    produced: set[str],
+    find_element: FindElement,
+    is_learned: Callable[[str], bool],
+) -> list[str]:
     unknown = [key for key in given if key not in skill.parameters]
     if unknown:
         hint = did_you_mean(unknown[0], skill.parameters)
         raise UnknownName(f"{skill.label} has no parameter {unknown[0]!r}; {hint}")
     missing = [p for p in skill.parameters.values() if p.must_be_given and p.key not in {*given, *produced}]
-    if missing:
+    if missing and not is_learned(skill.type):
         listed = ", ".join(f"{p.key} ({p.type}{': ' if p.description else ''}{p.description})" for p in missing)
         raise WrongValue(f"{skill.label} needs {listed}: give it as {missing[0].key}=VALUE")
     params = []

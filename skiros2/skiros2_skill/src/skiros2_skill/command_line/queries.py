@@ -20,6 +20,7 @@ from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_skill.client.description import REQUIRED, Parameter, Skill, did_you_mean, find_skill
 from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.core.runtime.learned_parameters import has_learned_values
 from skiros2_world_model.command_line.program import connect
 
 log = logging.getLogger(__name__)
@@ -96,6 +97,14 @@ class World:
         known = self._client.resolve_elements(Element(declared.type))
         names = [word for element in known for word in (element.label, element.id) if word]
         raise UnknownName(f"there is no {declared.type} with the id or label {name!r}; {did_you_mean(name, names)}")
+
+    def has_learned_values(self, skill_type: str) -> bool:
+        """Whether the world model has a parameter set for a type of skill. False if it does not answer."""
+        try:
+            return has_learned_values(skill_type, self._client)
+        except SkirosError as error:
+            log.debug("learned values of %s: %s", skill_type, error)
+            return False
 
     def registered(self, skill_type: str, label: str) -> Registered:
         """The registration of a skill of the manager.

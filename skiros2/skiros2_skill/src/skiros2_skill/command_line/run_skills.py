@@ -38,7 +38,8 @@ _ELEMENT = {"id", "label", "type"}
 def run(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Runs skills in sequence, as one task, until it has ended. Ctrl-C preempts it."""
     known = manager.read_skills()
-    steps = read_steps(arguments.words, known, World(manager.name, manager.author).find_element)
+    world = World(manager.name, manager.author)
+    steps = read_steps(arguments.words, known, world.find_element, world.has_learned_values)
     if arguments.detach:
         task_id = manager.command("start", NEW, steps)
         return CommandResult([f"task {task_id} runs on {manager.name}"], {"robot": manager.name, "task": task_id})
@@ -61,7 +62,8 @@ def run(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -
 
 def preview(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows whether skills would start now, and with which elements; nothing is started."""
-    steps = read_steps(arguments.words, manager.read_skills(), World(manager.name, manager.author).find_element)
+    world = World(manager.name, manager.author)
+    steps = read_steps(arguments.words, manager.read_skills(), world.find_element, world.has_learned_values)
     found = manager.preview(steps)
     data = {
         "label": found.label,

@@ -20,6 +20,7 @@ from skiros2_learning.core.report import describe, write_report
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
+from skiros2_learning.ros.production import produce
 
 #: Evaluations of the short form, without and with priors, and executions of each.
 _COLD, _GUIDED, _REPETITIONS = 60, 30, 3
@@ -35,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cold", type=int, default=_COLD, metavar="N", help="evaluations without priors")
     parser.add_argument("--guided", type=int, default=_GUIDED, metavar="N", help="evaluations with priors")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument("--no-nodes", dest="nodes", action="store_false", help="do not run the result on real nodes")
     options = parser.parse_args(command_arguments(arguments))
     return run_command("push_demo", lambda: _demo(options), as_json=False)
 
@@ -46,7 +48,7 @@ def _demo(options: argparse.Namespace) -> CommandResult:
     cold = _learn(push, options.folder / "without_priors", False, options.cold, options.workers)
     guided = _learn(push, options.folder / "with_priors", True, options.guided, options.workers)
     report = write_report(guided, {"without priors": cold})
-    number = guided.best()[0]
+    number = _best(guided)
     chosen = guided.result(number)
     tried = _try(push, chosen)
     lines = [
@@ -56,9 +58,15 @@ def _demo(options: argparse.Namespace) -> CommandResult:
         f"chosen: evaluation {number}: {describe(chosen)}",
         f"tried {_TRIES} times with new draws: success {tried.success_rate:.0%}",
         f"report: {report}",
-        f"{time.monotonic() - begin:.0f} s",
     ]
-    return CommandResult(lines, status=0 if tried.success_rate >= 0.5 else 1)
+    proven = True
+    if options.nodes:
+        sys.stdout.write("\nrunning the chosen configuration on real nodes\n")
+        findings = produce(guided.scenario, number, chosen, guided.folder.resolve(), options.folder.resolve())
+        proven = all(finding.holds for finding in findings)
+        lines += ["on real nodes:", *(f"  {'✓' if each.holds else '✗'} {each.text}" for each in findings)]
+    lines.append(f"{time.monotonic() - begin:.0f} s")
+    return CommandResult(lines, status=0 if tried.success_rate >= 0.5 and proven else 1)
 
 
 def _learn(push: Scenario, folder: Path, priors: bool, evaluations: int, workers: int) -> LearningStudy:
@@ -69,6 +77,13 @@ def _learn(push: Scenario, folder: Path, priors: bool, evaluations: int, workers
     with study.running():
         Runner(study, workers, Progress(study)).run()
     return study
+
+
+def _best(study: LearningStudy) -> int:
+    """Returns the evaluation to apply: highest success rate, then highest first objective."""
+    goal = study.scenario.objectives[0].name
+    results = {number: result for number, result in study.results().items() if not result.error}
+    return max(results, key=lambda number: (results[number].success_rate, results[number].objectives[goal]))
 
 
 def _try(push: Scenario, chosen: Evaluation) -> Evaluation:

@@ -119,8 +119,9 @@ class DepthCamera:
 
     def _on_image(self, message: Any) -> None:
         with self._lock:
-            if self._topics.colour and self._image is not None and self._image.header.stamp in self._colours:
-                return  # complete: waits for its transform
+            before = self._image.header.stamp if self._image is not None else rospy.Time(0)
+            if before >= self._since and before in self._colours:
+                return  # the present image is complete: it waits for its transform
             self._image = message
         self._on_message()
 

@@ -26,14 +26,22 @@ def learned_values(stype: str, given: Mapping[str, Sequence[Any]], wmi: WorldMod
     :param stype: the type of the skill.
     :param given: the values of the request, by key.
     """
-    if not wmi.knows(PARAMETER_SET):  # an older ontology
-        return {}
-    sets = [s for s in wmi.resolve_elements(Element(PARAMETER_SET)) if s.value_of(SKILL_TYPE) == full_name(stype)]
-    for each in sorted(sets, key=lambda s: s.getIdNumber(), reverse=True):
+    for each in sorted(_sets(stype, wmi), key=lambda s: s.getIdNumber(), reverse=True):
         if _applies(each, given, wmi):
             parts = [wmi.get_element(r["dst"]) for r in each.getRelations("-1", HAS_PARAMETER)]
             return {part.label: list(part.getProperty(VALUE).values) for part in parts if part.hasProperty(VALUE)}
     return {}
+
+
+def has_learned_values(stype: str, wmi: WorldModelPort) -> bool:
+    """Whether there is a set for a type of skill."""
+    return bool(_sets(stype, wmi))
+
+
+def _sets(stype: str, wmi: WorldModelPort) -> list[Element]:
+    if not wmi.knows(PARAMETER_SET):  # an older ontology
+        return []
+    return [s for s in wmi.resolve_elements(Element(PARAMETER_SET)) if s.value_of(SKILL_TYPE) == full_name(stype)]
 
 
 def _applies(parameter_set: Element, given: Mapping[str, Sequence[Any]], wmi: WorldModelPort) -> bool:

@@ -1,0 +1,1 @@
+"""The real system: a learned configuration in production."""

@@ -166,6 +166,15 @@ def test_commanded_wrench_moves_the_tool_along_its_axes_by_force_over_stiffness(
     assert after.position[2] < before.position[2], "z points out of the hand, which is down"
 
 
+def test_commanded_wrench_stays_while_the_state_is_read(rig: Rig) -> None:
+    rig.arm.set_stiffness((400.0,) * 3, (40.0,) * 3)
+    before = rig.advance(1.0).pose
+    rig.arm.set_wrench((0.0, 0.0, 8.0))
+    for _ in range(20):
+        after = rig.advance(0.2).pose
+    assert math.dist(before.position, after.position) == pytest.approx(8.0 / 400.0, abs=0.003)
+
+
 def test_spiral_moves_the_tool_around_its_reference_and_back(rig: Rig) -> None:
     rig.arm.set_stiffness((1500.0,) * 3, (100.0,) * 3)
     centre = rig.advance(0.5).pose.position

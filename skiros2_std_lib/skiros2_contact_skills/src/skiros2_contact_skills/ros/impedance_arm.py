@@ -33,6 +33,8 @@ log = logging.getLogger(__name__)
 
 #: Time in which the driver must be there, and answer a request (s of wall time).
 _CONNECTION_TIME = 5.0
+#: Period with which `state` sends a commanded wrench again (s): without that, the driver lets it expire.
+_REFRESH = 0.2
 
 
 class ImpedanceArm:
@@ -53,6 +55,9 @@ class ImpedanceArm:
         self._controllers, self._mount = controllers, mount
         self._limits = (0.0, 0.0)
         self._fault = ""
+        #: The commanded wrench, and when it was sent (s).
+        self._wrench: Sequence[float] = ()
+        self._wrench_at = 0.0
         self._lock = threading.Lock()
         self._last: ImpedanceState | None = None
         self._received, self._received_at = 0, 0.0
@@ -98,10 +103,13 @@ class ImpedanceArm:
         force, torque = message.measured_wrench.force, message.measured_wrench.torque
         measured = turned_wrench(pose.orientation, (force.x, force.y, force.z, torque.x, torque.y, torque.z))
         stamp = message.header.stamp.to_sec()
-        return ArmState(pose, measured, stamp, fault or self._why_stopped(message))
+        stopped = fault or self._why_stopped(message)
+        if not stopped and any(self._wrench) and rospy.get_time() - self._wrench_at > _REFRESH:
+            self._send_wrench()
+        return ArmState(pose, measured, stamp, stopped)
 
     def begin(self) -> None:
-        self._fault = ""
+        self._fault, self._wrench = "", ()
         on, off = self._controllers
         request = SwitchControllerRequest(
             start_controllers=[on], stop_controllers=[off], strictness=SwitchControllerRequest.BEST_EFFORT
@@ -110,6 +118,7 @@ class ImpedanceArm:
         self.set_wrench_limits(*self._limits)
 
     def end(self) -> None:
+        self._wrench = ()
         # in the thread: the pose is then the last one
         self._request(self._rest)
 
@@ -128,7 +137,8 @@ class ImpedanceArm:
         )
 
     def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
-        self._publish_wrench("set_cartesian_wrench", checked("wrench", (*force, *torque), MAX_WRENCH))
+        self._wrench = checked("wrench", (*force, *torque), MAX_WRENCH)
+        self._send_wrench()
 
     def start_spiral(self, spiral: SpiralGoal) -> None:
         request = OverlayMotionRequest(
@@ -224,6 +234,10 @@ class ImpedanceArm:
         made.orientation.x, made.orientation.y, made.orientation.z, made.orientation.w = orientation
         self._topics["reference_pose"].publish(PoseStamped(header, made))
 
+    def _send_wrench(self) -> None:
+        self._wrench_at = float(rospy.get_time())
+        self._publish_wrench("set_cartesian_wrench", self._wrench)
+
     def _publish_wrench(self, topic: str, values: Sequence[float]) -> None:
         message = WrenchStamped(wrench=Wrench(Vector3(*values[:3]), Vector3(*values[3:])))
         self._command(lambda: self._topics[topic].publish(message))
@@ -251,8 +265,10 @@ class ImpedanceArm:
         if not message.active:
             return f"controller {self._controllers[0]} of arm {self._name} is not active"
         if message.stopped_by:
-            unit = "N" if message.stopped_by == "force" else "Nm"
             value, limit = message.stop_value, message.stop_limit
+            if message.stopped_by == "sensor_age":
+                return f"the wrench is limited, but was not measured for {value:.3f} s"
+            unit = "N" if message.stopped_by == "force" else "Nm"
             return f"{message.stopped_by} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
         if late > STALE:
             return f"no state on {self._space}/state for {late:.1f} s"

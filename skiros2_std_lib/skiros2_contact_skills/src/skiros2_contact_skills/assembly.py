@@ -209,7 +209,8 @@ class insert_piston(SkillBase):
                     self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
                     self.skill(SelectorStar())(
                         self.skill("InsertIntoBore", ""),
-                        self.skill("RetractAfterFailure", ""),
+                        # what has exceeded the limit may not be over yet
+                        self.skill("RetractAfterFailure", "", specify={"MaxForce": 80.0}),
                     ),
                     self.skill("ReleasePart", "", remap={"Container": "Bore"}),
                     self.skill("RetractTool", "", specify=_SWING),

@@ -166,6 +166,16 @@ def test_driver_that_does_not_answer_fails_the_skill_after_some_seconds(rig: Rig
     assert rig.arm.time == pytest.approx(codes.READY_TIME, abs=0.1)
 
 
+def test_skill_starts_when_what_had_stopped_the_driver_is_over(rig: Rig) -> None:
+    rig.arm.stopped = "force of 74.2 N above the limit of 40 N"
+    task = rig.command("RetractTool", Height=0.05)
+    task.tick(3)
+    assert task.state is State.Running
+    assert rig.arm.calls.count("begin") > 1
+    rig.arm.stopped = ""
+    assert rig.run(task).state is State.Success, task.why
+
+
 def test_preempted_skill_leaves_the_arm_at_rest(rig: Rig) -> None:
     task = rig.command("HoldPose", Force=5.0)
     task.tick(3)

@@ -87,6 +87,8 @@ class ContactPrimitive(PrimitiveBase):
             self._started_at = now
         if state is None or (state.stopped and not self._begun):
             if now - self._started_at < READY_TIME:
+                if state is not None:  # what had stopped it may not be over yet
+                    self.arm.begin()
                 return self.step("waiting for the compliant controller")
             reason = state.stopped if state is not None else "it does not answer"
             return self.fail(f"{self.label_of('Arm')} is not ready after {READY_TIME:g} s: {reason}", NOT_READY)

@@ -76,7 +76,7 @@ class teach_release(ContactPrimitive):
     def onEnd(self) -> bool:
         if self._guiding is not None:
             stop_guiding(self.element("Arm"), self._guiding)
-        self.arm.set_stiffness((_HOLDING,) * 3, (_HOLDING_TURN,) * 3)
+            self.arm.set_stiffness((_HOLDING,) * 3, (_HOLDING_TURN,) * 3)
         return super().onEnd()
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from benchmarks.measurement import Measurement
 from skiros2_contact_skills.insertion_study import ARM, GRIPPER
 from skiros2_sim.core.arm_controller import CONTROL_RATE, ArmController
+from skiros2_sim.core.names import SWITCH_CONTROLLER, controller_topics
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World
 from support.ros import Ros
@@ -41,7 +42,7 @@ def _measure_in_process() -> Iterator[Measurement]:
             eid: ArmController(world, robot, arm) for robot in world.robots.values() for eid, arm in robot.arms.items()
         }
         for controller in controllers.values():
-            controller.switch("compliant")
+            controller.switch(controller.names[1])
         world.step(RATE)
         seconds = sorted(_seconds_of(world, RATE) for _ in range(RUNS))[RUNS // 2]
         yield _required("CPU time of a simulated second of two compliant arms", seconds, "s", "real time", 1.0, RUNS)
@@ -52,20 +53,18 @@ def _measure_in_process() -> Iterator[Measurement]:
 def _measure_node(ros: Ros) -> Iterator[Measurement]:
     from rosgraph_msgs.msg import Clock
 
-    from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
+    from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
     from skiros2_sim_msgs.msg import ImpedanceState
 
     ros.launch("skiros2_sim", "sim.launch", scene=SCENE.name, workspace_dir=SCENE.parent, step_rate=RATE, rate=1.0)
-    robot = "/piston_cell"
-    names = [
-        c.name for c in ros.service(f"{robot}/controller_manager/list_controllers", ListControllers, 60.0)().controller
-    ]
-    switch = ros.service(f"{robot}/controller_manager/switch_controller", SwitchController)
-    start, stop = ([name for name in names if name.endswith(kind)] for kind in ("compliant", "position"))
+    (robot,) = load_scene(SCENE, SCENE.parent).robots
+    start = [arm.compliant_controller for arm in robot.arms]
+    stop = [arm.position_controller for arm in robot.arms]
+    switch = ros.service(SWITCH_CONTROLLER.format(robot=robot.name), SwitchController, 60.0)
     assert switch(start, stop, SwitchControllerRequest.STRICT, True, 0.0).ok
-    states = [ros.messages(f"{robot}/{arm}/compliant/state", ImpedanceState) for arm in ("left_arm", "right_arm")]
-    for state in states:
-        state.wait_for(lambda s: s.active)
+    for arm in robot.arms:
+        space = controller_topics(robot.name, arm.name, arm.compliant_controller)
+        ros.messages(f"{space}/state", ImpedanceState).wait_for(lambda state: state.active)
     clock = ros.messages("/clock", Clock)
     clock.wait_for()
     clock.clear()

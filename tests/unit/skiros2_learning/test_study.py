@@ -31,8 +31,9 @@ timeout: 60
 """
 
 
-def scenario(folder: Path, execution: str = "parabola") -> Scenario:
-    return parse_scenario(TEXT.replace("EXECUTION", execution).replace("FOLDER", str(folder)), folder)
+def scenario(folder: Path, execution: str = "parabola", timeout: str = "60") -> Scenario:
+    text = TEXT.replace("timeout: 60", f"timeout: {timeout}")
+    return parse_scenario(text.replace("EXECUTION", execution).replace("FOLDER", str(folder)), folder)
 
 
 def run(study: LearningStudy, count: int = 1) -> dict[int, Evaluation]:
@@ -81,7 +82,7 @@ def test_an_evaluation_whose_process_dies_again_is_a_result_with_a_reason(tmp_pa
 
 
 def test_a_late_evaluation_is_a_result_with_a_reason(tmp_path: Path) -> None:
-    plan = dataclasses.replace(scenario(tmp_path, "hangs"), evaluations=1, timeout=0.5)
+    plan = dataclasses.replace(scenario(tmp_path, "hangs", timeout="0.5"), evaluations=1)
     results = run(LearningStudy.create(plan, tmp_path / "study"))
     assert [result.error for result in results.values()] == ["not finished within 0.5 s of wall time"]
 

@@ -135,6 +135,22 @@ def test_packages_import_no_higher_package() -> None:
     ]
 
 
+def test_skills_of_real_arms_need_no_physics_engine() -> None:
+    """A robot has no PyBullet: their ROS modules must not reach it by any import."""
+    modules = {file.module: file for file in FILES if file.part != "nodes"}
+    waiting = [name for name in modules if name.startswith(("skiros2_contact_skills.ros.", "skiros2_teaching.ros."))]
+    assert waiting
+    seen = {name: name for name in waiting}  # how it was reached
+    while waiting:
+        name = waiting.pop()
+        for imported in modules[name].runtime_imports():
+            assert imported.partition(".")[0] != "pybullet", f"{seen[name]} -> pybullet"
+            found = _module_of(imported, modules)
+            if found and found not in seen:
+                seen[found] = f"{seen[name]} -> {found}"
+                waiting.append(found)
+
+
 def test_imports_have_no_circles() -> None:
     """Also not through imports inside functions."""
     modules = {file.module: file for file in FILES if file.part != "nodes"}

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.bullet import finite
+from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.spiral import SpiralGoal
-from skiros2_std_reasoners.core.geometry import Pose, Vector, normalized
+from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, normalized, rotated
 
 Wrench = tuple[float, float, float, float, float, float]
 
@@ -144,3 +144,13 @@ def checked_limits(force: float, torque: float) -> tuple[float, float]:
     if min(limits) < 0.0:
         raise WrongValue(f"limits of force and torque {limits}: expected 0 N, 0 Nm or more")
     return limits[0], limits[1]
+
+
+def turned_wrench(orientation: Quaternion, wrench: Sequence[float]) -> Wrench:
+    """Returns a wrench along the axes of another frame.
+
+    :param orientation: of the frame of the wrench in the other one.
+    """
+    fx, fy, fz = rotated(orientation, wrench[:3])
+    tx, ty, tz = rotated(orientation, wrench[3:])
+    return fx, fy, fz, tx, ty, tz

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from skiros2_common.core.errors import Refused
-from skiros2_contact_skills.core.compliant_arm import ArmState, Wrench, checked_limits, checked_reference
+from skiros2_contact_skills.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.impedance import MAX_WRENCH, checked
 from skiros2_sim.core.spiral import SpiralGoal
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, composed, inverted, rotated
+from skiros2_std_reasoners.core.geometry import Pose, Vector, composed, inverted
 
 
 class SimulatedArm:
@@ -80,13 +80,3 @@ class SimulatedArm:
         sensor = self._controller.arm.sensor
         if sensor is not None:  # without one, contacts are measured: their zero is right
             sensor.zero()
-
-
-def turned_wrench(orientation: Quaternion, wrench: Sequence[float]) -> Wrench:
-    """Returns a wrench along the axes of another frame.
-
-    :param orientation: of the frame of the wrench in the other one.
-    """
-    fx, fy, fz = rotated(orientation, wrench[:3])
-    tx, ty, tz = rotated(orientation, wrench[3:])
-    return fx, fy, fz, tx, ty, tz

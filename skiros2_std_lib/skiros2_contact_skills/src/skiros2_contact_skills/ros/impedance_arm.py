@@ -21,8 +21,7 @@ from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
-from skiros2_contact_skills.core.compliant_arm import STALE, ArmState, checked_limits, checked_reference
-from skiros2_contact_skills.core.simulated_arm import turned_wrench
+from skiros2_contact_skills.core.compliant_arm import STALE, ArmState, checked_limits, checked_reference, turned_wrench
 from skiros2_sim.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
 from skiros2_sim.core.spiral import SpiralGoal
 from skiros2_sim_msgs.msg import ImpedanceState

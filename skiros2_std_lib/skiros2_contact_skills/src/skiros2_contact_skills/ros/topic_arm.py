@@ -21,8 +21,14 @@ from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName
-from skiros2_contact_skills.core.compliant_arm import STALE, ArmState, Wrench, checked_limits, checked_reference
-from skiros2_contact_skills.core.simulated_arm import turned_wrench
+from skiros2_contact_skills.core.compliant_arm import (
+    STALE,
+    ArmState,
+    Wrench,
+    checked_limits,
+    checked_reference,
+    turned_wrench,
+)
 from skiros2_contact_skills.ros.profiles import Profile, Reading
 from skiros2_sim.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
 from skiros2_sim.core.spiral import Spiral, SpiralGoal

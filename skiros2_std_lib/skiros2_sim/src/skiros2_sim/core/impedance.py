@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.arm_kinematics import between
-from skiros2_sim.core.bullet import finite
+from skiros2_sim.core.numbers import finite
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, conjugated, multiplied, rotated
 
 Array = npt.NDArray[np.float64]

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_sim.core.arm import Arm
-from skiros2_sim.core.bullet import Bullet, Joint, finite
+from skiros2_sim.core.bullet import Bullet, Joint
+from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.robot_model import BASE_LINK, DRIVES, TILT, ArmModel, RobotModel, upright
 from skiros2_sim.core.scene_spec import RobotSpec
 from skiros2_sim.core.wrist_sensor import SensorModel

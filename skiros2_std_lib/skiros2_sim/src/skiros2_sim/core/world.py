@@ -12,11 +12,12 @@ import numpy as np
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.body import Body
-from skiros2_sim.core.bullet import Bullet, finite
+from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.contacts import Contact, joined_contacts, separate_overlaps
 from skiros2_sim.core.faults import Faults, Pushes
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.motion import MotionList
+from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.robot_model import BASE_LINK, merge_models
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, RobotSpec, SceneSpec

@@ -166,6 +166,16 @@ def test_driver_that_does_not_answer_fails_the_skill_after_some_seconds(rig: Rig
     assert rig.arm.time == pytest.approx(codes.READY_TIME, abs=0.1)
 
 
+def test_answer_that_is_late_in_the_middle_of_a_motion_is_waited_for(rig: Rig) -> None:
+    task = rig.command("HoldPose")
+    task.tick()
+    rig.arm.time += 2.0 * codes.READY_TIME
+    rig.arm.silent = True
+    assert task.tick() is State.Running
+    rig.arm.silent = False
+    assert task.tick() is State.Running
+
+
 def test_skill_starts_when_what_had_stopped_the_driver_is_over(rig: Rig) -> None:
     rig.arm.stopped = "force of 74.2 N above the limit of 40 N"
     task = rig.command("RetractTool", Height=0.05)
@@ -192,6 +202,8 @@ def test_second_skill_for_the_same_arm_is_refused(rig: Rig) -> None:
     second.tick()
     assert second.state is State.Failure
     assert "arm is used by another skill" in second.why
+    assert "onEnd" not in second.why
+    assert "end" not in rig.arm.calls
     first.preempt()
     first.tick()
     assert rig.command("HoldPose").tick() is State.Running

@@ -206,9 +206,11 @@ class insert_piston(SkillBase):
             self.skill(ParallelFs())(
                 self.skill("GuardBore", ""),
                 self.skill(SerialStar())(
-                    self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
                     self.skill(SelectorStar())(
-                        self.skill("InsertIntoBore", ""),
+                        self.skill(SerialStar())(
+                            self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
+                            self.skill("InsertIntoBore", ""),
+                        ),
                         # what has exceeded the limit may not be over yet
                         self.skill("RetractAfterFailure", "", specify={"MaxForce": 80.0}),
                     ),

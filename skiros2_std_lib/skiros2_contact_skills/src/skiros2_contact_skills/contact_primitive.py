@@ -60,11 +60,12 @@ class ContactPrimitive(PrimitiveBase):
     # -- hooks -------------------------------------------------------------------------------------------------
 
     def onStart(self) -> bool:
-        self._started_at: float | None = None
+        self._waits_since: float | None = None  # for the arm; None: it is ready
         self._last = 0.0
-        self._begun = False
+        self._begun = self._has_arm = False
         try:
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
+            self._has_arm = True
             self.arm.begin()
             if "ZeroSensor" in self.params.getParamMap() and self.value("ZeroSensor"):
                 self.arm.zero_sensor()
@@ -83,15 +84,16 @@ class ContactPrimitive(PrimitiveBase):
     def _tick(self) -> State:
         state = self.arm.state()
         now = self.arm.now()
-        if self._started_at is None:
-            self._started_at = now
         if state is None or (state.stopped and not self._begun):
-            if now - self._started_at < READY_TIME:
+            if self._waits_since is None:
+                self._waits_since = now
+            if now - self._waits_since < READY_TIME:
                 if state is not None:  # what had stopped it may not be over yet
                     self.arm.begin()
                 return self.step("waiting for the compliant controller")
             reason = state.stopped if state is not None else "it does not answer"
             return self.fail(f"{self.label_of('Arm')} is not ready after {READY_TIME:g} s: {reason}", NOT_READY)
+        self._waits_since = None
         if state.stopped:
             return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}", STOPPED)
         if not self._begun:
@@ -102,6 +104,8 @@ class ContactPrimitive(PrimitiveBase):
         return self.move(state, dt)
 
     def onEnd(self) -> bool:
+        if not self._has_arm:
+            return True
         try:
             self.arm.end()
         except SkirosError as error:

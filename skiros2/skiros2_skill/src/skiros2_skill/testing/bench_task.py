@@ -159,7 +159,7 @@ class BenchTask(Task):
         super().__init__(0, wmi, "test", signals=signals)
         self._clock = clock
         self._period = period
-        self._threads_before = threading.active_count()
+        self._threads_before = set(threading.enumerate())
         self._woken = threading.Event()
         self.waker = self._woken.set
         self.trace = Trace()
@@ -181,7 +181,7 @@ class BenchTask(Task):
         """Ticks until the task ends, at most `ticks` times. Threads of skills run between ticks."""
         while ticks and self.tick() is State.Running:
             ticks -= 1
-            if ticks and threading.active_count() > self._threads_before:
+            if ticks and not self._threads_before.issuperset(threading.enumerate()):
                 self._woken.wait(self._period if self._clock is None else _THREAD_TIME)
         return self
 

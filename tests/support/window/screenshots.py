@@ -162,6 +162,7 @@ def _signals_screenshot(size: QSize) -> QImage:
         return _screenshot(driver)
     finally:
         sensor.stop()
+        content.shut_down()
         content.close()
 
 
@@ -186,8 +187,11 @@ def _teach_screenshot(size: QSize) -> QImage:
         pad = driver.widget("forcePad")
         driver.wait_until(pad.isEnabled, "the pad")
         QTest.mousePress(pad, Qt.LeftButton, Qt.NoModifier, pad.rect().center() + QPoint(20, -35))
-        return _screenshot(driver)
+        picture = _screenshot(driver)
+        QTest.mouseRelease(pad, Qt.LeftButton)
+        return picture
     finally:
+        content.shut_down()
         content.close()
 
 

@@ -20,11 +20,12 @@ class WhileRunning:
 
     :param labels: of nodes.
     :param act: what happens; returns its description.
+    :param needs_plan: whether the goal is only reached with another plan.
     """
 
-    def __init__(self, labels: Sequence[str], act: Callable[[], str]) -> None:
+    def __init__(self, labels: Sequence[str], act: Callable[[], str], needs_plan: bool = True) -> None:
         self._labels, self._act = labels, act
-        self.done = False
+        self.done, self.needs_plan = False, needs_plan
 
     def steps(self, steps: Sequence[Step]) -> str:
         return ""
@@ -37,14 +38,14 @@ class WhileRunning:
 
 
 def pushed_block(simulation: Simulation, block: Thing) -> WhileRunning:
-    """The block is moved while the piston is on it or above it."""
+    """The block is moved while the piston is on it or above it: the search finds the bore nevertheless."""
 
     def act() -> str:
         (x, y, z), orientation = simulation.pose_of(block.id)
         simulation.put(block.id, Pose((x + _PUSH, y - _PUSH, z), orientation))
         return f"somebody pushes {block.name} by {1000 * _PUSH:g} mm along x and y"
 
-    return WhileRunning(("move_until_contact", "spiral_search"), act) if block else WhileRunning((), str)
+    return WhileRunning(("move_until_contact", "spiral_search"), act, needs_plan=False)
 
 
 def hit_arm(simulation: Simulation, gripper: Thing) -> WhileRunning:

@@ -281,9 +281,11 @@ class Disturbance(Protocol):
     """A disturbance that occurs once, when the execution reaches a certain state.
 
     :ivar done: whether it has occurred.
+    :ivar needs_plan: whether the goal is only reached with another plan.
     """
 
     done: bool
+    needs_plan: bool
 
     def steps(self, steps: Sequence[Step]) -> str:
         """Called when the steps of the plan or their states change. Returns a description of what it did; "" for
@@ -299,6 +301,8 @@ class Moved:
     :param goal: the target tray of the product, which is not used.
     :param random: for the exact pose.
     """
+
+    needs_plan = True
 
     def __init__(self, control: WorldControl, world: WorldState, product: str, goal: str, random: Random) -> None:
         self._control = control
@@ -323,6 +327,8 @@ class Moved:
 
 class Slip:
     """Makes the gripper slip in the first lift; its friction is restored after the failure."""
+
+    needs_plan = True
 
     def __init__(self, control: WorldControl, gripper: Thing) -> None:
         self._control = control

@@ -92,6 +92,13 @@ class SignalPanel(QWidget):
             self._span.setCurrentIndex(SPANS.index(span))
             self._draw_paused()
 
+    def shut_down(self) -> None:
+        """Ends the panel: the window closes. Plots that Python frees later crash Qt at the next change of the theme."""
+        self.close_timers()
+        if self._area is not None:
+            self._area.close()
+            self._area = None
+
     def close_timers(self) -> None:
         """Stops drawing and unsubscribes."""
         self._draw_timer.stop()

@@ -105,7 +105,7 @@ class RunTab(QWidget):
         self._slow_timer.stop()
         self._watch.stop()
         self._tasks.close_timers()
-        self._signals.close_timers()
+        self._signals.shut_down()
         self.presenter.on_change = lambda part: None
 
     # -- drawing -----------------------------------------------------------------------------------------------------

@@ -179,6 +179,7 @@ def test_recorded_run_has_the_signal_and_re_runs(ros, robot, arm, sensor, tmp_pa
     first = pressing(robot, arm, sensor)  # connects the client, before the recorder looks for it
     robot.preempt_all()
     first.result(30)
+    wait_until(lambda: not sensor.readers, what="the end of the subscription")
     recorder = ros.run("skiros2_bags", "record", "-o", str(bag), "--robots", ROBOT, name="recorder")
     topics = {("/recorder", f"{ROBOT}/{name}") for name in ("monitor", "execute/feedback", "execute/result")}
     wait_until(lambda: sensor.readers and topics <= ros.master.readers(ROBOT), what="the recorder")

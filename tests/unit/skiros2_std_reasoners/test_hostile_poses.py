@@ -47,6 +47,9 @@ class Poses(RuleBasedStateMachine):
         model.add_reasoner(self.reasoner)
 
     def teardown(self) -> None:
+        if hasattr(self, "reasoner"):
+            self.reasoner.stop()  # a load has started its thread
+            assert self.reasoner.wait_stopped(10.0)
         if hasattr(self, "folder"):
             self.folder.cleanup()
 

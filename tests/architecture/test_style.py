@@ -26,9 +26,6 @@ LONG: dict[str, str] = {
     "skiros2/skiros2_task/src/skiros2_task/core/execution.py:ExecutionStateMachine": (
         "one state machine: each event depends on the phase and on all steps"
     ),
-    "skiros2_std_lib/skiros2_learning/src/skiros2_learning/core/prior_sampler.py": (
-        "one file that others can use without this project"
-    ),
 }
 
 

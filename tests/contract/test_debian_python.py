@@ -21,7 +21,7 @@ for module in sys.argv[1:]:
     if os.fork() == 0:
         try:
             __import__(module)
-        except BaseException:
+        except (Exception, SystemExit):
             print(module, traceback.format_exc())
         sys.stdout.flush()
         os._exit(0)

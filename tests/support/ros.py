@@ -85,11 +85,12 @@ def run_command(
         return subprocess.run(command, env=env, cwd=cwd, capture_output=True, text=True, timeout=timeout)
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         fork = _forks().start(forked, env, cwd, out.fileno(), err.fileno())
+        status = None
         try:
             status = fork.wait(timeout)
-        except BaseException:
-            os.killpg(fork.pid, signal.SIGKILL)
-            raise
+        finally:
+            if status is None:  # a timeout, or the test is interrupted
+                os.killpg(fork.pid, signal.SIGKILL)
         for file in (out, err):
             file.seek(0)
         return subprocess.CompletedProcess(command, status, out.read(), err.read())

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_gui.goal.completion import Vocabulary, read_vocabulary
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.explain_plan import WhyPlan
@@ -192,7 +193,7 @@ class GoalChecker:
     :raises WmException: the world model does not answer.
     """
 
-    def __init__(self, wm: Any) -> None:
+    def __init__(self, wm: WorldModelPort) -> None:
         world = WorldView(wm)
         self.vocabulary: Vocabulary = read_vocabulary(world)
         self._reader = GoalReader(world, condition_predicates(world.robots))

@@ -18,7 +18,7 @@ Required, Inferred, Optional = ParamTypes.Required, ParamTypes.Inferred, ParamTy
 _TRANSFER, _FAST = 0.12, 0.25
 #: A transfer: fast, and with a tolerance that need not be settled.
 _SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
-#: Seconds for putting down what is held.
+#: Time limit of putting down one part (s).
 _PUT_DOWN_TIME = 60.0
 
 
@@ -161,7 +161,7 @@ class put_down_part(SkillBase):
 
 
 class put_down_piston_and_ring(SkillBase):
-    """Puts down what is held; a piston that cannot be put down does not keep the ring from it."""
+    """Puts down the held parts: the ring even if the piston cannot be put down."""
 
     def createDescription(self) -> None:
         self.setDescription(PutDownPistonAndRing(), self.__class__.__name__)

@@ -22,6 +22,7 @@ from skiros2_skill.client.description import REQUIRED, Parameter, Skill, did_you
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.core.runtime.learned_parameters import has_learned_values
 from skiros2_world_model.command_line.program import connect
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 log = logging.getLogger(__name__)
 
@@ -72,10 +73,10 @@ class World:
         self._name = rosgraph.names.ns_join(rosgraph.names.namespace(manager), "wm")
         self._manager = manager
         self._author = author
-        self._wm: Any = None
+        self._wm: WorldModelAbstractInterface | None = None
 
     @property
-    def _client(self) -> Any:
+    def _client(self) -> WorldModelAbstractInterface:
         if self._wm is None:
             self._wm = connect(self._name, self._author)
         return self._wm

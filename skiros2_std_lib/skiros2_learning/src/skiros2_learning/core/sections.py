@@ -109,7 +109,7 @@ class Section:
         return list(value)
 
     def numbers(self, key: str, count: int, default: Any = _NO_DEFAULT) -> list[float]:
-        """Returns a list of so many finite numbers."""
+        """Returns a list of `count` finite numbers."""
         values = self.items(key, default)
         if values and len(values) != count:
             self.problem(key, f"expected {count} numbers, got {len(values)}")

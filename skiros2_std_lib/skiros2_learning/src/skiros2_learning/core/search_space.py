@@ -1,0 +1,212 @@
+"""The search space of the prior sampler: priors of its variables, and values as points of numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.trial import FrozenTrial
+
+Array = npt.NDArray[np.float64]
+
+#: Smallest density, relative to the greatest one: no value is impossible.
+_LEAST_DENSITY = 1e-12
+
+
+class Prior(Protocol):
+    """A belief about good values of one variable."""
+
+    def log_density(self, value: Any) -> float:
+        """Returns the logarithm of the density of a value, up to a constant."""
+        ...
+
+
+@dataclass(frozen=True)
+class Normal:
+    """A normal prior, truncated to the range of the variable."""
+
+    mean: float
+    std: float
+
+    def log_density(self, value: Any) -> float:
+        return -0.5 * ((float(value) - self.mean) / self.std) ** 2
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A prior of a categorical or ordinal variable.
+
+    :param weights: by value; 0 for a value that is not there.
+    """
+
+    weights: Mapping[Any, float]
+
+    def log_density(self, value: Any) -> float:
+        return math.log(max(self.weights.get(value, 0.0), _LEAST_DENSITY))
+
+
+class SearchSpace:
+    """A search space as points: one number per variable, from 0 to 1; of a nominal one, the index of its value."""
+
+    def __init__(self, distributions: Mapping[str, BaseDistribution], priors: Mapping[str, Prior]) -> None:
+        self._distributions = dict(sorted(distributions.items()))
+        self._priors = [priors.get(name) for name in self._distributions]
+        self._nominal = [_is_nominal(distribution) for distribution in self._distributions.values()]
+        self.has_nominal = any(self._nominal)
+        self.dimensions = len(self._distributions)
+        self._tables: dict[int, tuple[Array, Array]] = {}
+
+    def points(self, trials: Sequence[FrozenTrial]) -> Array:
+        """Returns the points of trials, shape (n, d)."""
+        items = self._distributions.items()
+        return np.array([[_to_unit(d, each.params[name]) for name, d in items] for each in trials]).reshape(
+            len(trials), self.dimensions
+        )
+
+    def values(self, point: Array) -> dict[str, Any]:
+        """Returns the values of a point by name."""
+        return {name: _from_unit(d, float(x)) for (name, d), x in zip(self._distributions.items(), point, strict=True)}
+
+    def rounded(self, points: Array) -> Array:
+        """Returns the points with values that exist: integers, choices."""
+        return np.column_stack(
+            [_round_units(distribution, points[:, i]) for i, distribution in enumerate(self._distributions.values())]
+        )
+
+    def features(self, points: Array) -> Array:
+        """Returns the inputs of the surrogate: nominal variables with one number for each value."""
+        columns: list[Array] = []
+        for i, distribution in enumerate(self._distributions.values()):
+            if self._nominal[i]:
+                count = len(distribution.choices)  # type: ignore[attr-defined]
+                columns += [(points[:, i] == k).astype(float) for k in range(count)]
+            else:
+                columns.append(points[:, i])
+        return np.column_stack(columns)
+
+    def uniform(self, count: int, random: np.random.Generator) -> Array:
+        """Draws points without the prior."""
+        points = random.random((count, self.dimensions))
+        for i, distribution in enumerate(self._distributions.values()):
+            if self._nominal[i]:
+                points[:, i] = random.integers(len(distribution.choices), size=count)  # type: ignore[attr-defined]
+        return self.rounded(points)
+
+    def from_prior(self, count: int, random: np.random.Generator) -> Array:
+        """Draws points from the prior, each variable on its own, on a grid of values."""
+        columns = []
+        for i, distribution in enumerate(self._distributions.values()):
+            prior = self._priors[i]
+            if prior is None:
+                columns.append(self.uniform(count, random)[:, i])
+                continue
+            grid, logs = self._table(i, distribution, prior)
+            weights = np.exp(logs)
+            drawn = random.choice(grid, size=count, p=weights / weights.sum())
+            if isinstance(distribution, FloatDistribution):  # between the points of the grid
+                drawn = np.clip(drawn + random.uniform(-0.5, 0.5, count) * (grid[1] - grid[0]), 0.0, 1.0)
+            columns.append(drawn)
+        return self.rounded(np.column_stack(columns))
+
+    def _table(self, index: int, distribution: BaseDistribution, prior: Prior) -> tuple[Array, Array]:
+        """Returns points of one variable that cover its range, and the logarithms of the density, 0 at its maximum."""
+        if index not in self._tables:
+            grid = _grid(distribution)
+            logs = np.array([prior.log_density(_from_unit(distribution, float(x))) for x in grid])
+            self._tables[index] = grid, logs - logs.max()
+        return self._tables[index]
+
+    def near(self, points: Array, count: int, spread: float, random: np.random.Generator) -> Array:
+        """Draws points around given ones, `count` each."""
+        centres = np.repeat(points, count, axis=0)
+        moved = centres + random.normal(0.0, spread, centres.shape) * (random.random(centres.shape) < 0.7)
+        for i, distribution in enumerate(self._distributions.values()):
+            if self._nominal[i]:
+                other = random.integers(len(distribution.choices), size=len(centres))  # type: ignore[attr-defined]
+                keeps = random.random(len(centres)) > 1.0 / self.dimensions
+                moved[:, i] = np.where(keeps, centres[:, i], other)
+            else:
+                moved[:, i] = np.clip(moved[:, i], 0.0, 1.0)
+        return self.rounded(moved)
+
+    def log_prior(self, points: Array) -> Array:
+        """Returns the logarithm of the prior's density, 0 at its maximum; bounded below."""
+        total = np.zeros(len(points))
+        for i, distribution in enumerate(self._distributions.values()):
+            prior = self._priors[i]
+            if prior is None:
+                continue
+            grid, logs = self._table(i, distribution, prior)
+            nearest = np.abs(points[:, i, None] - grid).argmin(axis=1) if _count(distribution) else None
+            found = logs[nearest] if nearest is not None else np.interp(points[:, i], grid, logs)
+            total += np.maximum(found, math.log(_LEAST_DENSITY))
+        return total
+
+
+def _is_nominal(distribution: BaseDistribution) -> bool:
+    """Whether the values have no order."""
+    return isinstance(distribution, CategoricalDistribution) and not all(
+        isinstance(choice, int | float) and not isinstance(choice, bool) for choice in distribution.choices
+    )
+
+
+def _order(distribution: CategoricalDistribution) -> list[Any]:
+    """Returns the choices; those of an ordinal variable in ascending order."""
+    choices = list(distribution.choices)
+    return choices if _is_nominal(distribution) else sorted(choices)
+
+
+def _count(distribution: BaseDistribution) -> int:
+    """Returns the number of values; 0 for infinitely many."""
+    if isinstance(distribution, CategoricalDistribution):
+        return len(distribution.choices)
+    if isinstance(distribution, IntDistribution | FloatDistribution) and distribution.step:
+        return round((distribution.high - distribution.low) / distribution.step) + 1
+    return 0
+
+
+def _grid(distribution: BaseDistribution) -> Array:
+    """Returns points of one variable that cover its range."""
+    count = _count(distribution)
+    if _is_nominal(distribution):
+        return np.arange(count, dtype=float)
+    return np.linspace(0.0, 1.0, count if 0 < count <= 1000 else 501)
+
+
+def _round_units(distribution: BaseDistribution, units: Array) -> Array:
+    if _is_nominal(distribution):
+        return units
+    count = _count(distribution)
+    if count > 1 and not getattr(distribution, "log", False):
+        rounded: Array = np.round(units * (count - 1)) / (count - 1)
+        return rounded
+    return units
+
+
+def _to_unit(distribution: BaseDistribution, value: Any) -> float:
+    if isinstance(distribution, CategoricalDistribution):
+        index = _order(distribution).index(value)
+        return float(index) if _is_nominal(distribution) else index / max(1, len(distribution.choices) - 1)
+    assert isinstance(distribution, FloatDistribution | IntDistribution)
+    low, high = float(distribution.low), float(distribution.high)
+    if distribution.log:
+        return math.log(value / low) / math.log(high / low)
+    return (float(value) - low) / (high - low)
+
+
+def _from_unit(distribution: BaseDistribution, unit: float) -> Any:
+    if isinstance(distribution, CategoricalDistribution):
+        choices = _order(distribution)
+        return choices[round(unit if _is_nominal(distribution) else unit * (len(choices) - 1))]
+    assert isinstance(distribution, FloatDistribution | IntDistribution)
+    low, high = float(distribution.low), float(distribution.high)
+    value = low * (high / low) ** unit if distribution.log else low + unit * (high - low)
+    if distribution.step:
+        value = low + round((value - low) / distribution.step) * distribution.step
+    value = min(max(value, low), high)
+    return round(value) if isinstance(distribution, IntDistribution) else value

@@ -30,9 +30,10 @@ _DISTURB = (
     "what goes wrong: the block is pushed (push), somebody preempts the tasks while the piston is held (preempt), or "
     "hits the hand during the insertion, which exceeds the force limit (force); may be given twice"
 )
-#: Maximum error of the block's place (m, rad); with a look at it. And the limit of the force (N), exceeded by a fifth at most.
+#: Maximum error of the block's place (m, rad), and the same with --look.
 _FAR, _TURN = 0.002, math.radians(1.0)
 _LOOK_FAR, _LOOK_TURN = 0.003, math.radians(2.0)
+#: Limit of the force (N), exceeded by a fifth at most.
 _LIMIT, _OVERSHOOT = 40.0, 1.2
 #: Of the result: depth (m) and tilt (rad).
 _DEPTH, _TILT = 0.0015, math.radians(1.0)

@@ -76,11 +76,9 @@ class ImpedanceArm:
         threading.Thread(target=self._work, name=f"commands of {name}", daemon=True).start()
 
     def close(self) -> None:
-        """Disconnects from the driver."""
+        """Disconnects from the driver. Commands that were given are still sent, if it is there."""
         self._commands.put((self._stop_working, False))
         self._subscriber.unregister()
-        for topic in self._topics.values():
-            topic.unregister()
 
     # -- the port ------------------------------------------------------------------------------------------------
 
@@ -171,9 +169,11 @@ class ImpedanceArm:
         while True:
             command, is_request = self._commands.get()
             try:
-                connected = connected or self._connect()
+                connected = connected or command == self._stop_working or self._connect()
                 command()
             except _Closed:
+                for topic in self._topics.values():
+                    topic.unregister()
                 return
             except (SkirosError, rospy.ROSException, rospy.ServiceException) as error:
                 log.warning("%s: %s", self._name, error)

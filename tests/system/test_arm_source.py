@@ -119,7 +119,7 @@ def test_arm_without_interface_has_that_of_the_simulator(ros: Ros, arms: Arms) -
 
 
 def test_unknown_interface_and_invalid_settings_are_refused_with_all_problems(arms: Arms) -> None:
-    with pytest.raises(UnknownName, match="'franka'.*expected one of franka_ros, follow_joint_trajectory, cart"):
+    with pytest.raises(UnknownName, match=r"'franka'.*expected one of franka_ros, follow_joint_trajectory, cart"):
         arms.arm("franka")
-    with pytest.raises(ConfigurationError, match="my_arm: speed: expected one of profile.*; wrench is 3, expected a"):
+    with pytest.raises(ConfigurationError, match=r"my_arm: speed: expected one of profile.*; wrench is 3, expected a"):
         arms.arm("franka_ros", parameter={"speed": "high", "wrench": 3})

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
-from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.report import describe, status_lines, write_report
-from skiros2_learning.core.scenario import OPTIMISERS, SIMULATED_SKILLS, Scenario, load_scenario
+from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
-from skiros2_learning.local.episode import check_scenario
 from skiros2_learning.local.identification import identify
 
 #: Evaluations of which the rate is the mean.
@@ -65,8 +64,7 @@ def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> Comma
 
 def _run(options: argparse.Namespace) -> CommandResult:
     scenario = _changed(load_scenario(options.scenario), options)
-    if scenario.execution == SIMULATED_SKILLS:
-        check_scenario(scenario)
+    check_execution(scenario)
     folder = options.study or Path("build/learning") / scenario.name
     return run_study(LearningStudy.create(scenario, folder, options.storage), options.workers)
 
@@ -135,8 +133,7 @@ def _import(options: argparse.Namespace) -> CommandResult:
 
 def _check(options: argparse.Namespace) -> CommandResult:
     scenario = load_scenario(options.scenario)
-    if scenario.execution == SIMULATED_SKILLS:
-        check_scenario(scenario)
+    check_execution(scenario)
     return CommandResult([f"{variable.name}: {variable.range_text}" for variable in scenario.variables])
 
 

@@ -115,6 +115,7 @@ class Scenario:
     :param success: what counts as success, besides the success of the task.
     :param evaluations: budget of the study; `initial` of them are drawn from the prior.
     :param repetitions: executions per configuration, each with another draw of the randomisation.
+    :param max_failures: an evaluation ends after this number of executions without success: it is hopeless.
     :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
     :param source: the text of the file.
     """
@@ -135,6 +136,7 @@ class Scenario:
     evaluations: int = 100
     initial: int = 20
     repetitions: int = 5
+    max_failures: int = 5
     seed: int = 0
     optimiser: str = "prior"
     timeout: float = 600.0
@@ -153,6 +155,7 @@ class Scenario:
         evaluations: int | None = None,
         initial: int | None = None,
         repetitions: int | None = None,
+        max_failures: int | None = None,
         optimiser: str | None = None,
         seed: int | None = None,
     ) -> Scenario:
@@ -169,7 +172,10 @@ class Scenario:
         budget["evaluations"] = self.evaluations if evaluations is None else evaluations
         wanted = self.initial if initial is None else initial
         budget["initial"] = min(wanted, budget["evaluations"]) if initial is None else wanted
-        for key, value in (("repetitions", repetitions), ("optimiser", optimiser), ("seed", seed)):
+        changes = {
+            "repetitions": repetitions, "max_failures": max_failures, "optimiser": optimiser, "seed": seed
+        }  # fmt: skip
+        for key, value in changes.items():
             if value is not None:
                 data[key] = value
         if not priors:
@@ -247,6 +253,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         if not task:
             root.problem("task", "no steps; name at least one skill")
         _check_names(root, task, variables)
+    repetitions = root.whole("repetitions", 5, low=1)
     return Scenario(
         name=name,
         task=task,
@@ -263,7 +270,8 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         simulation=settings,
         evaluations=evaluations,
         initial=initial,
-        repetitions=root.whole("repetitions", 5, low=1),
+        repetitions=repetitions,
+        max_failures=root.whole("max_failures", repetitions, low=1),
         seed=root.whole("seed", 0),
         optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
         timeout=root.number("timeout", 600.0, above=0.0),

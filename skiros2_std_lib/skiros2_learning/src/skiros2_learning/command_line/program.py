@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
+from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
@@ -64,9 +65,14 @@ def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> Comma
 
 def _run(options: argparse.Namespace) -> CommandResult:
     scenario = _changed(load_scenario(options.scenario), options)
+    earlier = [LearningStudy.open(folder) for folder in (*scenario.prior_from, *options.prior_study)]
+    scenario, first = with_earlier(scenario, earlier) if earlier else (scenario, [])
     check_execution(scenario)
     folder = options.study or Path("build/learning") / scenario.name
-    return run_study(LearningStudy.create(scenario, folder, options.storage), options.workers)
+    study = LearningStudy.create(scenario, folder, options.storage)
+    for configuration in first:
+        study.enqueue(configuration)
+    return run_study(study, options.workers)
 
 
 def _resume(options: argparse.Namespace) -> CommandResult:
@@ -175,6 +181,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--storage", default="", metavar="URL", help="database, such as postgresql://user@host/name")
     command.add_argument("--optimiser", choices=OPTIMISERS, help="another optimiser than the scenario's")
     command.add_argument("--no-priors", action="store_true", help="remove all priors")
+    command.add_argument(
+        "--prior-study", type=Path, action="append", default=[], metavar="STUDY",
+        help="take the good configurations of an earlier study as priors",
+    )  # fmt: skip
     add_budget(command)
     command = add_study("resume", "Continues a study, also on another machine with --storage.")
     add_budget(command)

@@ -23,10 +23,10 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 
 from skiros2_common.core.errors import ConfigurationError, MissingPackage, Refused, UnknownName
 from skiros2_learning.core.evaluation import Evaluation, seed_of
-from skiros2_learning.core.prior_sampler import Choice, Normal, PriorSampler
+from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, PriorSampler
 from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
 from skiros2_learning.core.scenario import Scenario, load_scenario
-from skiros2_learning.core.variables import Gaussian, Value, Variable, Weights
+from skiros2_learning.core.variables import Gaussian, Samples, Value, Variable, Weights
 
 SCENARIO_FILE, JOURNAL_FILE, LOCK_FILE = "scenario.yaml", "journal.log", "lock"
 #: Attributes of Optuna's trials. One that has failed without a result was interrupted.
@@ -206,6 +206,8 @@ def prior_of(variable: Variable) -> SamplerPrior | None:
     """Returns the prior of a variable for the sampler."""
     if isinstance(variable.prior, Gaussian):
         return Normal(variable.prior.mean, variable.prior.std)
+    if isinstance(variable.prior, Samples):
+        return Kernels(variable.prior.values, variable.prior.std)
     if isinstance(variable.prior, Weights):
         return Choice(dict(zip(variable.values, variable.prior.values, strict=True)))
     return None

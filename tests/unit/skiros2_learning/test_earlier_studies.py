@@ -1,4 +1,4 @@
-"""Successive studies: the good configurations of earlier studies as priors. With executions of support.learning_tasks."""
+"""Successive studies: earlier good configurations are priors. With executions of support.learning_tasks."""
 
 from __future__ import annotations
 

@@ -1,9 +1,12 @@
 """A box with bores, made of boxes."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
@@ -49,6 +52,41 @@ def test_chamfer_widens_the_upper_edge() -> None:
         free = 0.02 + max(0.0, chamfer - height)
         at = np.array([[free - 1e-4, 0.0, 0.03 - height], [free + 2e-4, 0.0, 0.03 - height]])
         assert contains(shapes, at).tolist() == [False, True]
+
+
+def corners(shapes: list[BoxShape]) -> np.ndarray:
+    """The corners of all boxes: n x 3."""
+    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
+    turned = [Rotation.from_quat(shape.orientation).apply(signs * shape.half_edges) for shape in shapes]
+    return np.vstack([around + shape.position for around, shape in zip(turned, shapes, strict=True)])
+
+
+@settings(deadline=None)
+@given(
+    x=st.floats(-0.1, 0.1),
+    y=st.floats(-0.03, 0.03),
+    radius=st.floats(0.001, 0.05),
+    depth=st.floats(0.001, 0.06),
+    chamfer=st.one_of(st.just(0.0), st.floats(0.0001, 0.03)),
+)
+def test_no_box_sticks_out_of_the_block(x, y, radius, depth, chamfer) -> None:
+    try:
+        shapes = bored_box(SIZE, [Bore(x, y, 2 * radius, depth, chamfer)])
+    except WrongValue:
+        return
+    assert np.abs(corners(shapes)).max(axis=0) == pytest.approx(np.array(SIZE) / 2, abs=1e-9)
+
+
+@pytest.mark.parametrize("chamfer", [0.0, 0.002])
+def test_bore_may_touch_the_faces_of_its_block_but_for_a_thin_wall(chamfer) -> None:
+    shapes = bored_box((0.2, 0.07, 0.01), [Bore(-0.065, 0.0, 0.052, 0.01, chamfer)])
+    assert np.abs(corners(shapes)).max(axis=0) == pytest.approx((0.1, 0.035, 0.005), abs=1e-9)
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (20_000, 3)) * np.array((0.2, 0.07, 0.01))
+    distance = np.hypot(points[:, 0] + 0.065, points[:, 1])
+    widened = 0.026 + np.maximum(0.0, chamfer - (0.005 - points[:, 2]))
+    full = contains(shapes, points)
+    assert not full[distance < widened - 1e-6].any()
+    assert full[distance > widened / math.cos(math.pi / 16) + 1e-6].all()
 
 
 def test_through_hole_has_no_floor() -> None:

@@ -118,6 +118,7 @@ class Scenario:
     :param max_failures: an evaluation ends after this number of executions without success: it is hopeless.
     :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
     :param prior_from: folders of earlier studies, whose good configurations are the priors; see `earlier_studies`.
+    :param goal: the goal that the task is the plan for; "" if it has none.
     :param source: the text of the file.
     """
 
@@ -142,6 +143,7 @@ class Scenario:
     optimiser: str = "prior"
     timeout: float = 600.0
     prior_from: tuple[Path, ...] = ()
+    goal: str = ""
     source: str = ""
 
     @property
@@ -286,6 +288,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
         timeout=root.number("timeout", 600.0, above=0.0),
         prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
+        goal=root.text("goal", ""),
         source=text,
     )
 

@@ -19,6 +19,8 @@ from skiros2_std_reasoners.core.geometry import Quaternion, Vector, from_euler, 
 SIDES = 16
 #: Minimum thickness of the material around a bore, as a part of its radius.
 _MIN_WALL = 0.2
+#: Width and height of the box below a bevel, relative to the chamfer.
+_BEVEL = 1.5
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,10 @@ def _problem(size: Vector, bore: Bore, cell: float) -> str:
     where = f"bore at ({bore.x:g}, {bore.y:g})"
     if not all(map(math.isfinite, numbers)) or bore.diameter <= 0.0 or bore.depth <= 0.0 or bore.chamfer < 0.0:
         return f"{where}: expected a diameter and a depth above 0, and a chamfer of 0 or more, got {bore}"
-    if bore.chamfer >= min(bore.depth, size[2]):
-        return f"{where}: chamfer {bore.chamfer:g} m: expected less than its depth"
-    widest = 2 * max(0.0, cell / (1.0 + _MIN_WALL) - bore.chamfer)
+    deepest = min(bore.depth, size[2]) / _BEVEL
+    if bore.chamfer >= deepest:
+        return f"{where}: chamfer {bore.chamfer:g} m: expected less than {deepest:g} m, two thirds of its depth"
+    widest = 2 * max(0.0, min(cell / (1.0 + _MIN_WALL) - bore.chamfer, cell - _BEVEL * bore.chamfer))
     if bore.diameter > widest:
         return f"{where}: diameter {bore.diameter:g} m: expected up to {widest:.4f} m between its neighbours"
     return ""
@@ -105,17 +108,28 @@ def _ring(size: Vector, bore: Bore, cell: float) -> list[BoxShape]:
     """Returns the boxes of a ring: the wall below the chamfer, the material outside of it, and the bevels."""
     depth, chamfer, radius = min(bore.depth, size[2]), bore.chamfer, bore.diameter / 2
     top, half_angle = size[2] / 2, math.pi / SIDES
-    found = []
+    # The corners of the walls stick out of the square that the walls fill, by up to this factor (those at 45 degrees).
+    square = cell / (1.0 + math.tan(half_angle))
+    found = _frame(bore, (square, cell), (top - depth, top))
     for side in range(SIDES):
         angle = 2 * half_angle * side
         # the farthest point of the square in this sector, along its axis
         sector = [part * half_angle for part in (-1, -0.5, 0, 0.5, 1)]
-        outer = max(_reach(cell, angle + off) * math.cos(off) for off in sector)
+        outer = max(_reach(square, angle + off) * math.cos(off) for off in sector)
         found.append(_wall(bore, angle, (radius, outer), (top - depth, top - chamfer)))
         if chamfer > 0.0:
             found.append(_wall(bore, angle, (radius + chamfer, outer), (top - chamfer, top)))
-            found.append(_bevel(bore, top, angle, outer))
+            found.append(_bevel(bore, top, angle))
     return found
+
+
+def _frame(bore: Bore, squares: tuple[float, float], heights: tuple[float, float]) -> list[BoxShape]:
+    """Returns the four boxes between two squares around a bore (halves of their edges) and two heights."""
+    (inner, outer), (low, high) = squares, heights
+    middle, half, height = (inner + outer) / 2, (outer - inner) / 2, (high - low) / 2
+    sides = [((half, outer, height), (side * middle, 0.0)) for side in (-1, 1)]
+    sides += [((inner, half, height), (0.0, side * middle)) for side in (-1, 1)]
+    return [_upright(edges, (bore.x + x, bore.y + y, low + height)) for edges, (x, y) in sides]
 
 
 def _wall(bore: Bore, angle: float, radii: tuple[float, float], heights: tuple[float, float]) -> BoxShape:
@@ -127,7 +141,7 @@ def _wall(bore: Bore, angle: float, radii: tuple[float, float], heights: tuple[f
     return BoxShape(half_edges, position, from_euler(0.0, 0.0, angle))
 
 
-def _bevel(bore: Bore, top: float, angle: float, outer: float) -> BoxShape:
+def _bevel(bore: Bore, top: float, angle: float) -> BoxShape:
     """Returns the box whose upper face is the bevel of one side."""
     chamfer = bore.chamfer
     length, thickness = chamfer * math.sqrt(2.0), chamfer / math.sqrt(2.0)
@@ -136,7 +150,8 @@ def _bevel(bore: Bore, top: float, angle: float, outer: float) -> BoxShape:
     down = chamfer / 2 + thickness / 2 / math.sqrt(2.0)
     turned = multiplied(from_euler(0.0, 0.0, angle), from_euler(0.0, -math.pi / 4, 0.0))
     position = (bore.x + out * math.cos(angle), bore.y + out * math.sin(angle), top - down)
-    return BoxShape((length / 2, outer * math.tan(math.pi / SIDES), thickness / 2), position, turned)
+    width = (bore.diameter / 2 + chamfer) * math.tan(math.pi / SIDES)
+    return BoxShape((length / 2, width, thickness / 2), position, turned)
 
 
 def _reach(cell: float, angle: float) -> float:

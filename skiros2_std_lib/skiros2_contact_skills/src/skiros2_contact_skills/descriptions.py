@@ -145,7 +145,7 @@ class SpiralSearch(ContactMotion):
     def createDescription(self) -> None:
         self.add_arm(700.0, 60.0)
         self.add_surface("Position of the tool at the contact, in the arm's base frame (m)")
-        self.add_number("Force", 8.0, "N", 1.0, 30.0, "Pressed on the surface")
+        self.add_number("Force", 5.0, "N", 1.0, 30.0, "Pressed on the surface")
         self.add_number("Radius", 0.0045, "m", 0.0005, 0.05, "Of the spiral")
         self.add_number("PathDistance", 0.0006, "m", 0.0001, 0.01, "Between turns")
         self.add_number("PathVelocity", 0.012, "m/s", 0.001, 0.1, "Along the spiral")

@@ -81,14 +81,14 @@ class Gripper:
             )
 
     def set_friction(self, part: float) -> None:
-        """Scales the friction of the fingers, 0 to 1."""
+        """Scales the friction of the fingers, 0 to 1. Without anchors a held object creeps under a load."""
         for index in self._indices:
             self._bullet.changeDynamics(
                 self.body,
                 index,
                 lateralFriction=FRICTION * part,
                 spinningFriction=_SPINNING * part,
-                frictionAnchor=False,
+                frictionAnchor=part == 1.0,
             )
 
     def _couple(self, one: int, other: int) -> None:

@@ -14,6 +14,8 @@ from skiros2_skill.core.skill import SkillBase
 
 Required, Inferred, Optional = ParamTypes.Required, ParamTypes.Inferred, ParamTypes.Optional
 
+#: Property of a part: its pose in the world model is right.
+LOCATED = "piston:Located"
 #: Height of transfers above targets (m), and their speed (m/s).
 _TRANSFER, _FAST = 0.12, 0.25
 #: A transfer: fast, and with a tolerance that need not be settled.
@@ -94,6 +96,9 @@ class InsertPiston(_Handling):
         self.add_arm("RingArm", "RingGripper")
         self.add_stand("RingStand", "RingPlace", "RingArm")
         self.addPreCondition(self.getRelationCond("RingHasOpening", "skiros:hasA", "Ring", "Opening", True))
+        self.addParam("Block", Element("skiros:Product"), Inferred, description="What has the bore")
+        self.addPreCondition(self.getRelationCond("BlockHasBore", "skiros:hasA", "Block", "Bore", True))
+        self.addPreCondition(self.getPropCond("BlockIsLocated", LOCATED, "Block", "=", True, True))
         self.addPreCondition(self.getPropCond("BoreIsEmpty", CONTAINER_STATE, "Bore", "=", "Empty", True))
         self.add_move("Part", "Gripper", "Bore")
         self.add_move("Ring", "RingGripper", "RingStand")
@@ -115,6 +120,23 @@ class PutDownPistonAndRing(SkillDescription):
             self.addParam(arm, Element("rparts:ArmDevice"), Required, description="An arm")
             self.addParam(gripper, Element("rparts:GripperEffector"), Required, description="Its gripper")
             self.addParam(part, Element(kind), Required, description="What it may hold")
+
+
+class LocatePart(SkillDescription):
+    """Measures the pose of a part with the camera of an arm, from several views."""
+
+    def createDescription(self) -> None:
+        self.set_duration(15.0)
+        self.addParam("Object", Element("skiros:Product"), Required, description="The part; its size must be known")
+        self.addParam("Arm", Element("rparts:ArmDevice"), Inferred, [ParamOptions.Lock], description="With the camera")
+        self.addParam("Camera", Element("skiros:DepthCamera"), Inferred, description="On the arm")
+        self.addParam("Gripper", Element("rparts:GripperEffector"), Inferred, description="Of the arm")
+        self.addPreCondition(self.getRelationCond("RobotHasArm", "skiros:hasA", "Robot", "Arm", True))
+        self.addPreCondition(self.getRelationCond("ArmHasCamera", "skiros:hasA", "Arm", "Camera", True))
+        self.addPreCondition(self.getRelationCond("ArmHasGripper", "skiros:hasA", "Arm", "Gripper", True))
+        # a held part would be in the view
+        self.addPreCondition(self.getPropCond("GripperIsEmpty", CONTAINER_STATE, "Gripper", "=", "Empty", True))
+        self.addPostCondition(self.getPropCond("ObjectIsLocated", LOCATED, "Object", "=", True, True))
 
 
 class GuardBore(SkillDescription):
@@ -172,6 +194,25 @@ class put_down_piston_and_ring(SkillBase):
         skill(
             self.skill(NoFail(SerialStar()))(self.skill("PutDownPart", "")),
             self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
+        )
+
+
+class locate_part(SkillBase):
+    """Moves the arm to its postures `look_left` and `look_right`, and fuses what the camera sees there."""
+
+    def createDescription(self) -> None:
+        self.setDescription(LocatePart(), self.__class__.__name__)
+
+    def expand(self, skill: Any) -> None:
+        skill.setProcessor(SerialStar())
+        skill(
+            self.skill("SwitchController", "", specify={"Compliant": False}),
+            self.skill("MoveArmCollisionFree", "", specify={"Posture": "look_left"}),
+            self.skill("EstimatePose", "", specify={"Fuse": False}),
+            self.skill("MoveArmCollisionFree", "", specify={"Posture": "look_right"}),
+            self.skill("EstimatePose", "", specify={"Fuse": True}),
+            self.skill("WmSetProperties", "", remap={"Src": "Object"}, specify={"Properties": {LOCATED: True}}),
+            self.skill("MoveArmCollisionFree", "", specify={"Posture": "home"}),
         )
 
 

@@ -13,6 +13,7 @@ import rospy
 
 from skiros2_bags.core.run import Finding
 from skiros2_common.core.world_element import Element
+from skiros2_contact_skills.assembly import LOCATED
 from skiros2_contact_skills.core.part_poses import depth_and_tilt
 from skiros2_demo.demo import Demo, add_options, run_demo
 from skiros2_demo.run_check import Step, Thing, name_of
@@ -22,14 +23,17 @@ from skiros2_piston_demo.disturbances import hit_arm, preemption, pushed_block
 from skiros2_piston_demo.force_log import ForceLog
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 DISTURBANCES = ("push", "preempt", "force")
 _DISTURB = (
     "what goes wrong: the block is pushed (push), somebody preempts the tasks while the piston is held (preempt), or "
     "hits the hand during the insertion, which exceeds the force limit (force); may be given twice"
 )
-#: Maximum error of the block's place (m, rad), and the limit of the force (N), exceeded by a fifth at most.
+#: Maximum error of the block's place (m, rad), and the same with --look.
 _FAR, _TURN = 0.002, math.radians(1.0)
+_LOOK_FAR, _LOOK_TURN = 0.003, math.radians(2.0)
+#: Limit of the force (N), exceeded by a fifth at most.
 _LIMIT, _OVERSHOOT = 40.0, 1.2
 #: Of the result: depth (m) and tilt (rad).
 _DEPTH, _TILT = 0.0015, math.radians(1.0)
@@ -56,7 +60,10 @@ class PistonDemo(Demo):
         self._block = self._world.things[block.id]
         at = simulation.pose_of(block.id)
         if self._options.seed:
-            simulation.put(block.id, composed(at, _error(Random(self._options.seed))))
+            simulation.put(block.id, composed(at, _error(Random(self._options.seed), self._options.look)))
+        if self._options.look:
+            block.setProperty(LOCATED, False)
+            WorldModelInterface(rospy.get_name()).update_element_properties(block)
         arm = "right_arm"
         height = composed(at, self._rim).position[2]
         self._forces = ForceLog(f"{self.robot}/{arm}/right_compliant/state", height, _LENGTH)
@@ -97,10 +104,11 @@ class PistonDemo(Demo):
         command(SkillCommandRequest(author="somebody", action=SkillCommandRequest.PREEMPT, execution_id=-1))
 
 
-def _error(random: Random) -> Pose:
+def _error(random: Random, look: bool) -> Pose:
     """Returns an error of the block's place, in its own frame."""
-    far, direction = random.uniform(0.0, _FAR), random.uniform(0.0, 2.0 * math.pi)
-    turn = random.uniform(-_TURN, _TURN)
+    most, angle = (_LOOK_FAR, _LOOK_TURN) if look else (_FAR, _TURN)
+    far, direction = random.uniform(0.0, most), random.uniform(0.0, 2.0 * math.pi)
+    turn = random.uniform(-angle, angle)
     return Pose((far * math.cos(direction), far * math.sin(direction), 0.0), from_euler(0.0, 0.0, turn))
 
 
@@ -114,6 +122,7 @@ def _parser() -> Any:
     parser = argparse.ArgumentParser(prog="piston_demo", description=__doc__)
     parser.add_argument("--product", default="Piston", help="label of the piston (%(default)s)")
     parser.add_argument("--tray", default="Bore 2", metavar="BORE", help="label of the bore (%(default)s)")
+    parser.add_argument("--look", action="store_true", help="the block is located with the camera first")
     parser.add_argument("--disturb", choices=DISTURBANCES, action="append", default=[], help=_DISTURB)
     add_options(parser, rate=1.0, timeout=600.0)
     return parser

@@ -30,9 +30,8 @@ _DISTURB = (
     "what goes wrong: the block is pushed (push), somebody preempts the tasks while the piston is held (preempt), or "
     "hits the hand during the insertion, which exceeds the force limit (force); may be given twice"
 )
-#: Maximum error of the block's place (m, rad), and the same with --look.
-_FAR, _TURN = 0.002, math.radians(1.0)
-_LOOK_FAR, _LOOK_TURN = 0.003, math.radians(2.0)
+#: Maximum error of the block's place (m, rad).
+_FAR, _TURN = 0.003, math.radians(2.0)
 #: Limit of the force (N), exceeded by a fifth at most.
 _LIMIT, _OVERSHOOT = 40.0, 1.2
 #: Of the result: depth (m) and tilt (rad).
@@ -60,7 +59,7 @@ class PistonDemo(Demo):
         self._block = self._world.things[block.id]
         at = simulation.pose_of(block.id)
         if self._options.seed:
-            simulation.put(block.id, composed(at, _error(Random(self._options.seed), self._options.look)))
+            simulation.put(block.id, composed(at, _error(Random(self._options.seed))))
         if self._options.look:
             block.setProperty(LOCATED, False)
             WorldModelInterface(rospy.get_name()).update_element_properties(block)
@@ -104,11 +103,10 @@ class PistonDemo(Demo):
         command(SkillCommandRequest(author="somebody", action=SkillCommandRequest.PREEMPT, execution_id=-1))
 
 
-def _error(random: Random, look: bool) -> Pose:
+def _error(random: Random) -> Pose:
     """Returns an error of the block's place, in its own frame."""
-    most, angle = (_LOOK_FAR, _LOOK_TURN) if look else (_FAR, _TURN)
-    far, direction = random.uniform(0.0, most), random.uniform(0.0, 2.0 * math.pi)
-    turn = random.uniform(-angle, angle)
+    far, direction = random.uniform(0.0, _FAR), random.uniform(0.0, 2.0 * math.pi)
+    turn = random.uniform(-_TURN, _TURN)
     return Pose((far * math.cos(direction), far * math.sin(direction), 0.0), from_euler(0.0, 0.0, turn))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -12,10 +13,12 @@ from skiros2_common.core.errors import ConfigurationError, Refused, UnknownName,
 from skiros2_common.core.limits import Limits
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_learning.core.evaluation import evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.scenario import load_scenario, parse_scenario
 from skiros2_learning.core.variables import Gaussian
-from skiros2_learning.local.identification import identify, variable_of
+from skiros2_learning.local.episode import check_scenario
+from skiros2_learning.local.identification import identify, identify_goal, variable_of
 
 PUSH = load_scenario(Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml")
 
@@ -37,6 +40,35 @@ def test_mistakes_are_reported() -> None:
         identify(PUSH.scene, PUSH.libraries, "Push", ["Objekt=Block"])
     with pytest.raises(Refused, match="nothing is to be learned"):
         identify(PUSH.scene, PUSH.libraries, "LiftTool", [])
+
+
+def test_the_task_of_a_goal_is_its_plan_and_what_the_plan_lacks_is_learned() -> None:
+    found = parse_scenario(identify_goal(PUSH.scene, PUSH.libraries, "(skiros:at Block Goal)"), Path("/"))
+    assert found.goal == "(skiros:at Block Goal)"
+    (step,) = found.task
+    assert (step.skill, step.label, step.parameters) == ("Push", "push", {"Object": "Block", "Goal": "Goal"})
+    names = ["Push.StartX", "Push.StartY", "Push.GoalX", "Push.GoalY"]
+    assert [variable.name for variable in found.variables] == names
+    check_scenario(found)
+    once = dataclasses.replace(found, repetitions=1)
+    result = evaluate(once, dict(zip(names, (-0.005, -0.07, 0.01, -0.045), strict=True)), 1)
+    assert (result.error, result.success_rate) == ("", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("goal", "text"),
+    [
+        ("(skiros:at Goal Block)", "no sequence of the robots' skills reaches the goal"),
+        ("(skiros:at Blok Goal)", "unknown element 'Blok'; did you mean Block"),
+        ("(skiros:at Block", "goal '(skiros:at Block'"),
+        ("(skiros:hasA Arm Gripper)", "holds already: nothing is to be learned"),
+    ],
+)
+def test_a_goal_without_a_plan_is_refused_in_one_line(goal: str, text: str) -> None:
+    with pytest.raises(Refused) as found:
+        identify_goal(PUSH.scene, PUSH.libraries, goal)
+    assert text in str(found.value)
+    assert "\n" not in str(found.value)
 
 
 def test_the_type_follows_from_the_declaration() -> None:

@@ -63,10 +63,14 @@ class Wake:
 
 @dataclass(frozen=True)
 class End:
-    """The execution has ended. `verdict` is `PLANNED` if the goal was reached."""
+    """The execution has ended. `verdict` is `PLANNED` if the goal was reached.
+
+    :param missing: see `PlanningResult`.
+    """
 
     verdict: Verdict
     message: str
+    missing: tuple[str, ...] = ()
 
 
 Command = MakePlan | Claim | Start | Stop | ReadWorld | Wake | End

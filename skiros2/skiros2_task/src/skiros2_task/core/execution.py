@@ -156,10 +156,13 @@ class ExecutionStateMachine:
         self.message = f"a plan of {len(steps)} steps" if steps else "no further steps; waiting for the running ones"
         return [*self._stop_unneeded(), self._claim()]
 
-    def no_plan(self, verdict: Verdict, message: str, others: bool) -> list[Command]:
+    def no_plan(
+        self, verdict: Verdict, message: str, others: bool, missing: tuple[str, ...] = ()
+    ) -> list[Command]:
         """No plan was found.
 
         :param others: other goals are being executed, so that there may be a plan later.
+        :param missing: parameters that lack a value.
         """
         if self.phase is not Phase.PLANNING:
             return []
@@ -172,7 +175,7 @@ class ExecutionStateMachine:
                 self.phase = Phase.BLOCKED
                 return self._stop(running)
             return self._plan()
-        self._failure = End(verdict, message)
+        self._failure = End(verdict, message, missing)
         if verdict is Verdict.IMPOSSIBLE and (others or self._lost):
             self.phase = Phase.BLOCKED
             self.message = "no plan for now: " + ("other goals use the resources" if others else "a robot is lost")

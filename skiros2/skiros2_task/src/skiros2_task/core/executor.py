@@ -295,7 +295,7 @@ class GoalExecutor:
         # Goals that wait for others to end do not wait for each other.
         others = (other.machine.phase for other in self._executions.values() if other is not execution)
         busy = any(phase is not Phase.BLOCKED for phase in others)
-        self._execute(execution, execution.machine.no_plan(result.verdict, result.message, busy))
+        self._execute(execution, execution.machine.no_plan(result.verdict, result.message, busy, result.missing))
 
     def _grant(self, owners: Iterable[str]) -> None:
         """Notifies goals of their resources, in separate events: one goal may change what another is granted."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.formula import Formula
 from skiros2_task.core.partial_order import PartialOrder, deorder
@@ -127,6 +128,12 @@ class Plan:
     def calls(self) -> tuple[SkillCall, ...]:
         """The skills to run, in order."""
         return tuple(step.call for step in self.steps)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The parameters for which planning has assumed values, as SKILL.PARAMETER; see `assume_values`."""
+        keys = (f"{local_name(s.skill.type)}.{p.key}" for s in self.steps for p in s.skill.parameters if p.assumed)
+        return tuple(dict.fromkeys(keys))
 
     @property
     def summary(self) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import logging
+import shlex
 import threading
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -23,6 +24,7 @@ from skiros2_task.core.plan import Plan, SkillCall, make_plan
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.preview import Preview
 from skiros2_task.core.reachability import Deadline
+from skiros2_task.core.skills import Robot, assume_values
 from skiros2_task.core.store import Archive, Durations
 from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.world import WorldView
@@ -69,6 +71,7 @@ class PlanningResult:
     :param notes: messages about skills and elements that were left out.
     :param task: the planning task; None if the goal could not be read.
     :param why: the explanation, if there is no plan.
+    :param missing: parameters as SKILL.PARAMETER: with values for them there would be a plan.
     """
 
     verdict: Verdict
@@ -77,6 +80,7 @@ class PlanningResult:
     task: PlanningTask | None = None
     plan: Plan | None = None
     why: NoPlan | None = None
+    missing: tuple[str, ...] = ()
 
     @property
     def calls(self) -> tuple[SkillCall, ...]:
@@ -98,6 +102,7 @@ def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> di
         "why": explain_plan(plan).to_json() if plan else result.why.to_json() if result.why else "",
         "preview": simulate(plan).to_json() if plan else "",
         "notes": result.notes,
+        "missing": result.missing,
     }
 
 
@@ -135,8 +140,11 @@ class TaskPlanner:
         limits: Limits | None = None,
         planner: Planner | None = None,
         adapt: Callable[[PlanningTask], PlanningTask] | None = None,
+        assume: bool = False,
     ) -> PlanningResult:
         """Returns the plan for a goal, or why there is none. Blocks until the limits are reached at most.
+
+        If it is impossible only because parameters have no values, their names are in `missing`.
 
         :param goal: its text, see `skiros2_task.core.goal_reader`.
         :param progress: called with progress messages.
@@ -144,6 +152,7 @@ class TaskPlanner:
             robot only.
         :param limits, planner: override those of the constructor.
         :param adapt: changes the task before planning.
+        :param assume: whether parameters without a value are assumed to have one; see `Plan.missing`.
         :raises WmException: the world model does not answer.
         """
         report = progress or log.info
@@ -153,6 +162,32 @@ class TaskPlanner:
         except SkirosError as error:
             log.warning("planning with the last known state of the world model: %s", error)
         world = self._view(asked_by)
+        robots = world.robots
+        if assume:
+            world.robots = assume_values(robots)
+        result = self._search(goal, world, cancelled, report, limits, planner, adapt)
+        if result.verdict is not Verdict.IMPOSSIBLE or assume or not _lacks_values(robots):
+            return result
+        world = self._view(asked_by)
+        world.robots = assume_values(world.robots)
+        report("planning as if all parameters had values")
+        possible = self._search(goal, world, cancelled, report, limits, planner, adapt)
+        if possible.plan is None or not possible.plan.missing:
+            return result
+        message = _how_to_learn(goal, possible.plan.missing, robots)
+        return replace(result, message=f"{message}\n{result.message}", missing=possible.plan.missing)
+
+    def _search(
+        self,
+        goal: str,
+        world: WorldView,
+        cancelled: threading.Event | None,
+        report: Callable[[str], None],
+        limits: Limits | None,
+        planner: Planner | None,
+        adapt: Callable[[PlanningTask], PlanningTask] | None,
+    ) -> PlanningResult:
+        """Plans with the robots of a snapshot; see `plan`."""
         try:
             task = make_task(world, _read(goal, world))
         except WrongValue as error:
@@ -230,6 +265,19 @@ class TaskPlanner:
 
 def _read(goal: str, world: WorldView) -> Formula:
     return GoalReader(world, condition_predicates(world.robots)).read(goal)
+
+
+def _lacks_values(robots: Sequence[Robot]) -> bool:
+    """Whether a skill of a robot has a parameter without a value."""
+    return any(p.missing for robot in robots for skill in robot.skills for p in skill.parameters)
+
+
+def _how_to_learn(goal: str, missing: Sequence[str], robots: Sequence[Robot]) -> str:
+    """Returns the message of a goal whose plan lacks values, with the command that makes a learning scenario."""
+    libraries = ",".join(sorted({name for robot in robots for name in robot.libraries}))
+    command = ["rosrun", "skiros2_learning", "learn", "scenario", "--goal", " ".join(goal.split())]
+    text = shlex.join([*command, "--libraries", libraries, "--scene", "SCENE.ttl"])
+    return f"a plan needs values for: {', '.join(missing)}; they can be learned: {text}"
 
 
 def _why_impossible(task: PlanningTask, world: WorldView) -> str:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from skiros2_common.core.conditions import ConditionBase
@@ -18,6 +18,7 @@ from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import PARAM_TYPE_CODES, ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_skill.core.runtime.learned_parameters import HAS_PARAMETER, PARAMETER_SET, SKILL_TYPE
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +38,8 @@ class SkillParameter:
 
     :param element_class: the class of its element; None if it does not hold an element.
     :param fixed: the id of the element in its declaration; "" if there is none.
-    :param missing: it is required, has no default, and holds no element that planning can choose.
+    :param missing: it is required, has no default and no learned value, and holds no element that planning can choose.
+    :param assumed: it is missing, and planning assumes that it gets a value; see `assume_values`.
     """
 
     key: str
@@ -45,6 +47,7 @@ class SkillParameter:
     element_class: str | None
     fixed: str = ""
     missing: bool = False
+    assumed: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ class Skill:
     :param label: the implementation.
     :param duration: the declared duration (s), if any.
     :param flaw: why its element cannot be read; "" if it can.
+    :param module: the Python module of the implementation; "" if unknown.
     """
 
     type: str
@@ -95,6 +99,7 @@ class Skill:
     available: bool = True
     duration: float | None = None
     flaw: str = ""
+    module: str = field(default="", compare=False)
 
     @property
     def name(self) -> str:
@@ -117,6 +122,21 @@ class Robot:
     manager: str
     skills: tuple[Skill, ...]
 
+    @property
+    def libraries(self) -> tuple[str, ...]:
+        """The Python packages of the skills, sorted."""
+        return tuple(sorted({skill.module.rpartition(".")[0] or skill.module for skill in self.skills} - {""}))
+
+
+def assume_values(robots: Iterable[Robot]) -> tuple[Robot, ...]:
+    """Returns the robots with skills for which no parameter is missing: the missing ones are assumed to get values."""
+
+    def assumed(skill: Skill) -> Skill:
+        parameters = (replace(p, missing=False, assumed=True) if p.missing else p for p in skill.parameters)
+        return replace(skill, parameters=tuple(parameters))
+
+    return tuple(replace(robot, skills=tuple(map(assumed, robot.skills))) for robot in robots)
+
 
 def read_robots(elements: Mapping[str, Element], managers: Collection[str] = ()) -> tuple[Robot, ...]:
     """Returns the robots of a scene with the skills of their managers.
@@ -125,26 +145,41 @@ def read_robots(elements: Mapping[str, Element], managers: Collection[str] = ())
     :param managers: the node names of running managers; scenes may omit namespace and slash.
     """
     robots = []
+    learned = _learned_keys(elements)
     for element in elements.values():
         written = str(element.value_of(MANAGER_PROPERTY) or "")
         if not written:
             continue
         manager = next((name for name in managers if same_node(name, written)), f"/{written.lstrip('/')}")
-        skills = [read_skill(child, elements) for child in _children(element, "skiros:hasSkill", elements)]
+        children = _children(element, "skiros:hasSkill", elements)
+        skills = [read_skill(child, elements, learned.get(child.type, frozenset())) for child in children]
         if skills:
             robots.append(Robot(element.id, manager, tuple(skills)))
     return tuple(robots)
 
 
-def read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
-    """Returns the skill of an element; with a flaw if the element is malformed."""
+def read_skill(element: Element, elements: Mapping[str, Element], learned: Collection[str] = ()) -> Skill:
+    """Returns the skill of an element; with a flaw if the element is malformed.
+
+    :param learned: the keys of parameters with learned values.
+    """
     try:
-        return _read_skill(element, elements)
+        return _read_skill(element, elements, learned)
     except WrongValue as error:
         return Skill(element.type, element.label, (), (), (), (), flaw=str(error))
 
 
-def _read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
+def _learned_keys(elements: Mapping[str, Element]) -> dict[str, set[str]]:
+    """Returns the keys of parameters with learned values, by skill type."""
+    found: dict[str, set[str]] = {}
+    for element in elements.values():
+        if element.type == PARAMETER_SET:
+            keys = found.setdefault(full_name(str(element.value_of(SKILL_TYPE) or "")), set())
+            keys.update(child.label for child in _children(element, HAS_PARAMETER, elements))
+    return found
+
+
+def _read_skill(element: Element, elements: Mapping[str, Element], learned: Collection[str]) -> Skill:
     def conditions(relation: str) -> tuple[SkillCondition, ...]:
         return tuple(_condition(child, elements) for child in _children(element, relation, elements))
 
@@ -153,6 +188,7 @@ def _read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
         *(_parameter(child) for child in _children(element, "skiros:hasParam", elements)),
         *(SkillParameter(str(key), ParamTypes.Required, None, missing=True) for key in missing),
     )
+    parameters = tuple(replace(p, missing=p.missing and p.key not in learned) for p in parameters)
     optional = {f"Has{p.key}": p.key for p in parameters if p.kind is ParamTypes.Optional}
 
     def is_implicit(condition: SkillCondition) -> bool:
@@ -168,6 +204,7 @@ def _read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
         tuple(c for c in conditions("skiros:hasPostCondition") if not is_implicit(c)),
         available=_truth(element.value_of("skiros:AvailableForPlanning"), True),
         duration=_duration(element),
+        module=str(element.value_of("skiros:PythonModule") or ""),
     )
 
 

@@ -21,7 +21,7 @@ TEMPLATE_RELATION = "skiros:hasTemplate"
 _ONTOLOGY = "ontology"
 
 #: Classes of the scene whose elements are no objects of planning.
-_NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition")
+_NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition", "skiros:ParameterSet")
 
 
 class WorldView:

@@ -114,6 +114,7 @@ class _GoalPublisher:
             message=end.message,
             done=json.dumps([{**record.step.to_dict(), **_progress(record)} for record in started]),
             explanations=json.dumps([why.to_dict() for record in started for why in record.explanations]),
+            missing=list(end.missing),
         )
         end_goal(self._handle, end.verdict, result, end.message)
 

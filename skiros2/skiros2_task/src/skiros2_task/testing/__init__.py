@@ -18,11 +18,12 @@ __all__ = ["plan"]
 _TIMEOUT = 30.0
 
 
-def plan(bench: SkillBench, goal: str, skills: Sequence[str]) -> tuple[SkillCall, ...]:
+def plan(bench: SkillBench, goal: str, skills: Sequence[str], assume: bool = False) -> tuple[SkillCall, ...]:
     """Plans a goal with a robot's skills. Enters the robot and its skills into the bench's scene, as a manager does.
 
     :param goal: as for the task manager, such as `(skiros:at cora:Robot-1 skiros:Location-5)`.
     :param skills: labels of implementations; their libraries were imported with `bench.import_libraries`.
+    :param assume: whether required parameters without a value are assumed to have one.
     :returns: the steps in order; () if the goal holds already.
     :raises Refused: there is no plan; the text says why.
     :raises SkirosError: the goal or a skill is unknown.
@@ -34,7 +35,7 @@ def plan(bench: SkillBench, goal: str, skills: Sequence[str]) -> tuple[SkillCall
     registration.register_skills(bench.library.implementations())
     processes = EngineProcesses()
     try:
-        result = TaskPlanner(bench.wmi, engine_planner(processes), Limits(_TIMEOUT)).plan(goal)
+        result = TaskPlanner(bench.wmi, engine_planner(processes), Limits(_TIMEOUT)).plan(goal, assume=assume)
     finally:
         processes.close()
     if result.verdict not in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):

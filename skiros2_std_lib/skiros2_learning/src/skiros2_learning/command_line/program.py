@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
+from skiros2_common.core.errors import WrongValue
 from skiros2_learning.core.evaluation import Evaluation, evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
@@ -19,7 +20,7 @@ from skiros2_learning.core.scenario import OPTIMISERS, SIMULATED_SKILLS, Scenari
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
 from skiros2_learning.local.episode import check_scenario
-from skiros2_learning.local.identification import identify
+from skiros2_learning.local.identification import identify, identify_goal
 
 #: Evaluations of which the rate is the mean.
 _RECENT = 20
@@ -122,7 +123,13 @@ def _remove(options: argparse.Namespace) -> CommandResult:
 
 
 def _scenario(options: argparse.Namespace) -> CommandResult:
-    text = identify(options.scene.resolve(), options.libraries.split(","), options.skill, options.parameters)
+    scene, libraries = options.scene.resolve(), options.libraries.split(",")
+    if bool(options.goal) == bool(options.skill):
+        raise WrongValue("expected a skill or --goal")
+    if options.goal:
+        text = identify_goal(scene, libraries, options.goal)
+    else:
+        text = identify(scene, libraries, options.skill, options.parameters)
     if options.output:
         options.output.write_text(text, encoding="utf-8")
         return CommandResult([f"{options.output}: complete the objectives, then: learn check {options.output}"])
@@ -184,9 +191,10 @@ def _parser() -> argparse.ArgumentParser:
     add_study("status", "Shows progress and the Pareto-optimal configurations.")
     command = add_study("report", "Writes report.html with pictures into the folder of the study.")
     command.add_argument("--compare", type=Path, nargs="*", default=[], metavar="STUDY", help="draw these studies too")
-    command = add("scenario", "Prints a scenario for a skill: its missing parameters are the variables.")
-    command.add_argument("skill", metavar="SKILL", help="type of the skill, such as Push")
+    command = add("scenario", "Prints a scenario for a skill or a goal: missing parameters are the variables.")
+    command.add_argument("skill", nargs="?", metavar="SKILL", help="type of the skill, such as Push")
     command.add_argument("parameters", nargs="*", metavar="KEY=LABEL", help="elements and fixed values")
+    command.add_argument("--goal", default="", metavar="GOAL", help="instead of a skill: the skills of its plan")
     command.add_argument("--scene", type=Path, required=True, metavar="FILE", help="scene file")
     command.add_argument("--libraries", required=True, metavar="A,B", help="Python packages with the skills")
     command.add_argument("-o", "--output", type=Path, metavar="FILE", help="write it to a file")

@@ -81,6 +81,7 @@ def remove_set(wmi: WorldModelPort, eid: str) -> None:
     wmi.remove_element(wmi.get_element(eid))
 
 
-def _class_of(wmi: WorldModelPort, label: str) -> str:
-    found = wmi.resolve_elements(Element("", label))
+def _class_of(wmi: WorldModelPort, name: str) -> str:
+    element = wmi.find_element(name)
+    found = [element] if element is not None else wmi.resolve_elements(Element("", name))
     return str(found[0].type) if len(found) == 1 else ""

@@ -116,6 +116,7 @@ class Scenario:
     :param evaluations: budget of the study; `initial` of them are drawn from the prior.
     :param repetitions: executions per configuration, each with another draw of the randomisation.
     :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
+    :param goal: the goal that the task is the plan for; "" if it has none.
     :param source: the text of the file.
     """
 
@@ -138,6 +139,7 @@ class Scenario:
     seed: int = 0
     optimiser: str = "prior"
     timeout: float = 600.0
+    goal: str = ""
     source: str = ""
 
     @property
@@ -267,6 +269,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         seed=root.whole("seed", 0),
         optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
         timeout=root.number("timeout", 600.0, above=0.0),
+        goal=root.text("goal", ""),
         source=text,
     )
 

@@ -72,6 +72,7 @@ class Push(ArmAndGripper):
         self.addParam(
             "Speed", 0.15, ParamTypes.Optional, description="Speed of the push", unit="m/s", minimum=0.01, maximum=0.5
         )
+        self.addPostCondition(self.getRelationCond("ObjectAtGoal", "skiros:at", "Object", "Goal", True))
 
 
 class move_tool_beside(DriverAction):
@@ -116,4 +117,8 @@ class push(SkillBase):
             self.skill("MoveToolBeside", "", remap=start | {"Speed": "Approach"}, specify={"Height": 0.0}),
             self.skill("MoveToolBeside", "", remap=end, specify={"Height": 0.0}),
             self.skill("LiftTool", "", specify={"Height": _ABOVE}, remap={"Speed": "Approach"}),
+            self.skill(
+                "WmSetRelation", "wm_set_relation", remap={"Src": "Object", "Dst": "Goal"},
+                specify={"Relation": "skiros:at", "RelationState": True},
+            ),
         )

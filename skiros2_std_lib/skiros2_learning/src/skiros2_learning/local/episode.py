@@ -158,7 +158,7 @@ class Episode:
         return step.skill, step.label, {key: self._value(declared[key], value) for key, value in given.items()}
 
     def _value(self, param: Param, value: Any) -> Any:
-        return self.bench.element(value) if param.is_element and isinstance(value, str) else value
+        return element_of(self.bench, value) if param.is_element and isinstance(value, str) else value
 
     def _tick(self, task: BenchTask) -> State:
         """Ticks the task, then waits for the threads of its skills: the next tick does not depend on their speed."""
@@ -230,11 +230,19 @@ def _step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[st
     for key, value in step.parameters.items():
         if key in declared and declared[key].is_element and isinstance(value, str):
             try:
-                bench.element(value)
+                element_of(bench, value)
             except SkirosError:
                 labels = [e.label for e in bench.wmi.get_scene_elements() if e.label]
                 found.append(f"{step.name}.{key}: no element is labelled {value!r}; {near(value, labels)}")
     return found
+
+
+def element_of(bench: SkillBench, name: str) -> Element:
+    """Returns the element with an id or a label.
+
+    :raises SkirosError: there is none, or there are several.
+    """
+    return bench.wmi.find_element(name) or bench.element(name)
 
 
 def _declared(bench: SkillBench, step: Step) -> dict[str, Param]:

@@ -9,13 +9,17 @@ from typing import Any
 import yaml
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.names import local_name
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_learning.core.scenario import Step
 from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import KINDS
 from skiros2_skill.core.runtime.learned_parameters import HAS_PARAMETER
 from skiros2_skill.testing import SkillBench
+from skiros2_task.core.actions import ROBOT_KEY
+from skiros2_task.testing import plan
 
 DATA_TYPE, PRIOR, MEAN, STD = "skiros:ParamDataType", "skiros:Prior", "skiros:Mean", "skiros:Std"
 _LOW, _HIGH, _VALUES, _UNIT = "skiros:LowerBound", "skiros:UpperBound", "skiros:hasValues", "skiros:Unit"
@@ -32,7 +36,7 @@ def identify(scene: Path, libraries: Sequence[str], skill: str, parameters: Sequ
     """
     bench = SkillBench(scene)
     bench.import_libraries(*libraries)
-    declared = dict(bench.library.candidates(skill, "")[0].declared.params.items())
+    declared = _declared(bench, skill)
     given: dict[str, Any] = {}
     for text in parameters:
         key, equals, value = text.partition("=")
@@ -41,24 +45,77 @@ def identify(scene: Path, libraries: Sequence[str], skill: str, parameters: Sequ
         if key not in declared:
             raise UnknownName(f"{skill} has no parameter {key!r}; {near(key, declared)}")
         given[key] = value if declared[key].is_element else yaml.safe_load(value)
+    return _scenario(bench, scene, libraries, [Step(skill, skill, "", given)], skill.lower())
+
+
+def identify_goal(scene: Path, libraries: Sequence[str], goal: str) -> str:
+    """Returns the text of a scenario for a goal: its task is the plan of the scene's robot.
+
+    :param goal: as for the task manager; see `identify` for the others.
+    :raises Refused: there is no plan, or see `identify`. The text is one line.
+    :raises SkirosError: the goal cannot be read.
+    """
+    bench = SkillBench(scene)
+    bench.import_libraries(*libraries)
+    labels = {each.id: each.label for each in bench.wmi.get_scene_elements()}
+    names = list(labels.values())
+    described = [each.skill for each in bench.library.descriptions.all()]
+    skills = [each.label for each in described if each.hasPreCond() and each.hasPostCond()]
+    try:
+        calls = plan(bench, goal, skills, assume=True)
+    except Refused as error:
+        lines = [line.strip() for line in str(error).splitlines()]
+        raise Refused(f"goal {goal!r}: {'; '.join(lines[:2])}") from None
+    if not calls:
+        raise Refused(f"goal {goal!r} holds already: nothing is to be learned")
+    steps: list[Step] = []
+    for call in calls:
+        skill = local_name(call.type)
+        created = [key for key, element in call.arguments if element.id not in labels]
+        if created:
+            keys = ", ".join(created)
+            raise Refused(f"goal {goal!r}: {keys} of {skill} would be created by an earlier step of the plan")
+        count = sum(each.skill == skill for each in steps) + 1
+        declared = _declared(bench, skill, call.label)
+        given = {
+            key: element.label if names.count(element.label) == 1 else element.id
+            for key, element in call.arguments
+            if key != ROBOT_KEY and not _follows(declared[key], bench)
+        }
+        steps.append(Step(skill if count == 1 else f"{skill}{count}", skill, call.label, given))
+    return _scenario(bench, scene, libraries, steps, steps[-1].skill.lower(), goal)
+
+
+def _scenario(
+    bench: SkillBench, scene: Path, libraries: Sequence[str], steps: Sequence[Step], name: str, goal: str = ""
+) -> str:
+    """Returns the text of a scenario whose variables are the missing parameters of the steps."""
     variables, problems = {}, []
-    for key, param in declared.items():
-        if key in given or not is_missing(param):
-            continue
-        try:
-            variables[f"{skill}.{key}"] = variable_of(param, _individual(bench.wmi, skill, key))
-        except WrongValue as error:
-            problems.append(str(error))
+    for step in steps:
+        for key, param in _declared(bench, step.skill, step.label).items():
+            if key in step.parameters or not is_missing(param):
+                continue
+            try:
+                variables[f"{step.name}.{key}"] = variable_of(param, _individual(bench.wmi, step.skill, key))
+            except WrongValue as error:
+                problems.append(f"{step.skill}: {error}")
     if problems:
-        raise Refused(f"{skill}: {'; '.join(problems)}")
+        raise Refused("; ".join(problems))
     if not variables:
-        raise Refused(f"{skill} has no required parameter without a value: nothing is to be learned")
+        skills = " and ".join(dict.fromkeys(step.skill for step in steps))
+        raise Refused(f"{skills}: no required parameter is without a value: nothing is to be learned")
+    tasks: list[dict[str, Any]] = []
+    for step in steps:
+        named = {"name": step.name} if step.name != step.skill else {}
+        label = {"label": step.label} if step.label else {}
+        tasks.append({"skill": step.skill, **named, **label, "parameters": dict(step.parameters)})
     scenario = {
-        "scenario": skill.lower(),
+        "scenario": name,
         "version": 1,
+        **({"goal": goal} if goal else {}),
         "scene": str(scene),
         "libraries": list(libraries),
-        "task": [{"skill": skill, "parameters": given}],
+        "task": tasks,
         "variables": variables,
         "objectives": {"success": {"sense": "maximise", "rewards": [{"reward": "success"}]}},
         "budget": {"evaluations": 100, "initial": 20},
@@ -67,6 +124,15 @@ def identify(scene: Path, libraries: Sequence[str], skill: str, parameters: Sequ
         "optimiser": "prior",
     }
     return yaml.safe_dump(scenario, sort_keys=False, allow_unicode=True, width=110)
+
+
+def _follows(param: Param, bench: SkillBench) -> bool:
+    """Whether a parameter need not be stated: it is inferred, and there is only one element for it."""
+    return param.paramTypeIs(ParamTypes.Inferred) and len(bench.wmi.resolve_elements(Element(param.value.type))) == 1
+
+
+def _declared(bench: SkillBench, skill: str, label: str = "") -> dict[str, Param]:
+    return dict(bench.library.candidates(skill, label)[0].declared.params.items())
 
 
 def is_missing(param: Param) -> bool:

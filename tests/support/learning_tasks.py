@@ -61,3 +61,10 @@ def raises(scenario: Scenario, configuration: Mapping[str, Value], seed: int, in
 def not_a_number(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
     """Gives a value that is no number."""
     return record(float("nan"))
+
+
+def bowl(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Best, with the value 0, at the point `best` of the settings; a success below 0.01."""
+    best = scenario.settings["best"]
+    value = sum((float(configuration[name]) - float(place)) ** 2 for name, place in best.items())
+    return record(value, succeeded=value < 0.01)

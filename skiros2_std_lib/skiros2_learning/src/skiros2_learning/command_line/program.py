@@ -12,14 +12,14 @@ from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
 from skiros2_common.core.errors import WrongValue
-from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.earlier_studies import with_earlier
+from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.report import describe, status_lines, write_report
-from skiros2_learning.core.scenario import OPTIMISERS, SIMULATED_SKILLS, Scenario, load_scenario
+from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
-from skiros2_learning.local.episode import check_scenario
 from skiros2_learning.local.identification import identify, identify_goal
 
 #: Evaluations of which the rate is the mean.
@@ -66,10 +66,14 @@ def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> Comma
 
 def _run(options: argparse.Namespace) -> CommandResult:
     scenario = _changed(load_scenario(options.scenario), options)
-    if scenario.execution == SIMULATED_SKILLS:
-        check_scenario(scenario)
+    earlier = [LearningStudy.open(folder) for folder in (*scenario.prior_from, *options.prior_study)]
+    scenario, first = with_earlier(scenario, earlier) if earlier else (scenario, [])
+    check_execution(scenario)
     folder = options.study or Path("build/learning") / scenario.name
-    return run_study(LearningStudy.create(scenario, folder, options.storage), options.workers)
+    study = LearningStudy.create(scenario, folder, options.storage)
+    for configuration in first:
+        study.enqueue(configuration)
+    return run_study(study, options.workers)
 
 
 def _resume(options: argparse.Namespace) -> CommandResult:
@@ -142,8 +146,7 @@ def _import(options: argparse.Namespace) -> CommandResult:
 
 def _check(options: argparse.Namespace) -> CommandResult:
     scenario = load_scenario(options.scenario)
-    if scenario.execution == SIMULATED_SKILLS:
-        check_scenario(scenario)
+    check_execution(scenario)
     return CommandResult([f"{variable.name}: {variable.range_text}" for variable in scenario.variables])
 
 
@@ -185,6 +188,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--storage", default="", metavar="URL", help="database, such as postgresql://user@host/name")
     command.add_argument("--optimiser", choices=OPTIMISERS, help="another optimiser than the scenario's")
     command.add_argument("--no-priors", action="store_true", help="remove all priors")
+    command.add_argument(
+        "--prior-study", type=Path, action="append", default=[], metavar="STUDY",
+        help="take the good configurations of an earlier study as priors",
+    )  # fmt: skip
     add_budget(command)
     command = add_study("resume", "Continues a study, also on another machine with --storage.")
     add_budget(command)

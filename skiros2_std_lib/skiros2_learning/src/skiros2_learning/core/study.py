@@ -23,10 +23,10 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 
 from skiros2_common.core.errors import ConfigurationError, MissingPackage, Refused, UnknownName
 from skiros2_learning.core.evaluation import Evaluation, seed_of
-from skiros2_learning.core.prior_sampler import Choice, Normal, PriorSampler
+from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, PriorSampler
 from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
 from skiros2_learning.core.scenario import Scenario, load_scenario
-from skiros2_learning.core.variables import Gaussian, Value, Variable, Weights
+from skiros2_learning.core.variables import Gaussian, Samples, Value, Variable, Weights
 
 SCENARIO_FILE, JOURNAL_FILE, LOCK_FILE = "scenario.yaml", "journal.log", "lock"
 #: Attributes of Optuna's trials. One that has failed without a result was interrupted.
@@ -111,9 +111,13 @@ class LearningStudy:
             self.optuna.tell(trial.number, state=TrialState.FAIL)
         return len(lost)
 
-    def enqueue(self, configuration: dict[str, Value]) -> None:
-        """Evaluates a configuration next."""
-        self.optuna.enqueue_trial(dict(configuration), skip_if_exists=True)
+    def enqueue(self, configuration: dict[str, Value], seed: int | None = None) -> None:
+        """Evaluates a configuration next.
+
+        :param seed: of its draws; None for those of its number.
+        """
+        attributes = {} if seed is None else {_SEED: seed}
+        self.optuna.enqueue_trial(dict(configuration), user_attrs=attributes, skip_if_exists=True)
 
     def ask(self) -> tuple[int, dict[str, Value], int]:
         """Returns number, configuration and seed of the next evaluation."""
@@ -165,7 +169,16 @@ class LearningStudy:
 
     def best(self) -> list[int]:
         """Returns the numbers of the Pareto-optimal evaluations, those with the best success rate first."""
-        numbers = [trial.number for trial in self.optuna.best_trials] if self.counted else []
+        return self._ranked([trial.number for trial in self.optuna.best_trials] if self.counted else [])
+
+    def ranked(self) -> list[int]:
+        """Returns the numbers of all evaluations with a result: by success rate, then by the objectives in their
+        order; the best one first."""
+        return self._ranked([number for number, result in self.results().items() if not result.error])
+
+    # -- internal ----------------------------------------------------------------------------------------------------
+
+    def _ranked(self, numbers: list[int]) -> list[int]:
         results = self.results()
         sense = [1.0 if objective.sense == "minimise" else -1.0 for objective in self.scenario.objectives]
 
@@ -175,8 +188,6 @@ class LearningStudy:
             return (-result.success_rate, *costs)
 
         return sorted(numbers, key=order)
-
-    # -- internal ----------------------------------------------------------------------------------------------------
 
     def _trials(self, *states: TrialState) -> list[FrozenTrial]:
         return self.optuna.get_trials(deepcopy=False, states=states)
@@ -195,6 +206,8 @@ def prior_of(variable: Variable) -> SamplerPrior | None:
     """Returns the prior of a variable for the sampler."""
     if isinstance(variable.prior, Gaussian):
         return Normal(variable.prior.mean, variable.prior.std)
+    if isinstance(variable.prior, Samples):
+        return Kernels(variable.prior.values, variable.prior.std)
     if isinstance(variable.prior, Weights):
         return Choice(dict(zip(variable.values, variable.prior.values, strict=True)))
     return None

@@ -61,3 +61,14 @@ def raises(scenario: Scenario, configuration: Mapping[str, Value], seed: int, in
 def not_a_number(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
     """Gives a value that is no number."""
     return record(float("nan"))
+
+
+def waits_for_two(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Ends when the processes of two runs have begun an evaluation: each leaves a file in the settings' folder."""
+    folder = Path(str(scenario.settings["folder"]))
+    (folder / f"run-{os.getppid()}").touch()
+    deadline = time.monotonic() + 60.0
+    while len(list(folder.glob("run-*"))) < 2:
+        assert time.monotonic() < deadline, "there is only one run"
+        time.sleep(0.01)
+    return parabola(scenario, configuration, seed, index)

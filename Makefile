@@ -17,10 +17,10 @@ build:  ## build and install anew, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
 
-demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=push learns a push
-	@.ci/setup run planner sim $(if $(filter push,$(DEMO)),learning)
-	@exec .ci/in_ros rosrun $(if $(filter push,$(DEMO)),skiros2_learning push_demo,$(if $(filter piston,$(DEMO)), \
-		skiros2_contact_skills piston_demo,skiros2_sim_skills pick_place_demo) \
+demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=push, DEMO=insertion-learning learn parameters
+	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning)
+	@exec .ci/in_ros rosrun $(if $(filter push insertion-learning,$(DEMO)),skiros2_learning $(subst -,_,$(DEMO))_demo,$(if \
+		$(filter piston,$(DEMO)),skiros2_contact_skills piston_demo,skiros2_sim_skills pick_place_demo) \
 		$(if $(filter-out 0 false no,$(GUI)),--gui)) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.

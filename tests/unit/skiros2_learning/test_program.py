@@ -72,9 +72,9 @@ PUSH = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/p
     ("path", "value", "text"),
     [
         (["variables", "Push.Strength"], {"range": [0, 1]}, "Push has no parameter 'Strength'"),
-        (["variables", "Push.StartX", "range"], [0.2, -0.2], "variables.Push.StartX.range: expected the lower bound first"),
-        (["variables", "Push.StartX", "prior", "mean"], 0.5, "prior.mean: expected -0.2 to 0.2, the range of the variable"),
-        (["objectives", "force", "rewards", 0, "reward"], "applied_farce", "unknown: 'applied_farce'; near: applied_force"),
+        (["variables", "Push.StartX", "range"], [0.2, -0.2], "StartX.range: expected the lower bound first"),
+        (["variables", "Push.StartX", "prior", "mean"], 0.5, "prior.mean: expected -0.2 to 0.2, the range"),
+        (["objectives", "force", "rewards", 0, "reward"], "applied_farce", "'applied_farce'; near: applied_force"),
         (["objectives", "force", "rewards", 0, "arm"], "Amr", "there is no series 'Amr.force'; near: Arm.force"),
         (["task", 0, "skill"], "Puhs", "Puhs"),
     ],

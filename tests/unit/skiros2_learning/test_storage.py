@@ -177,7 +177,6 @@ def test_results_are_kept_when_the_database_goes_away(
 ) -> None:
     monkeypatch.setattr(study_module, "RECONNECT_TIMEOUT", 0.1)
     study = LearningStudy.create(scenario, tmp_path / "study", server.url)
-    Runner(study, 1, lambda number, result: server.stop() if number == 1 else None)
     number, configuration, seed = study.ask()
     result = evaluate(study.scenario, configuration, seed)
     server.stop()

@@ -70,11 +70,9 @@ class spiral_search(ContactPrimitive):
 
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_FOLLOWING_STIFFNESS)
-        self.arm.start_spiral(
-            SpiralGoal(
-                self.value("Radius"), self.value("PathDistance"), self.value("PathVelocity"), allow_decrease=True
-            )
-        )
+        spiral = [self.value(key) for key in ("Radius", "PathDistance", "PathVelocity")]
+        if all(spiral):  # a driver refuses a spiral of a point
+            self.arm.start_spiral(SpiralGoal(*spiral, allow_decrease=True))
 
     def move(self, state: ArmState, dt: float) -> State:
         self.arm.set_wrench((0.0, 0.0, self.value("Force")))

@@ -67,7 +67,7 @@ class InsertionRun:
     :param max_force: largest force measured at the wrist (N).
     :param time: simulated duration (s).
     :param why: why the task failed.
-    :param profile: time (s), depth (m) and force (N) at each tick.
+    :param profile: time (s), depth (m), and greatest force since the last tick (N), at each tick.
     """
 
     success: bool
@@ -101,6 +101,7 @@ class InsertionStudy:
         angle_error: float = 0.0,
         skill: str = "insert_into_bore",
         parameters: dict[str, dict[str, Any]] | None = None,
+        time_limit: float = _LONGEST,
     ) -> InsertionRun:
         """Runs one insertion from the start.
 
@@ -109,6 +110,7 @@ class InsertionStudy:
         :param angle_error: between the estimated and the true axis of the bore (rad).
         :param skill: implementation of `skiros:InsertIntoBore`.
         :param parameters: values by implementation and key, in place of defaults: {"insert_part": {"Force": 15.0}}.
+        :param time_limit: simulated time after which the run ends (s).
         """
         world = self.world
         world.reset(seed)
@@ -116,7 +118,7 @@ class InsertionStudy:
         controller = ArmController(world, world.robots[ROBOT], arm)
         compliant = SimulatedArm(controller)
         with SkillBench(SCENE) as bench, provided_arms(_OneArm(compliant)):
-            bench.load(*_skills(skill, parameters or {}))
+            bench.load(*insertion_skills(skill, parameters))
             _hold_piston(world, controller, bench.wmi)
             _misplace(bench.wmi, np.random.default_rng(seed), position_error, angle_error)
             recorder = _Recorder(world)
@@ -132,7 +134,7 @@ class InsertionStudy:
             compliant.zero_sensor()
             world.motions.add(recorder)
             (signal,) = (Signal.of(e) for e in bench.wmi.get_branch(ARM) if e.type == "skiros:WristForce")
-            while task.state in (State.Running, State.Idle) and world.time < began + _LONGEST:
+            while task.state in (State.Running, State.Idle) and world.time < began + time_limit:
                 bench.signals.publish(signal.topic, _message(arm.measured_wrench()))
                 task.tick()
                 world.step(RATE // TICK_RATE)
@@ -142,7 +144,11 @@ class InsertionStudy:
             depth, tilt = piston_in_bore(world)
             wanted = float(bench.wmi.get_element(BORE).value_of("skiros:Depth"))
             success = task.state is State.Success and depth > wanted - 0.001
-            why = "" if task.state is State.Success else "\n".join(map(str, task.explanations()))
+            why = ""
+            if task.state in (State.Running, State.Idle):
+                why = f"not finished after {time_limit:g} s"
+            elif task.state is not State.Success:
+                why = "\n".join(map(str, task.explanations()))
             return InsertionRun(success, depth, tilt, recorder.max_force, ended, why, tuple(recorder.profile))
 
 
@@ -174,7 +180,7 @@ class _OneArm:
 
 
 class _Recorder:
-    """Measures the force at the wrist after each step, and notes depth and force."""
+    """Measures the force at the wrist after each step, and notes depth and greatest force since the last note."""
 
     outcome = None
 
@@ -187,12 +193,13 @@ class _Recorder:
 
     def update(self, dt: float) -> None:
         """Called before each step."""
-        self._force = math.hypot(*self._world.arms[ARM].measured_wrench()[:3])
+        self._force = max(self._force, math.hypot(*self._world.arms[ARM].measured_wrench()[:3]))
         self.max_force = max(self.max_force, self._force)
 
     def note(self) -> None:
         """Notes the present depth and force."""
         self.profile.append((self._world.time - self._start, piston_in_bore(self._world)[0], self._force))
+        self._force = 0.0
 
 
 def _message(wrench: Sequence[float]) -> SimpleNamespace:
@@ -250,8 +257,15 @@ def _misplace(wmi: WorldModelPort, random: np.random.Generator, far: float, turn
     wmi.update_element_properties(block)
 
 
-def _skills(skill: str, parameters: dict[str, dict[str, Any]]) -> list[type]:
-    """Returns the implementations, with other defaults where parameters are given."""
+def insertion_skills(
+    skill: str = "insert_into_bore", parameters: dict[str, dict[str, Any]] | None = None
+) -> list[type]:
+    """Returns the implementations of an insertion, with other defaults where parameters are given.
+
+    :param skill, parameters: as of `InsertionStudy.run`.
+    :raises UnknownName: there are parameters of another skill.
+    """
+    parameters = parameters or {}
     names = [skill, "approach_target", "move_until_contact", "spiral_search", "insert_part"]
     known = {name: getattr(module, name) for name in names for module in _MODULES if hasattr(module, name)}
     if unknown := sorted(set(parameters) - set(known)):

@@ -34,7 +34,7 @@ class TeachRelease(TeachingSkill):
 
     def createDescription(self) -> None:
         self.add_arm()
-        self.add_number("Stiffness", 20.0, "N/m", 0.0, 200.0, "Brakes the tool; its reference follows it. 0: it drifts")
+        self.add_number("Stiffness", 20.0, "N/m", 0.0, 200.0, "Brakes the tool, whose reference follows it")
         self.add_number("RotationalStiffness", 1.0, "Nm/rad", 0.0, 20.0, "Brakes rotations of the tool")
         self.add_number("MaxForce", 60.0, "N", 1.0, 200.0, "The arm holds above it")
         self.add_number("MaxTorque", 20.0, "Nm", 0.1, 100.0, "The arm holds above it")

@@ -23,6 +23,7 @@ _AXES = (
     ((0.0, 0.0, 1.0), (0.25, 0.4, 1.0, 1.0)),
 )
 _SMALLEST_HANDLES = 0.4  # m; smaller handles are hard to grab
+_GUIDE_SIZE = 0.08  # m, diameter
 _TEXT_COLOUR = (1.0, 1.0, 1.0, 1.0)
 _ROBOT_SHAPES = {BOX: Marker.CUBE, CYLINDER: Marker.CYLINDER, SPHERE: Marker.SPHERE, MESH: Marker.MESH_RESOURCE}
 
@@ -128,15 +129,37 @@ def interactive_marker(name: str, marker: ElementMarker) -> Any:
         return message
     body.interaction_mode = InteractiveMarkerControl.MOVE_PLANE
     body.orientation = _turned_to((0.0, 1.0, 0.0))  # the plane of x and y
+    message.controls += _handles(
+        {"move": InteractiveMarkerControl.MOVE_AXIS, "rotate": InteractiveMarkerControl.ROTATE_AXIS}
+    )
+    return message
+
+
+def guiding_marker(name: str, text: str, frame: str) -> Any:
+    """Returns the interactive marker that guides a tool: a sphere, and handles along the axes of the frame.
+
+    :param name: of the marker, unique in its topic.
+    :param frame: of its pose and of feedback.
+    """
+    message = InteractiveMarker(name=name, description=text, scale=_SMALLEST_HANDLES)
+    message.header.frame_id = frame  # without a stamp: views report poses in this frame
+    message.pose = pose_message(IDENTITY)
+    sphere = Marker(type=Marker.SPHERE, scale=Vector3(*(_GUIDE_SIZE,) * 3), color=ColorRGBA(1.0, 0.9, 0.2, 0.5))
+    body = InteractiveMarkerControl(name="body", always_visible=True, markers=[sphere])
+    body.interaction_mode = InteractiveMarkerControl.MOVE_3D
+    message.controls = [body, *_handles({"move": InteractiveMarkerControl.MOVE_AXIS})]
+    return message
+
+
+def _handles(modes: dict[str, int]) -> list[Any]:
+    """Returns controls along the three axes: `modes` are the interaction modes by name."""
+    controls = []
     for axis, direction in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 0.0, 1.0)), ("z", (0.0, 1.0, 0.0))):
-        for what, mode in (
-            ("move", InteractiveMarkerControl.MOVE_AXIS),
-            ("rotate", InteractiveMarkerControl.ROTATE_AXIS),
-        ):
+        for what, mode in modes.items():
             control = InteractiveMarkerControl(name=f"{what}_{axis}", interaction_mode=mode)
             control.orientation = _turned_to(direction)
-            message.controls.append(control)
-    return message
+            controls.append(control)
+    return controls
 
 
 def _turned_to(direction: Vector) -> Any:

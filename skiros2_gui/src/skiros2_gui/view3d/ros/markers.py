@@ -22,6 +22,7 @@ from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet, MarkerUpdate
 from skiros2_gui.view3d.markers import MarkerFactory, read_robot
+from skiros2_gui.view3d.ros.guiding_markers import GuidingMarkers
 from skiros2_gui.view3d.ros.marker_messages import deletions, element_markers, robot_marker
 from skiros2_gui.view3d.ros.selected_marker import OnProblem, SelectedMarker
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -306,7 +307,8 @@ class MarkerConnection:
 def main() -> None:
     """Runs the node until shutdown.
 
-    The parameter `~selected` and the topic `~selected` name the element that gets the interactive marker.
+    The parameter `~selected` and the topic `~selected` name the element that gets the interactive marker. Markers at
+    the tools guide simulated arms.
     """
     world = WorldModelInterface(rospy.get_name(), make_cache=True)
     markers = Markers(world, mesh_folders())
@@ -314,5 +316,7 @@ def main() -> None:
     if chosen:
         markers.select(str(chosen))
     rospy.Subscriber("~selected", String, lambda message: markers.select(message.data))
+    guiding = GuidingMarkers(world)
+    rospy.on_shutdown(guiding.close)
     rospy.on_shutdown(markers.close)
     spin()

@@ -35,7 +35,7 @@ OnProblem = Callable[[str, Exception], None]
 _instances = itertools.count(1)
 
 
-class _Server(InteractiveMarkerServer):  # type: ignore[misc]
+class MarkerServer(InteractiveMarkerServer):  # type: ignore[misc]
     """A server that does not raise at shutdown."""
 
     def keepAlive(self, msg: Any) -> None:
@@ -49,7 +49,7 @@ class _Server(InteractiveMarkerServer):  # type: ignore[misc]
 @functools.cache
 def _server() -> InteractiveMarkerServer:
     """Returns the server of this process; it cannot be closed."""
-    return _Server(TOPIC)
+    return MarkerServer(TOPIC)
 
 
 class SelectedMarker:

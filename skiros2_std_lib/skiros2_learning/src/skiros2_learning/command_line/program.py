@@ -12,11 +12,12 @@ from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
 from skiros2_common.core.errors import ConfigurationError, WrongValue
-from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.earlier_studies import with_earlier
+from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.report import describe, status_lines, write_report
-from skiros2_learning.core.scenario import OPTIMISERS, SIMULATED_SKILLS, Scenario, load_scenario
+from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
 from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
@@ -68,9 +69,14 @@ def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> Comma
 
 def _run(options: argparse.Namespace) -> CommandResult:
     scenario = _changed(load_scenario(options.scenario), options)
-    _check_simulated(scenario)
+    earlier = [LearningStudy.open(folder) for folder in (*scenario.prior_from, *options.prior_study)]
+    scenario, first = with_earlier(scenario, earlier) if earlier else (scenario, [])
+    check_execution(scenario)
     folder = options.study or Path("build/learning") / scenario.name
-    return run_study(LearningStudy.create(scenario, folder, options.storage), options.workers, not options.storage)
+    study = LearningStudy.create(scenario, folder, options.storage)
+    for configuration in first:
+        study.enqueue(configuration)
+    return run_study(study, options.workers, not options.storage)
 
 
 def _resume(options: argparse.Namespace) -> CommandResult:
@@ -144,18 +150,8 @@ def _import(options: argparse.Namespace) -> CommandResult:
 
 def _check(options: argparse.Namespace) -> CommandResult:
     scenario = load_scenario(options.scenario)
-    _check_simulated(scenario)
+    check_execution(scenario)
     return CommandResult([f"{variable.name}: {variable.range_text}" for variable in scenario.variables])
-
-
-def _check_simulated(scenario: Scenario) -> None:
-    """Checks a scenario against its scene and skills.
-
-    :raises ConfigurationError: the text names all problems.
-    """
-    if scenario.execution == SIMULATED_SKILLS:
-        from skiros2_learning.local.episode import check_scenario  # takes a second to import
-        check_scenario(scenario)
 
 
 def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:
@@ -196,6 +192,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--storage", default="", metavar="URL", help="database, such as postgresql://user@host/name")
     command.add_argument("--optimiser", choices=OPTIMISERS, help="another optimiser than the scenario's")
     command.add_argument("--no-priors", action="store_true", help="remove all priors")
+    command.add_argument(
+        "--prior-study", type=Path, action="append", default=[], metavar="STUDY",
+        help="take the good configurations of an earlier study as priors",
+    )  # fmt: skip
     add_budget(command)
     command = add_study("resume", "Continues a study, also on another machine with --storage.")
     command.add_argument(

@@ -65,7 +65,8 @@ class Evaluation:
 
 
 def evaluate(scenario: Scenario, configuration: Mapping[str, Value], seed: int) -> Evaluation:
-    """Runs all repetitions of a configuration. An execution that breaks is a result with a reason.
+    """Runs all repetitions of a configuration, or until too many have failed. An execution that breaks is a result with
+    a reason.
 
     :raises WrongValue: the configuration does not fit the scenario.
     :raises ConfigurationError: the scenario names an execution that does not exist.
@@ -84,6 +85,8 @@ def evaluate(scenario: Scenario, configuration: Mapping[str, Value], seed: int) 
         except Exception as error:  # of a skill library, a plug-in or the physics: this evaluation has no result
             text = f"repetition {index}: {type(error).__name__}: {error}"
             return Evaluation(chosen, seed, repetitions=repetitions, error=text)
+        if sum(not each.is_success for each in repetitions) >= scenario.max_failures:
+            break
     return summary(scenario, chosen, seed, repetitions)
 
 
@@ -140,6 +143,18 @@ def find_execution(name: str) -> Execution:
         raise ConfigurationError(f"execution {name!r}: expected module:function, such as a.b:run_episode")
     execution: Execution = found
     return execution
+
+
+def check_execution(scenario: Scenario) -> None:
+    """Checks a scenario against the scene and the skills of its execution: by `check_scenario(scenario)` in the module
+    of the execution, if there is one. Nothing is simulated.
+
+    :raises ConfigurationError: the text names all problems.
+    """
+    module = importlib.import_module(find_execution(scenario.execution).__module__)
+    check = getattr(module, "check_scenario", None)
+    if check is not None:
+        check(scenario)
 
 
 def seed_of(scenario: Scenario, number: int) -> int:

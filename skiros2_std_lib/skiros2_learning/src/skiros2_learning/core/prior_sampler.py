@@ -44,9 +44,9 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 from threadpoolctl import threadpool_limits
 
-from skiros2_learning.core.search_space import Array, Choice, Normal, Prior, SearchSpace
+from skiros2_learning.core.search_space import Array, Choice, Kernels, Normal, Prior, SearchSpace
 
-__all__ = ["Choice", "Normal", "Prior", "PriorSampler"]
+__all__ = ["Choice", "Kernels", "Normal", "Prior", "PriorSampler"]
 
 #: Observations up to which a Gaussian process is fitted: its time grows with their third power.
 MAX_GAUSSIAN_PROCESS = 120

@@ -30,10 +30,15 @@ _ROWS = 15
 _LEAST_FOR_IMPORTANCE = 10
 
 
-def write_report(study: LearningStudy, others: dict[str, LearningStudy] | None = None) -> Path:
+def write_report(
+    study: LearningStudy,
+    others: dict[str, LearningStudy] | None = None,
+    pictures: dict[str, Figure] | None = None,
+) -> Path:
     """Writes `report.html` into the folder of the study. Returns its name.
 
     :param others: studies of the same scenario, to compare with, by title.
+    :param pictures: more pictures, by title.
     """
     results = study.results()
     sections = [_overview(study, results), _table(study, results)]
@@ -47,6 +52,7 @@ def write_report(study: LearningStudy, others: dict[str, LearningStudy] | None =
         sections.append(_picture("Configurations", configurations(study.scenario, complete)))
         if len(complete) >= _LEAST_FOR_IMPORTANCE:
             sections.append(_picture("Importance of the parameters", importance(study)))
+    sections += [_picture(title, figure) for title, figure in (pictures or {}).items()]
     sections.append(f"<h2>Scenario</h2><pre>{html.escape(study.scenario.source)}</pre>")
     target = study.folder / "report.html"
     title = html.escape(f"Study {study.scenario.name}")

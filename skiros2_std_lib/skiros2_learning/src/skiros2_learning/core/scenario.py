@@ -15,7 +15,7 @@ from skiros2_common.core.errors import ConfigurationError
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
 from skiros2_learning.core.rewards import Reward, read_reward
 from skiros2_learning.core.sections import Section
-from skiros2_learning.core.variables import KINDS, Gaussian, Kind, Prior, Value, Variable, Weights
+from skiros2_learning.core.variables import KINDS, Gaussian, Kind, Prior, Samples, Value, Variable, Weights
 
 #: The samplers that a scenario may name; see `study.make_sampler`.
 OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
@@ -115,7 +115,9 @@ class Scenario:
     :param success: what counts as success, besides the success of the task.
     :param evaluations: budget of the study; `initial` of them are drawn from the prior.
     :param repetitions: executions per configuration, each with another draw of the randomisation.
+    :param max_failures: an evaluation ends after this number of executions without success: it is hopeless.
     :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
+    :param prior_from: folders of earlier studies, whose good configurations are the priors; see `earlier_studies`.
     :param goal: the goal that the task is the plan for; "" if it has none.
     :param source: the text of the file.
     """
@@ -136,9 +138,11 @@ class Scenario:
     evaluations: int = 100
     initial: int = 20
     repetitions: int = 5
+    max_failures: int = 5
     seed: int = 0
     optimiser: str = "prior"
     timeout: float = 600.0
+    prior_from: tuple[Path, ...] = ()
     goal: str = ""
     source: str = ""
 
@@ -152,9 +156,11 @@ class Scenario:
         self,
         *,
         priors: bool = True,
+        changed_priors: Mapping[str, Mapping[str, Any]] | None = None,
         evaluations: int | None = None,
         initial: int | None = None,
         repetitions: int | None = None,
+        max_failures: int | None = None,
         optimiser: str | None = None,
         seed: int | None = None,
     ) -> Scenario:
@@ -162,6 +168,7 @@ class Scenario:
         anywhere.
 
         :param priors: False removes all priors.
+        :param changed_priors: by name of the variable, as in the file: they replace `prior_from`.
         :raises ScenarioError: the changes do not fit.
         """
         data = yaml.safe_load(self.source)
@@ -171,12 +178,21 @@ class Scenario:
         budget["evaluations"] = self.evaluations if evaluations is None else evaluations
         wanted = self.initial if initial is None else initial
         budget["initial"] = min(wanted, budget["evaluations"]) if initial is None else wanted
-        for key, value in (("repetitions", repetitions), ("optimiser", optimiser), ("seed", seed)):
+        changes = {
+            "repetitions": repetitions, "max_failures": max_failures, "optimiser": optimiser, "seed": seed
+        }  # fmt: skip
+        for key, value in changes.items():
             if value is not None:
                 data[key] = value
-        if not priors:
-            for variable in data["variables"].values():
+        if self.prior_from:
+            data["prior_from"] = [str(folder) for folder in self.prior_from]
+        if not priors or changed_priors is not None:
+            data.pop("prior_from", None)
+        for name, variable in data["variables"].items():
+            if not priors:
                 variable.pop("prior", None)
+            if changed_priors is not None and name in changed_priors:
+                variable["prior"] = dict(changed_priors[name])
         text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return parse_scenario(text, Path("/"), self.name)
 
@@ -249,6 +265,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         if not task:
             root.problem("task", "no steps; name at least one skill")
         _check_names(root, task, variables)
+    repetitions = root.whole("repetitions", 5, low=1)
     return Scenario(
         name=name,
         task=task,
@@ -265,10 +282,12 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         simulation=settings,
         evaluations=evaluations,
         initial=initial,
-        repetitions=root.whole("repetitions", 5, low=1),
+        repetitions=repetitions,
+        max_failures=root.whole("max_failures", repetitions, low=1),
         seed=root.whole("seed", 0),
         optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
         timeout=root.number("timeout", 600.0, above=0.0),
+        prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
         goal=root.text("goal", ""),
         source=text,
     )
@@ -340,6 +359,18 @@ def _prior(section: Section, kind: str, low: float, high: float, values: Sequenc
             part.problem("weights", f"expected {len(values)} numbers of 0 or more, not all 0")
         else:
             prior = Weights(tuple(number / sum(numbers) for number in numbers))
+    elif "samples" in part:
+        std = part.number("std", above=0.0)
+        samples = part.numbers("samples", len(part.items("samples")))
+        outside = [value for value in samples if not low <= value <= high]
+        if values:
+            part.problem("samples", f"only for real and integer variables; this one is {kind}; give weights")
+        elif not samples:
+            part.problem("samples", "none; expected at least one")
+        elif outside:
+            part.problem("samples", f"expected {low:g} to {high:g}, the range of the variable, got {outside}")
+        else:
+            prior = Samples(tuple(samples), std)
     else:
         mean, std = part.number("mean"), part.number("std", above=0.0)
         lowest, highest = (min(values), max(values)) if kind == "ordinal" and values else (low, high)

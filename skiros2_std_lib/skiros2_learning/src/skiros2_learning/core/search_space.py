@@ -38,6 +38,18 @@ class Normal:
 
 
 @dataclass(frozen=True)
+class Kernels:
+    """A prior as a kernel density: a mean of normal distributions, truncated to the range of the variable."""
+
+    centres: tuple[float, ...]
+    std: float
+
+    def log_density(self, value: Any) -> float:
+        logs = -0.5 * ((float(value) - np.array(self.centres)) / self.std) ** 2
+        return float(np.logaddexp.reduce(logs)) - math.log(len(self.centres))
+
+
+@dataclass(frozen=True)
 class Choice:
     """A prior of a categorical or ordinal variable.
 

@@ -29,11 +29,11 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 
 from skiros2_common.core.errors import ConfigurationError, MissingPackage, Refused, UnknownName
 from skiros2_learning.core.evaluation import Evaluation, seed_of
-from skiros2_learning.core.prior_sampler import Choice, Normal, PriorSampler
+from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, PriorSampler
 from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.storage import HEARTBEAT, StorageFailed, open_storage, public_name, repeat_stale, storing
-from skiros2_learning.core.variables import Gaussian, Value, Variable, Weights
+from skiros2_learning.core.variables import Gaussian, Samples, Value, Variable, Weights
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ _SAMPLERS_WITH_STATE = ("tpe", "nsga2", "random", "cmaes", "gp")
 #: How long a database that does not answer is tried again (s), and how often.
 RECONNECT_TIMEOUT, _RECONNECT_PERIOD = 30.0, 1.0
 #: Parts of a scenario that may differ between the processes that run one study in a database.
-_LOCAL_KEYS = ("scene", "budget", "optimiser", "timeout")
+_LOCAL_KEYS = ("scene", "budget", "optimiser", "timeout", "prior_from")
 #: Attributes of Optuna's trials. One that has failed without a result was interrupted.
 _RESULT, _SEED, _ERROR = "result", "seed", "error"
 #: Attribute of the study in a database: its scenario without the local keys.
@@ -188,9 +188,13 @@ class LearningStudy:
         for number in self._asked:
             self._reliably(lambda each=number: self._beat(each))  # type: ignore[misc]
 
-    def enqueue(self, configuration: dict[str, Value]) -> None:
-        """Evaluates a configuration next."""
-        self.optuna.enqueue_trial(dict(configuration), skip_if_exists=True)
+    def enqueue(self, configuration: dict[str, Value], seed: int | None = None) -> None:
+        """Evaluates a configuration next.
+
+        :param seed: of its draws; None for those of its number.
+        """
+        attributes = {} if seed is None else {_SEED: seed}
+        self.optuna.enqueue_trial(dict(configuration), user_attrs=attributes, skip_if_exists=True)
 
     def ask(self) -> tuple[int, dict[str, Value], int]:
         """Returns number, configuration and seed of the next evaluation."""
@@ -270,7 +274,17 @@ class LearningStudy:
 
     def best(self) -> list[int]:
         """Returns the numbers of the Pareto-optimal evaluations, those with the best success rate first."""
-        numbers = [trial.number for trial in self._reliably(lambda: self.optuna.best_trials)] if self.counted else []
+        best = self._reliably(lambda: self.optuna.best_trials) if self.counted else []
+        return self._ranked([trial.number for trial in best])
+
+    def ranked(self) -> list[int]:
+        """Returns the numbers of all evaluations with a result: by success rate, then by the objectives in their
+        order; the best one first."""
+        return self._ranked([number for number, result in self.results().items() if not result.error])
+
+    # -- internal ----------------------------------------------------------------------------------------------------
+
+    def _ranked(self, numbers: list[int]) -> list[int]:
         results = self.results()
         sense = [1.0 if objective.sense == "minimise" else -1.0 for objective in self.scenario.objectives]
 
@@ -280,8 +294,6 @@ class LearningStudy:
             return (-result.success_rate, *costs)
 
         return sorted(numbers, key=order)
-
-    # -- internal ----------------------------------------------------------------------------------------------------
 
     def _trials(self, *states: TrialState) -> list[FrozenTrial]:
         return self._reliably(lambda: self.optuna.get_trials(deepcopy=False, states=states))
@@ -350,6 +362,8 @@ def prior_of(variable: Variable) -> SamplerPrior | None:
     """Returns the prior of a variable for the sampler."""
     if isinstance(variable.prior, Gaussian):
         return Normal(variable.prior.mean, variable.prior.std)
+    if isinstance(variable.prior, Samples):
+        return Kernels(variable.prior.values, variable.prior.std)
     if isinstance(variable.prior, Weights):
         return Choice(dict(zip(variable.values, variable.prior.values, strict=True)))
     return None

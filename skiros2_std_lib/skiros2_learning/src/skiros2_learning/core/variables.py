@@ -25,13 +25,24 @@ class Gaussian:
 
 
 @dataclass(frozen=True)
+class Samples:
+    """A prior of a real or an integer variable: good values are near those that were good before.
+
+    :param values, std: centres and standard deviation of normal kernels, in the unit of the variable.
+    """
+
+    values: tuple[float, ...]
+    std: float
+
+
+@dataclass(frozen=True)
 class Weights:
     """A prior of an ordinal or categorical variable: the probability of each value, which sum to 1."""
 
     values: tuple[float, ...]
 
 
-Prior = Gaussian | Weights
+Prior = Gaussian | Samples | Weights
 
 
 @dataclass(frozen=True)

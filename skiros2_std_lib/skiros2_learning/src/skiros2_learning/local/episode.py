@@ -150,7 +150,7 @@ class Episode:
             if name.rpartition(".")[0] == step.name
         }
         given = {**step.parameters, **learned}
-        declared = _declared(self.bench, step)
+        declared = declared_parameters(self.bench, step)
         unknown = [key for key in given if key not in declared]
         if unknown:
             texts = (f"{step.skill} has no parameter {key!r}; {near(key, declared)}" for key in unknown)
@@ -203,14 +203,15 @@ def check_scenario(scenario: Scenario) -> None:
         except SkirosError as error:
             raise ConfigurationError(f"scenario {scenario.name}: {error}") from None
         with episode:
-            problems = [text for step in scenario.task for text in _step_problems(scenario, step, episode.bench)]
+            problems = [text for step in scenario.task for text in step_problems(scenario, step, episode.bench)]
     if problems:
         raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
 
 
-def _step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str]:
+def step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str]:
+    """Describes what does not fit between a step with its variables and the skills and elements of a bench."""
     try:
-        declared = _declared(bench, step)
+        declared = declared_parameters(bench, step)
     except SkirosError as error:
         return [str(error)]
     found = []
@@ -245,7 +246,7 @@ def element_of(bench: SkillBench, name: str) -> Element:
     return bench.wmi.find_element(name) or bench.element(name)
 
 
-def _declared(bench: SkillBench, step: Step) -> dict[str, Param]:
+def declared_parameters(bench: SkillBench, step: Step) -> dict[str, Param]:
     """Returns the parameters of a step's skill, by key.
 
     :raises UnknownName: there is no such skill.

@@ -1,0 +1,145 @@
+"""An execution of the insertion of a piston: skills, compliant arm and physics of `skiros2_contact_skills`, in this
+process.
+
+A step of the task names an implementation of the insertion in `label`; its parameters and variables replace the
+defaults of that skill. The scenario's `settings` are those of `Settings`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_contact_skills.insertion_study import SCENE, InsertionStudy, insertion_skills
+from skiros2_learning.core.episode_record import EpisodeRecord
+from skiros2_learning.core.rewards import names_used
+from skiros2_learning.core.scenario import Scenario, ScenarioError
+from skiros2_learning.core.sections import Section, near
+from skiros2_learning.core.variables import Value
+from skiros2_learning.local.episode import declared_parameters, step_problems
+from skiros2_sim.core.wrist_sensor import SensorModel
+from skiros2_skill.testing import SkillBench
+
+#: The series of the record: depth of the piston below the rim (m), its tilt (rad), force at the wrist (N).
+DEPTH, TILT, ARM_FORCE = "depth", "tilt", "Right arm.measured_force"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Errors of the estimated pose of the bore. Each execution draws its errors between the bounds, in any direction.
+
+    :param least_position_error, position_error: across the axis of the bore (m).
+    :param least_angle_error, angle_error: of its axis (degrees).
+    """
+
+    least_position_error: float = 0.0
+    position_error: float = 0.0
+    least_angle_error: float = 0.0
+    angle_error: float = 0.0
+
+
+def run_insertion(scenario: Scenario, configuration: dict[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Inserts the piston once. The record has the series `depth` (m, by the simulator's truth), `tilt` (rad) and
+    `Right arm.measured_force` (N), one sample for each tick of the skills.
+
+    :param seed: of the evaluation.
+    :param index: of the repetition.
+    :raises SkirosError: the scenario does not fit the insertion.
+    """
+    settings = _settings(scenario)
+    random = np.random.default_rng([seed, index])
+    run = _study(scenario.randomisation.sensor).run(
+        int(random.integers(2**31)),
+        random.uniform(settings.least_position_error, settings.position_error),
+        math.radians(random.uniform(settings.least_angle_error, settings.angle_error)),
+        parameters=_parameters(scenario, configuration),
+        time_limit=scenario.simulation.time_limit,
+    )
+    times, depths, forces = np.array(run.profile).T
+    series = {DEPTH: depths, TILT: np.full(len(times), run.tilt), ARM_FORCE: forces}
+    return EpisodeRecord(run.success, run.why, run.time, times, {}, {}, series)
+
+
+def default_configuration(scenario: Scenario) -> dict[str, Value]:
+    """Returns the values that the skills have by default for the variables of a scenario.
+
+    :raises SkirosError: the scenario does not fit the insertion.
+    """
+    found: dict[str, Value] = {}
+    with SkillBench(SCENE) as bench:
+        bench.load(*insertion_skills())
+        for variable in scenario.variables:
+            name, _, key = variable.name.rpartition(".")
+            (step,) = (each for each in scenario.task if each.name == name)
+            found[variable.name] = declared_parameters(bench, step)[key].value
+    return found
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Checks a scenario against the skills of the insertion; nothing is simulated.
+
+    :raises ConfigurationError: the text names all problems.
+    """
+    _settings(scenario)
+    problems = []
+    randomisation = scenario.randomisation
+    if randomisation.bodies or randomisation.starts:
+        problems.append("randomisation: the insertion has only `sensor`; errors of poses are in `settings`")
+    with SkillBench(SCENE) as bench:
+        try:
+            bench.load(*insertion_skills(parameters=_parameters(scenario, {})))
+        except SkirosError as error:
+            problems.append(str(error))
+        else:
+            problems += [text for step in scenario.task for text in step_problems(scenario, step, bench)]
+    names = {step.name for step in scenario.task}
+    for variable in scenario.variables:
+        step = variable.name.rpartition(".")[0]
+        if step not in names:
+            problems.append(f"{variable.name}: no step is called {step!r}; {near(step, names)}")
+    things, _, series = names_used(scenario.all_rewards)
+    known = {DEPTH, TILT, ARM_FORCE}
+    problems += [f"no series {each!r} is recorded; {near(each, known)}" for each in sorted(series - known)]
+    problems += [f"rewards: the insertion does not record the pose of {each!r}" for each in sorted(things)]
+    if problems:
+        raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
+
+
+@functools.cache
+def _study(sensor: SensorModel) -> InsertionStudy:
+    """Returns the world of this process: it takes a second to make, and each run resets it."""
+    return InsertionStudy(sensor)
+
+
+def _settings(scenario: Scenario) -> Settings:
+    """Reads the settings.
+
+    :raises ScenarioError: they have mistakes; the text names all of them.
+    """
+    problems: list[str] = []
+    section = Section(scenario.settings, "settings", problems)
+    settings = Settings(**{each.name: section.number(each.name, 0.0, low=0.0, high=90.0) for each in fields(Settings)})
+    section.end()
+    for key in ("position_error", "angle_error"):
+        if getattr(settings, f"least_{key}") > getattr(settings, key):
+            problems.append(f"settings.{key}: expected at least that of least_{key}")
+    if problems:
+        raise ScenarioError(f"scenario {scenario.name}", problems)
+    return settings
+
+
+def _parameters(scenario: Scenario, configuration: dict[str, Value]) -> dict[str, dict[str, Value]]:
+    """Returns the values by implementation and key."""
+    found: dict[str, dict[str, Value]] = {}
+    for step in scenario.task:
+        learned = {
+            name.rpartition(".")[2]: value
+            for name, value in configuration.items()
+            if name.rpartition(".")[0] == step.name
+        }
+        found.setdefault(step.label, {}).update({**step.parameters, **learned})
+    return found

@@ -1,0 +1,87 @@
+"""The insertion as an execution of a scenario, in physics."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_learning.core.evaluation import check_execution, evaluate
+from skiros2_learning.core.randomisation import BodySpread, Randomisation
+from skiros2_learning.core.rewards import Distance, Signal
+from skiros2_learning.core.scenario import Criterion, Scenario, Step, load_scenario
+from skiros2_learning.core.variables import Value, Variable
+from skiros2_learning.local.insertion import default_configuration
+
+FILE = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/insertion.yaml"
+
+
+def configuration(force: float, radius: float, velocity: float, distance: float) -> dict[str, Value]:
+    keys = ("Force", "Radius", "PathVelocity", "PathDistance")
+    return {f"SpiralSearch.{key}": value for key, value in zip(keys, (force, radius, velocity, distance), strict=True)}
+
+
+GOOD = configuration(7.0, 0.0053, 0.026, 0.0031)
+
+
+@pytest.fixture
+def insertion() -> Scenario:
+    return dataclasses.replace(load_scenario(FILE), repetitions=1)
+
+
+def test_a_good_search_finds_the_bore_in_spite_of_the_error_of_its_pose(insertion: Scenario) -> None:
+    result = evaluate(insertion, GOOD, 1)
+    assert not result.error
+    assert result.success_rate == 1.0, result.repetitions[0].reason
+    assert 10.0 < result.objectives["force"] < 48.0
+
+
+def test_an_insertion_is_the_same_bit_for_bit_and_differs_with_the_seed(insertion: Scenario) -> None:
+    first = evaluate(insertion, GOOD, 1)
+    assert first == evaluate(insertion, GOOD, 1)
+    assert first != evaluate(insertion, GOOD, 2)
+
+
+@pytest.mark.parametrize("zero", ["Force", "Radius", "PathVelocity", "PathDistance"])
+def test_a_search_without_force_or_motion_is_a_bad_result_after_one_failure(insertion: Scenario, zero: str) -> None:
+    wanted = dataclasses.replace(insertion, repetitions=4)
+    result = evaluate(wanted, {**GOOD, f"SpiralSearch.{zero}": 0.0}, 3)
+    assert not result.error
+    assert result.success_rate == 0.0
+    assert len(result.repetitions) == wanted.max_failures == 1
+
+
+def test_the_scenario_fits_the_skills_which_have_defaults_for_its_variables(insertion: Scenario) -> None:
+    check_execution(insertion)
+    assert default_configuration(insertion) == configuration(8.0, 0.0045, 0.012, 0.0006)
+
+
+def test_all_that_does_not_fit_is_reported(insertion: Scenario) -> None:
+    wrong = dataclasses.replace(
+        insertion,
+        task=(Step("SpiralSearch", "SpiralSearch", "spiral_search", {"SearchTim": 5.0}),),
+        variables=(Variable("SpiralSearch.Force", "real", 0.0, 50.0), Variable("Search.Radius", "real", 0.0, 0.01)),
+        success=(Criterion("deep", Signal("dept"), 0.05), Criterion("near", Distance("Piston", "Bore 2"), 0.0, 0.1)),
+        randomisation=Randomisation({"Piston": BodySpread(0.1)}),
+    )
+    with pytest.raises(ConfigurationError) as found:
+        check_execution(wrong)
+    for text in (
+        "SpiralSearch has no parameter 'SearchTim'; near: SearchTime",
+        "SpiralSearch.Force: the skill allows other values: expected 0 to 30 N",
+        "Search.Radius: no step is called 'Search'",
+        "no series 'dept' is recorded; near: depth",
+        "does not record the pose of 'Piston'",
+        "randomisation: the insertion has only `sensor`",
+    ):
+        assert text in str(found.value)
+
+
+def test_settings_with_mistakes_are_reported(insertion: Scenario) -> None:
+    wrong = dataclasses.replace(insertion, settings={"position_eror": 0.1, "least_angle_error": 1.0})
+    with pytest.raises(ConfigurationError) as found:
+        check_execution(wrong)
+    assert "settings.position_eror: unknown key; near: " in str(found.value)
+    assert "settings.angle_error: expected at least that of least_angle_error" in str(found.value)

@@ -42,6 +42,7 @@ class ContactPrimitive(PrimitiveBase):
     :ivar start: state of the arm at the first tick of `move`.
     """
 
+    replays_progress = True
     arm: CompliantArm
     start: ArmState
     #: Damping factors along and about the axes of the tool.

@@ -8,6 +8,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from unit.skiros2_gui.conftest import window
+
+__all__ = ["garbage_of_this_thread", "window"]
+
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 

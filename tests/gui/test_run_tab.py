@@ -25,16 +25,8 @@ from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_skill.client.description import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree
 from support.recorded_run import ROOT
-from support.window.local_system import LocalManager, LocalSystem
-from support.window.synchronous import make_window
+from support.window.local_system import LocalManager
 from unit.skiros2_skill.skills import describe
-
-
-@pytest.fixture
-def window() -> Iterator[Window]:
-    made = make_window(LocalSystem)
-    yield made
-    made.system.close()
 
 
 @pytest.fixture

@@ -15,16 +15,7 @@ from skiros2_gui.app.widgets.theme import palette_of
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.widgets.tab import RunTab
 from support.window.driver import Driver
-from support.window.local_system import LocalSystem
 from support.window.press_cell import TOPIC, PressCell
-from support.window.synchronous import make_window
-
-
-@pytest.fixture
-def window() -> Iterator[Window]:
-    made = make_window(LocalSystem)
-    yield made
-    made.system.close()
 
 
 @pytest.fixture

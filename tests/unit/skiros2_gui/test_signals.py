@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -15,9 +15,7 @@ from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.signal_trace import GAP, LONGEST, STROKE, SignalTrace
 from skiros2_gui.run.signals import SignalPlots
 from skiros2_runs.core.values import MAXIMUM
-from support.window.local_system import LocalSystem
 from support.window.press_cell import TOPIC, PressCell
-from support.window.synchronous import make_window
 
 # -- traces ------------------------------------------------------------------------------------------------------------
 
@@ -68,13 +66,6 @@ def test_slow_signal_has_no_gaps() -> None:
 
 
 # -- presenter ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def window() -> Iterator[Window]:
-    made = make_window(LocalSystem)
-    yield made
-    made.system.close()
 
 
 @pytest.fixture

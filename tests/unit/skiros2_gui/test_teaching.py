@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 
@@ -11,16 +11,7 @@ from skiros2_gui.app.events import ElementSelected, TaskProgress
 from skiros2_gui.app.window import Window
 from skiros2_gui.teach.presenter import Action, TeachPresenter
 from skiros2_gui.world.presenter import WorldPresenter
-from support.window.local_system import LocalSystem
-from support.window.synchronous import make_window
 from support.window.teach_cell import TeachCell
-
-
-@pytest.fixture
-def window() -> Iterator[Window]:
-    made = make_window(LocalSystem)
-    yield made
-    made.system.close()
 
 
 @pytest.fixture

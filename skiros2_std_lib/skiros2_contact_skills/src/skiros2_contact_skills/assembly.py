@@ -21,7 +21,9 @@ _TRANSFER, _FAST = 0.12, 0.25
 #: A transfer: fast, and with a tolerance that need not be settled.
 _SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
 #: Motion of the hand at which a held ring counts as slipping (m).
-_SLIP = 0.004
+_SLIP = 0.006
+#: Between the fingers that release the piston: they may be in the opening of the ring (m).
+_RELEASED = 0.03
 #: Time limit of putting down one part (s).
 _PUT_DOWN_TIME = 60.0
 
@@ -252,12 +254,12 @@ class insert_piston(SkillBase):
                     self.skill(SerialStar())(
                         self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
                         self.skill("InsertIntoBore", ""),
-                        self.skill("ReleasePart", "", remap={"Container": "Bore"}),
+                        self.skill("ReleasePart", "", remap={"Container": "Bore"}, specify={"Width": _RELEASED}),
                         self.skill("RetractTool", "", specify=_SWING),
                     ),
                 ),
-                # what has exceeded the limit may not be over yet
-                self.skill("RetractAfterFailure", "", specify={"MaxForce": 120.0}),
+                # what has exceeded the limit may not be over yet; the ring must pass below the piston afterwards
+                self.skill("RetractAfterFailure", "", specify={"MaxForce": 120.0, "Height": 0.2, "Speed": _FAST}),
             ),
             self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
         )

@@ -35,6 +35,9 @@ class ReleasePart(SkillDescription):
         self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Required, description="The gripper")
         self.addParam("Part", Element("skiros:Product"), ParamTypes.Required, description="The held part")
         self.addParam("Container", Element("sumo:Object"), ParamTypes.Required, description="Where the part is then")
+        self.addParam(
+            "Width", 0.0, ParamTypes.Optional, description="Between the fingers; 0: fully open", unit="m", minimum=0.0
+        )
 
 
 class grip_part(open_gripper):
@@ -72,7 +75,7 @@ class release_part(open_gripper):
         return f"Releasing {self.label_of('Part')}"
 
     def buildGoal(self) -> GripperCommandGoal:
-        return self.command(opening(self.element("Gripper")), 0.0)
+        return self.command(self.value("Width") or opening(self.element("Gripper")), 0.0)
 
     def onDone(self, status: int, msg: GripperCommandResult) -> State:
         part, container = self.element("Part"), self.element("Container")

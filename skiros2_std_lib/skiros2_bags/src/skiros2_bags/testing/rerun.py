@@ -15,7 +15,7 @@ import itertools
 import math
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -44,6 +44,7 @@ from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
 from skiros2_runs.core.tolerance import NARROW, Tolerance
+from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import replaced
 from skiros2_world_model.core.changes import Change
@@ -96,14 +97,17 @@ class ReplayResult:
 
 @dataclass(frozen=True)
 class Ordering:
-    """A choice of the uncertain orders and times.
+    """A choice of the uncertain orders, times and causes.
 
     :param orders: (order of a message, its new order).
     :param time_shifts: (order of a progress message, time shift of its tick in s).
+    :param preempting: orders of progress messages in which primitives that are replaced by their recorded progress have
+        failed because the tree has preempted them, and not by themselves.
     """
 
     orders: tuple[tuple[int, float], ...] = ()
     time_shifts: tuple[tuple[int, float], ...] = ()
+    preempting: frozenset[int] = frozenset()
 
 
 def replay(bag: Path, settings: Settings) -> ReplayResult:
@@ -148,9 +152,8 @@ def _attempt(
 ) -> tuple[Event, Divergence] | None:
     """Returns the first event with a divergence, and the divergence."""
     orders = dict(ordering.orders)
-    shifts = dict(ordering.time_shifts)
     events = sorted(recording.events, key=lambda e: orders.get(e.order, e.order))
-    with RerunPass(recording, runs, settings.workspace, settings.played, settings.tolerance, shifts) as run:
+    with RerunPass(recording, runs, settings, ordering) as run:
         for event in events:
             divergence = run.play(event)
             if divergence is not None:
@@ -163,6 +166,8 @@ def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterat
     """Yields alternative orderings near an event, the most likely first."""
     if not isinstance(at, TaskProgress):
         return
+    if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
+        yield replace(ordering, preempting=ordering.preempting | {at.order})
     near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
     near.sort(key=lambda e: abs(e.order - at.order))
     moved = dict(ordering.orders)
@@ -193,23 +198,15 @@ def _clock_step(ticks: Iterable[ClockTick]) -> float:
 class RerunPass:
     """One pass through a recording. A context manager; `play` takes the events in order.
 
-    :param workspace: folder of additional ontologies.
-    :param played: labels of primitives that are replaced by their recorded progress.
-    :param time_shifts: time shift of ticks (s), by the order of their progress message.
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        runs: Sequence[RecordedTask],
-        workspace: Path | None,
-        played: frozenset[str],
-        tolerance: Tolerance,
-        time_shifts: Mapping[int, float],
+        self, recording: Recording, runs: Sequence[RecordedTask], settings: Settings, ordering: Ordering
     ) -> None:
         self._exit = contextlib.ExitStack()
-        self._tolerance = tolerance
-        self._time_shifts = time_shifts
+        self._tolerance = settings.tolerance
+        self._time_shifts = dict(ordering.time_shifts)
+        self._preempting = ordering.preempting
         self._begin = recording.events[0].time
         self._runs = {message.order: run for run in runs for message in run.progress}
         self._times = {
@@ -221,16 +218,15 @@ class RerunPass:
         self._first = min(run.begin for run in runs)
         self._inputs = input_operations(recording)
         scene = scene_before(recording, self._first)
-        self.model = world_model_with(scene, workspace)
+        self.model = world_model_with(scene, settings.workspace)
         add_reasoners(self.model)
-        self.actions = RecordedActions(recording, tolerance)
+        self.actions = RecordedActions(recording, settings.tolerance)
         # Starts at 0: the resolution of a float with s since the epoch is too low for the clock's nanosecond steps.
         self.clock = FakeClock(0.0)
         self._is_simulated = any(isinstance(e, ClockTick) for e in recording.events)
         self._changes_made: list[Change] = []
-        self.managers = {
-            name: RerunManager(name, self.model, self.actions, played) for name in {run.manager for run in runs}
-        }
+        names = {run.manager for run in runs}
+        self.managers = {n: RerunManager(n, self.model, self.actions, settings.played) for n in names}
         self._tasks: dict[int, RerunTask] = {}
         self._cancelled: set[str] = set()
 
@@ -303,7 +299,7 @@ class RerunPass:
         expected = list(self._own.values())[len(self._changes_made) :]
         due_changes = [event.change for event in expected if event.order < progress.order]
         self.actions.deliver_answers(task.progress, progress, task.states_between(progress))
-        mismatch = task.tick(progress, due_changes)
+        mismatch = task.tick(progress, due_changes, progress.order in self._preempting)
         if mismatch is None and not self.actions.mismatches:
             return None
         earlier = self._changed_differently()

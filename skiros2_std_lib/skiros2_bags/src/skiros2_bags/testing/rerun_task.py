@@ -25,6 +25,7 @@ from skiros2_runs.core.frame import NodeProgress
 from skiros2_runs.core.states import FAILURE, RUNNING, SUCCESS, TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.tolerance import Tolerance
+from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
 from skiros2_skill.core.runtime.task import Task
@@ -146,6 +147,8 @@ def replay_primitive(cls: type, manager: Any) -> type:
         recorded = recorded_node(self)
         if recorded is None or recorded.state not in _STATES:
             return self.step()  # type: ignore[no-any-return]
+        if recorded.code == PREEMPTED and manager.ticked.is_preempting:
+            return State.Running
         if recorded.state != RUNNING:
             for change in manager.ticked.take_due_changes():
                 manager.wmi.transact(change_operations(change, manager.wmi.model.scene()))
@@ -182,6 +185,8 @@ class RerunTask:
         self._tolerance = tolerance
         #: The last recorded progress.
         self.progress: TaskProgress = run.progress[0]
+        #: Whether the tree preempts the primitives that have failed with `PREEMPTED` in the current tick.
+        self.is_preempting = False
         self._due_changes: list[Change] = []
         self._rejection = ""
         try:
@@ -196,15 +201,19 @@ class RerunTask:
         """Requests preemption of the task."""
         self._task.preempt()
 
-    def tick(self, progress: TaskProgress, due_changes: Sequence[Change]) -> tuple[str, str, str] | None:
+    def tick(
+        self, progress: TaskProgress, due_changes: Sequence[Change], is_preempting: bool
+    ) -> tuple[str, str, str] | None:
         """Ticks until there is progress to publish, at most as often as the manager can have ticked.
 
         :param due_changes: the recorded changes that this tick may make.
+        :param is_preempting: see `Ordering.preempting`.
         :returns: a mismatch (node, recorded, now); None without one.
         """
         if self._rejection:
             return "the task is refused", "it runs", self._rejection
         before, self.progress, self._due_changes = self.progress, progress, list(due_changes)
+        self.is_preempting = is_preempting
         state = progress.frame.task_state
         if state is TaskState.PAUSED:
             return None

@@ -21,19 +21,6 @@ _RESTING, _SETTLING = 0.3, 2.0
 _GRIPPING = 15.0
 
 
-class Command(NamedTuple):
-    """A command that a gripper was given.
-
-    :param time: by the clock of the arms (s).
-    :param width: between the fingers (m).
-    :param effort: maximum force (N); 0 for the driver's default.
-    """
-
-    time: float
-    width: float
-    effort: float
-
-
 class Gripper(Protocol):
     """A gripper. Called by the thread that ticks skills; no method blocks."""
 
@@ -46,7 +33,7 @@ class Gripper(Protocol):
         failed."""
         ...
 
-    def commands(self) -> Sequence[Command]:
+    def commands(self) -> Sequence[GripperEvent]:
         """Returns the commands by whatever client since this gripper was connected."""
         ...
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from skiros2_common.core.errors import WrongValue
 from skiros2_contact_skills.core.compliant_arm import ArmState
 from skiros2_std_reasoners.core.geometry import Pose
-from skiros2_teaching.core.player import Command
 from skiros2_teaching.core.taught_path import MAX_SAMPLES, GripperEvent, Sample, TaughtPath
 
 #: Time without a new state after which the sensor counts as stale (s).
@@ -39,7 +38,7 @@ class Recording:
             raise WrongValue(f"the recording has {MAX_SAMPLES} samples: a path may have no more")
         self._samples.append(Sample(state.stamp, state.pose))
 
-    def path(self, frame: Pose, commands: Sequence[Command] = ()) -> TaughtPath:
+    def path(self, frame: Pose, commands: Sequence[GripperEvent] = ()) -> TaughtPath:
         """Returns the smoothed path.
 
         :param frame: the pose of the arm's base frame in the frame of the path.
@@ -49,5 +48,5 @@ class Recording:
         if not self._samples:
             raise WrongValue("the recording is empty: the arm has sent no state")
         first, last = self._samples[0].time, self._samples[-1].time
-        events = [GripperEvent(c.time, c.width, c.effort) for c in commands if first <= c.time <= last]
+        events = [command for command in commands if first <= command.time <= last]
         return TaughtPath.from_samples(self._samples, events).transformed(frame).smoothed()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from skiros2_sim.core import gripper as fingers
 from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
-from skiros2_teaching.core.player import Command
+from skiros2_teaching.core.taught_path import GripperEvent
 
 
 class SimulatedGripper:
@@ -16,13 +16,13 @@ class SimulatedGripper:
     :param commands: the commands of all clients of this gripper, which share the list.
     """
 
-    def __init__(self, world: World, gripper: fingers.Gripper, commands: list[Command]) -> None:
+    def __init__(self, world: World, gripper: fingers.Gripper, commands: list[GripperEvent]) -> None:
         self._world, self._gripper = world, gripper
         self._motion: fingers.GripperMotion | None = None
         self._commands, self._first = commands, len(commands)
 
     def command(self, width: float, effort: float) -> None:
-        self._commands.append(Command(self._world.time, width, effort))
+        self._commands.append(GripperEvent(self._world.time, width, effort))
         self._motion = fingers.GripperMotion(self._gripper, width, effort)
         self._world.motions.add(self._motion)
 
@@ -32,7 +32,7 @@ class SimulatedGripper:
             return None
         return "" if outcome.state is State.SUCCEEDED else outcome.text
 
-    def commands(self) -> Sequence[Command]:
+    def commands(self) -> Sequence[GripperEvent]:
         return tuple(self._commands[self._first :])
 
     def close(self) -> None:

@@ -55,7 +55,7 @@ class Sample(NamedTuple):
 class GripperEvent(NamedTuple):
     """A command to the gripper.
 
-    :param time: since the start of the path (s).
+    :param time: since the start of the path, or by the clock of the arms during a recording (s).
     :param width: between the fingers (m).
     :param effort: maximum force (N); 0 for the driver's default.
     """

@@ -13,7 +13,7 @@ from control_msgs.msg import GripperCommandAction, GripperCommandActionGoal, Gri
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_sim.core.names import GRIPPER, part_name, robot_name
-from skiros2_teaching.core.player import Command
+from skiros2_teaching.core.taught_path import GripperEvent
 
 #: Time in which the server has to connect (s of wall time).
 _CONNECTING = 5.0
@@ -28,7 +28,7 @@ class ActionGripper:
     def __init__(self, name: str) -> None:
         self._name = name
         self._lock = threading.Lock()
-        self._commands: list[Command] = []
+        self._commands: list[GripperEvent] = []
         self._goal: GripperCommandGoal | None = None
         self._is_sent = False
         self._client = actionlib.SimpleActionClient(name, GripperCommandAction)
@@ -61,7 +61,7 @@ class ActionGripper:
             return ""
         return self._client.get_goal_status_text() or f"{self._name} has ended with status {status}"
 
-    def commands(self) -> Sequence[Command]:
+    def commands(self) -> Sequence[GripperEvent]:
         with self._lock:
             return tuple(self._commands)
 
@@ -80,4 +80,4 @@ class ActionGripper:
     def _on_goal(self, message: GripperCommandActionGoal) -> None:
         command = message.goal.command
         with self._lock:
-            self._commands.append(Command(rospy.get_time(), command.position, command.max_effort))
+            self._commands.append(GripperEvent(rospy.get_time(), command.position, command.max_effort))

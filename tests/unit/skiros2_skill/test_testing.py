@@ -310,6 +310,24 @@ def test_real_time_is_restored_after_the_test():
     assert time.monotonic is real
 
 
+def test_a_second_thread_cannot_replace_the_clock_too():
+    real, refused = time.monotonic, []
+
+    def enter():
+        try:
+            with FakeClock():
+                pass
+        except RuntimeError as error:
+            refused.append(str(error))
+
+    with FakeClock():
+        thread = threading.Thread(target=enter)
+        thread.start()
+        thread.join()
+    assert refused == ["the fake clock of thread MainThread is active"]
+    assert time.monotonic is real
+
+
 # -- injected failures -------------------------------------------------------------------------------------------------
 
 

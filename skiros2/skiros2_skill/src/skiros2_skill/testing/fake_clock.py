@@ -8,6 +8,7 @@ import threading
 import time
 from contextlib import ExitStack
 from types import TracebackType
+from typing import ClassVar
 
 from skiros2_skill.testing.faults import replaced
 
@@ -20,8 +21,13 @@ class FakeClock:
     clock in the thread that entered it; in other threads it waits until the clock is advanced far enough.
     `time.monotonic` increases by a nanosecond at each call: no two results are equal.
 
+    Clocks of one thread may be nested.
+
     :param now: the initial time (s).
+    :raises RuntimeError: on entry, a clock of another thread is active: its exit would stop the time for ever.
     """
+
+    _active: ClassVar[list[FakeClock]] = []
 
     def __init__(self, now: float = 1000.0) -> None:
         self._now = now
@@ -58,6 +64,9 @@ class FakeClock:
 
     def __enter__(self) -> FakeClock:
         self._owner = threading.current_thread()
+        if self._active and self._active[-1]._owner is not self._owner:
+            raise RuntimeError(f"the fake clock of thread {self._active[-1]._owner.name} is active")
+        self._active.append(self)
         self._running = True
         for name, fake in (("time", lambda: self._now), ("monotonic", self._monotonic), ("sleep", self.sleep)):
             self._replaced.enter_context(replaced(time, name, fake))
@@ -69,6 +78,7 @@ class FakeClock:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._replaced.close()
+        self._active.remove(self)
         with self._change:
             self._running = False
             self._change.notify_all()

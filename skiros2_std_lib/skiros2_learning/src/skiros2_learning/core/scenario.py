@@ -23,6 +23,10 @@ OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
 VERSION = 1
 #: Runs the task in the simulated world; see `local.episode`.
 SIMULATED_SKILLS = "skiros2_learning.local.episode:run_episode"
+#: Runs the task on running nodes; see `ros.real_robot`.
+REAL_SKILLS = "skiros2_learning.ros.real_robot:run_episode"
+#: Where a task runs, and by which execution.
+PLATFORMS = {"simulation": SIMULATED_SKILLS, "real": REAL_SKILLS}
 
 Sense = Literal["maximise", "minimise"]
 
@@ -105,6 +109,23 @@ class Simulation:
 
 
 @dataclass(frozen=True)
+class RealPlatform:
+    """How the task is executed on running nodes.
+
+    :param manager: node name of the skill manager; "" for the only one.
+    :param reset: steps before each execution, and their timeout (s).
+    :param signals: label of the signal's element for each series that rewards read.
+    :param sample_rate: of the record (Hz).
+    """
+
+    manager: str = ""
+    reset: tuple[Step, ...] = ()
+    reset_timeout: float = 120.0
+    signals: Mapping[str, str] = field(default_factory=dict)
+    sample_rate: float = 10.0
+
+
+@dataclass(frozen=True)
 class Scenario:
     """A learning scenario.
 
@@ -144,7 +165,13 @@ class Scenario:
     timeout: float = 600.0
     prior_from: tuple[Path, ...] = ()
     goal: str = ""
+    real: RealPlatform = field(default_factory=RealPlatform)
     source: str = ""
+
+    @property
+    def is_real(self) -> bool:
+        """Whether the task runs on a real robot."""
+        return self.execution == REAL_SKILLS
 
     @property
     def all_rewards(self) -> list[Reward]:
@@ -260,8 +287,9 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
     objectives = tuple(_objective(key, part) for key, part in root.section("objectives").sections())
     if not objectives:
         root.problem("objectives", "none; a scenario needs at least one")
-    execution = root.text("execution", SIMULATED_SKILLS)
-    if execution == SIMULATED_SKILLS:
+    platform = root.choice("platform", tuple(PLATFORMS), "simulation")
+    execution = root.text("execution", PLATFORMS[platform])
+    if execution in PLATFORMS.values():
         if not task:
             root.problem("task", "no steps; name at least one skill")
         _check_names(root, task, variables)
@@ -289,6 +317,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         timeout=root.number("timeout", 600.0, above=0.0),
         prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
         goal=root.text("goal", ""),
+        real=_real(root.section("real")),
         source=text,
     )
 
@@ -311,6 +340,18 @@ def _step(section: Section) -> Step:
     )
     section.end()
     return step
+
+
+def _real(section: Section) -> RealPlatform:
+    real = RealPlatform(
+        section.text("manager", ""),
+        tuple(_step(part) for part in section.listed("reset", ())),
+        section.number("reset_timeout", 120.0, above=0.0),
+        {name: str(label) for name, label in section.section("signals").take_all().items()},
+        section.number("sample_rate", 10.0, above=0.0, high=1000.0),
+    )
+    section.end()
+    return real
 
 
 def _variable(name: str, section: Section) -> Variable:

@@ -47,6 +47,7 @@ from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.stop_bar import StopBar
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
+from skiros2_gui.learning.widgets.tab import LearningTab
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_gui.skills.widgets.tab import SkillsTab
 from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
@@ -153,7 +154,7 @@ def _edits_cell(widget: QWidget) -> bool:
 
 log = logging.getLogger(__name__)
 
-#: The tabs; rviz follows where it is available.
+#: The first tabs; rviz follows where it is available, then learning.
 TABS: tuple[type[Any], ...] = (SkillsTab, RunTab, WorldTab)
 
 #: Widgets that handle the space bar.
@@ -207,7 +208,7 @@ class MainWidget(QWidget):
         self.shared.subscribe(NodeShutdown, lambda event: self.shared.problems.report(_NODE_ENDED, event.reason))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
-        tabs = TABS if rviz_problem() else (*TABS, RvizPanel)
+        tabs = (*TABS, *(() if rviz_problem() else (RvizPanel,)), LearningTab)
         self.pages = [_Page(tab(self.shared), self.shared) for tab in tabs]
         for number, page in enumerate(self.pages):
             self.tabs.addTab(page, page.tab.title)

@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
-from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.evaluation import Evaluation, Unavailable, check_execution, evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
@@ -137,6 +137,8 @@ def _report(options: argparse.Namespace) -> CommandResult:
 def _replay(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
     stored = study.result(options.number)
+    if study.scenario.is_real:
+        raise Refused("executions on a real robot are not replayed: they cannot be repeated exactly")
     again = evaluate(study.scenario, stored.configuration, stored.seed)
     same = "the same" if again == stored else "NOT the same"
     lines = [f"stored: {describe(stored)}", f"again:  {describe(again)}", f"the result is {same}"]

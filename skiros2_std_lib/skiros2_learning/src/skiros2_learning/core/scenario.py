@@ -12,6 +12,17 @@ from typing import Any, Literal
 import yaml
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_learning.core.platforms import (
+    PLATFORMS,
+    REAL_SKILLS,
+    SIMULATED_SKILLS,
+    RealPlatform,
+    Simulation,
+    Step,
+    read_real,
+    read_simulation,
+    read_step,
+)
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
 from skiros2_learning.core.rewards import Reward, read_reward
 from skiros2_learning.core.sections import Section
@@ -21,12 +32,6 @@ from skiros2_learning.core.variables import KINDS, Gaussian, Kind, Prior, Sample
 OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
 #: The layout of the file.
 VERSION = 1
-#: Runs the task in the simulated world; see `local.episode`.
-SIMULATED_SKILLS = "skiros2_learning.local.episode:run_episode"
-#: Runs the task on running nodes; see `ros.real_robot`.
-REAL_SKILLS = "skiros2_learning.ros.real_robot:run_episode"
-#: Where a task runs, and by which execution.
-PLATFORMS = {"simulation": SIMULATED_SKILLS, "real": REAL_SKILLS}
 
 Sense = Literal["maximise", "minimise"]
 
@@ -40,20 +45,6 @@ class ScenarioError(ConfigurationError):
     def __init__(self, source: str, problems: Sequence[str]) -> None:
         super().__init__(f"{source}: {'; '.join(problems)}")
         self.problems = tuple(problems)
-
-
-@dataclass(frozen=True)
-class Step:
-    """A skill of the task.
-
-    :param name: prefix of its variables; by default the skill's type.
-    :param parameters: fixed values by key; elements by label.
-    """
-
-    name: str
-    skill: str
-    label: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -92,37 +83,6 @@ class Criterion:
     def violation(self, value: float) -> float:
         """How far a value is outside the limits; 0 or less inside."""
         return max(self.at_least - value, value - self.at_most)
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """How the task is simulated.
-
-    :param time_limit: of an execution (s of simulated time); the task is preempted then.
-    :param tick_rate: of the skills (Hz).
-    :param step_rate: of the physics (Hz).
-    """
-
-    time_limit: float = 30.0
-    tick_rate: float = 10.0
-    step_rate: int = 240
-
-
-@dataclass(frozen=True)
-class RealPlatform:
-    """How the task is executed on running nodes.
-
-    :param manager: node name of the skill manager; "" for the only one.
-    :param reset: steps before each execution, and their timeout (s).
-    :param signals: label of the signal's element for each series that rewards read.
-    :param sample_rate: of the record (Hz).
-    """
-
-    manager: str = ""
-    reset: tuple[Step, ...] = ()
-    reset_timeout: float = 120.0
-    signals: Mapping[str, str] = field(default_factory=dict)
-    sample_rate: float = 10.0
 
 
 @dataclass(frozen=True)
@@ -269,18 +229,11 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
             importlib.import_module(plugin)
         except ImportError as error:
             root.problem("plugins", f"{plugin}: {error}")
-    simulation = root.section("simulation")
-    settings = Simulation(
-        simulation.number("time_limit", 30.0, above=0.0),
-        simulation.number("tick_rate", 10.0, low=1.0, high=240.0),
-        simulation.whole("step_rate", 240, low=240, high=2000),
-    )
-    simulation.end()
     budget = root.section("budget")
     evaluations = budget.whole("evaluations", 100, low=1)
     initial = budget.whole("initial", min(20, evaluations), low=0, high=evaluations)
     budget.end()
-    task = tuple(_step(part) for part in root.listed("task", ()))
+    task = tuple(read_step(part) for part in root.listed("task", ()))
     variables = tuple(_variable(key, part) for key, part in root.section("variables").sections())
     if not variables:
         root.problem("variables", "none; a scenario needs at least one")
@@ -307,7 +260,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         success=tuple(_criterion(part) for part in root.listed("success", ())),
         constraints=tuple(_criterion(part) for part in root.listed("constraints", ())),
         randomisation=read_randomisation(root.section("randomisation")),
-        simulation=settings,
+        simulation=read_simulation(root.section("simulation")),
         evaluations=evaluations,
         initial=initial,
         repetitions=repetitions,
@@ -317,7 +270,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         timeout=root.number("timeout", 600.0, above=0.0),
         prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
         goal=root.text("goal", ""),
-        real=_real(root.section("real")),
+        real=read_real(root.section("real")),
         source=text,
     )
 
@@ -331,27 +284,6 @@ def _file(root: Section, key: str, folder: Path, needed: bool) -> Path:
     if needed and not path.is_file():
         root.problem(key, f"no such file: {path}")
     return path.resolve()
-
-
-def _step(section: Section) -> Step:
-    skill = section.text("skill")
-    step = Step(
-        section.text("name", skill), skill, section.text("label", ""), section.section("parameters").take_all()
-    )
-    section.end()
-    return step
-
-
-def _real(section: Section) -> RealPlatform:
-    real = RealPlatform(
-        section.text("manager", ""),
-        tuple(_step(part) for part in section.listed("reset", ())),
-        section.number("reset_timeout", 120.0, above=0.0),
-        {name: str(label) for name, label in section.section("signals").take_all().items()},
-        section.number("sample_rate", 10.0, above=0.0, high=1000.0),
-    )
-    section.end()
-    return real
 
 
 def _variable(name: str, section: Section) -> Variable:

@@ -186,11 +186,9 @@ class RealRobot:
         run = self._manager.run([self._skill(step, {}) for step in steps])
         try:
             ended = run.wait(self._scenario.real.reset_timeout)
-        except BaseException:
-            run.cancel()
-            raise
+        finally:
+            _stop(run)
         if not ended:
-            run.cancel()
             raise Unavailable(f"the reset has not ended within {self._scenario.real.reset_timeout:g} s")
         if not run.succeeded():
             raise Unavailable(f"the reset has failed: {_why(run)}")
@@ -213,9 +211,8 @@ class RealRobot:
                         run.cancel()
                         if not run.wait(_GRACE):
                             raise Unavailable(f"the task does not end: {self._manager.name}")
-            except BaseException:  # Ctrl-C stops the robot's task too
-                run.cancel()
-                raise
+            finally:
+                _stop(run)
             self._wmi.catch_up()
             samples.take(self._signals.now() - begin, self._poses(), self._taken())
         finally:
@@ -294,6 +291,12 @@ class _Samples:
             {name: np.array(values) for name, values in self._values.items()},
             wmi=wmi,
         )
+
+
+def _stop(run: SkillRun) -> None:
+    """Preempts a task that has not ended: after Ctrl-C, an error or a timeout."""
+    if not run.done:
+        run.cancel()
 
 
 def _why(run: SkillRun) -> str:

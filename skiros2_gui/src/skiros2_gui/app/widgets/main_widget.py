@@ -154,8 +154,9 @@ def _edits_cell(widget: QWidget) -> bool:
 
 log = logging.getLogger(__name__)
 
-#: The first tabs; rviz follows where it is available, then learning.
+#: The tabs before and after rviz, which is there where it is available.
 TABS: tuple[type[Any], ...] = (SkillsTab, RunTab, WorldTab)
+LAST_TABS: tuple[type[Any], ...] = (LearningTab,)
 
 #: Widgets that handle the space bar.
 _EDITORS = (QLineEdit, QTextEdit, QPlainTextEdit, QComboBox, QAbstractSpinBox, QAbstractButton)
@@ -208,7 +209,7 @@ class MainWidget(QWidget):
         self.shared.subscribe(NodeShutdown, lambda event: self.shared.problems.report(_NODE_ENDED, event.reason))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
-        tabs = (*TABS, *(() if rviz_problem() else (RvizPanel,)), LearningTab)
+        tabs = (*TABS, *(() if rviz_problem() else (RvizPanel,)), *LAST_TABS)
         self.pages = [_Page(tab(self.shared), self.shared) for tab in tabs]
         for number, page in enumerate(self.pages):
             self.tabs.addTab(page, page.tab.title)

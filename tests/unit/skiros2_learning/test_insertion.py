@@ -55,7 +55,7 @@ def test_a_search_without_force_or_motion_is_a_bad_result_after_one_failure(inse
 
 def test_the_scenario_fits_the_skills_which_have_defaults_for_its_variables(insertion: Scenario) -> None:
     check_execution(insertion)
-    assert default_configuration(insertion) == configuration(8.0, 0.0045, 0.012, 0.0006)
+    assert default_configuration(insertion) == configuration(5.0, 0.0052, 0.012, 0.0006)
 
 
 def test_all_that_does_not_fit_is_reported(insertion: Scenario) -> None:

@@ -21,7 +21,7 @@ _TRANSFER, _FAST = 0.12, 0.25
 #: A transfer: fast, and with a tolerance that need not be settled.
 _SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
 #: Motion of the hand at which a held ring counts as slipping (m).
-_SLIP = 0.006
+_SLIP = 0.004
 #: Between the fingers that release the piston: they may be in the opening of the ring (m).
 _RELEASED = 0.03
 #: Time limit of putting down one part (s).
@@ -254,6 +254,7 @@ class insert_piston(SkillBase):
                     self.skill(SerialStar())(
                         self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
                         self.skill("InsertIntoBore", ""),
+                        self.skill("CheckGrip", ""),
                         self.skill("ReleasePart", "", remap={"Container": "Bore"}, specify={"Width": _RELEASED}),
                         self.skill("RetractTool", "", specify=_SWING),
                     ),

@@ -28,6 +28,15 @@ class GripPart(SkillDescription):
         self.addParam("Effort", 40.0, ParamTypes.Optional, description="Of each finger", unit="N", minimum=1.0)
 
 
+class CheckGrip(SkillDescription):
+    """Checks that a part is still between the fingers."""
+
+    def createDescription(self) -> None:
+        self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Required, description="The gripper")
+        self.addParam("Part", Element("skiros:Product"), ParamTypes.Required, description="The held part")
+        self.addParam("Effort", 40.0, ParamTypes.Optional, description="Of each finger", unit="N", minimum=1.0)
+
+
 class ReleasePart(SkillDescription):
     """Opens the gripper; the part is then in its container."""
 
@@ -40,14 +49,14 @@ class ReleasePart(SkillDescription):
         )
 
 
-class grip_part(open_gripper):
-    """Closes the fingers, and moves the part into the gripper in the world model, at its grasping pose."""
+class check_grip(open_gripper):
+    """Closes the fingers on the part."""
 
     def createDescription(self) -> None:
-        self.setDescription(GripPart(), self.__class__.__name__)
+        self.setDescription(CheckGrip(), self.__class__.__name__)
 
     def doing(self) -> str:
-        return f"Gripping {self.label_of('Part')}"
+        return f"Holding {self.label_of('Part')}"
 
     def buildGoal(self) -> GripperCommandGoal:
         return self.command(0.0, self.value("Effort"))
@@ -57,12 +66,27 @@ class grip_part(open_gripper):
             return self.failed(self.status_text(), status)
         if msg.position <= _NOTHING_BETWEEN:
             return self.fail(f"{self.label_of('Part')} is not between the fingers: they have closed", NOT_HELD)
+        return self.success(f"{self.doing()}: {1000 * msg.position:.0f} mm between the fingers")
+
+
+class grip_part(check_grip):
+    """Closes the fingers, and moves the part into the gripper in the world model, at its grasping pose."""
+
+    def createDescription(self) -> None:
+        self.setDescription(GripPart(), self.__class__.__name__)
+
+    def doing(self) -> str:
+        return f"Gripping {self.label_of('Part')}"
+
+    def onDone(self, status: int, msg: GripperCommandResult) -> State:
+        if (held := super().onDone(status, msg)) is not State.Success:
+            return held
         grasp = space.pose_of(self.element("Grasp")) or IDENTITY
         try:
             move_in_world_model(self.wmi, self.element("Part"), self.element("Gripper"), inverted(grasp))
         except SkirosError as error:
             return self.fail(str(error), NOT_KNOWN)
-        return self.success(f"{self.doing()}: {1000 * msg.position:.0f} mm between the fingers")
+        return held
 
 
 class release_part(open_gripper):

@@ -11,8 +11,9 @@ from skiros2_std_reasoners.core.geometry import Pose
 
 #: Distance by which the block is pushed (m).
 _PUSH = 0.0015
-#: Force on the hand (N), and its duration (s): well above the limit of the skills.
-_HIT, _HIT_TIME = (0.0, 90.0, 0.0), 0.15
+#: Force on the hand (N), and its duration (s): well above the limit of the skills. Upwards, it does not tear the piston
+#: out of the fingers.
+_HIT, _HIT_TIME = (0.0, 0.0, 90.0), 0.15
 
 
 class WhileRunning:

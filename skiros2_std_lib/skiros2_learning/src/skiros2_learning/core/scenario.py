@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 import yaml
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
 from skiros2_learning.core.rewards import Reward, read_reward
-from skiros2_learning.core.sections import Section
+from skiros2_learning.core.sections import Section, near
 from skiros2_learning.core.variables import KINDS, Gaussian, Kind, Prior, Samples, Value, Variable, Weights
 
 #: The samplers that a scenario may name; see `study.make_sampler`.
@@ -91,6 +91,26 @@ class Criterion:
 
 
 @dataclass(frozen=True)
+class Feature:
+    """A number that differs between the variations of a task, and that the robot knows.
+
+    :param element, property: label of the element, and its property in the scene with the number.
+    :param low, high: range that is learned.
+    """
+
+    name: str
+    element: str
+    property: str
+    low: float
+    high: float
+    unit: str = ""
+
+    def unit_of(self, value: float) -> float:
+        """Scales a value to 0 to 1."""
+        return (value - self.low) / (self.high - self.low)
+
+
+@dataclass(frozen=True)
 class Simulation:
     """How the task is simulated.
 
@@ -117,6 +137,8 @@ class Scenario:
     :param repetitions: executions per configuration, each with another draw of the randomisation.
     :param max_failures: an evaluation ends after this number of executions without success: it is hopeless.
     :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
+    :param variations: features of the task, of which good parameters are functions; see `policy`.
+    :param variation: their values in this study, by name; {} for those of the scene.
     :param prior_from: folders of earlier studies, whose good configurations are the priors; see `earlier_studies`.
     :param goal: the goal that the task is the plan for; "" if it has none.
     :param source: the text of the file.
@@ -143,6 +165,8 @@ class Scenario:
     optimiser: str = "prior"
     timeout: float = 600.0
     prior_from: tuple[Path, ...] = ()
+    variations: tuple[Feature, ...] = ()
+    variation: Mapping[str, float] = field(default_factory=dict)
     goal: str = ""
     source: str = ""
 
@@ -152,11 +176,20 @@ class Scenario:
         weighted = [part.reward for objective in self.objectives for part in objective.rewards]
         return weighted + [criterion.reward for criterion in (*self.constraints, *self.success)]
 
+    def check_variation(self, variation: Mapping[str, float]) -> None:
+        """Checks the values of the features.
+
+        :raises WrongValue: the text names all problems.
+        """
+        if problems := _variation_problems(self.variations, variation):
+            raise WrongValue(f"scenario {self.name}: {'; '.join(problems)}")
+
     def derived(
         self,
         *,
         priors: bool = True,
         changed_priors: Mapping[str, Mapping[str, Any]] | None = None,
+        variation: Mapping[str, float] | None = None,
         evaluations: int | None = None,
         initial: int | None = None,
         repetitions: int | None = None,
@@ -179,7 +212,8 @@ class Scenario:
         wanted = self.initial if initial is None else initial
         budget["initial"] = min(wanted, budget["evaluations"]) if initial is None else wanted
         changes = {
-            "repetitions": repetitions, "max_failures": max_failures, "optimiser": optimiser, "seed": seed
+            "repetitions": repetitions, "max_failures": max_failures, "optimiser": optimiser, "seed": seed,
+            "variation": None if variation is None else dict(variation),
         }  # fmt: skip
         for key, value in changes.items():
             if value is not None:
@@ -266,6 +300,10 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
             root.problem("task", "no steps; name at least one skill")
         _check_names(root, task, variables)
     repetitions = root.whole("repetitions", 5, low=1)
+    features = tuple(_feature(key, part) for key, part in root.section("variations").sections())
+    variation = root.take("variation", {})
+    for problem in _variation_problems(features, variation) if variation else ():
+        root.problem("variation", problem)
     return Scenario(
         name=name,
         task=task,
@@ -287,6 +325,8 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         seed=root.whole("seed", 0),
         optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
         timeout=root.number("timeout", 600.0, above=0.0),
+        variations=features,
+        variation=variation,
         prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
         goal=root.text("goal", ""),
         source=text,
@@ -344,6 +384,32 @@ def _check_values(section: Section, kind: str, values: Sequence[Any]) -> None:
         numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
         if len(numbers) < len(values) or sorted(numbers) != numbers:
             section.problem("values", f"expected numbers in ascending order, got {list(values)!r}")
+
+
+def _feature(name: str, section: Section) -> Feature:
+    low, high = section.numbers("range", 2)
+    if low >= high and len(section.items("range")) == 2:
+        section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
+    feature = Feature(
+        name, section.text("element", ""), section.text("property", ""), low, high, section.text("unit", "")
+    )
+    section.end()
+    return feature
+
+
+def _variation_problems(features: Sequence[Feature], variation: Any) -> list[str]:
+    """Describes all mistakes in the values of features."""
+    if not isinstance(variation, Mapping):
+        return [f"expected features and values, got {variation!r}"]
+    names = [each.name for each in features]
+    found = [f"no feature is called {name!r}; {near(str(name), names)}" for name in variation if name not in names]
+    for each in features:
+        value: Any = variation.get(each.name)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not each.low <= value <= each.high:
+            unit = f" {each.unit}" if each.unit else ""
+            found.append(f"{each.name}: expected {each.low:g} to {each.high:g}{unit}, got {value!r}")
+    return found
 
 
 def _prior(section: Section, kind: str, low: float, high: float, values: Sequence[Any]) -> Prior | None:

@@ -27,7 +27,7 @@ OUTSIDE = {
     "skiros2_sim_skills": set(),
     "skiros2_contact_skills": {"numpy"},
     "skiros2_teaching": {"numpy", "scipy"},
-    "skiros2_learning": {"numpy", "scipy", "sklearn", "threadpoolctl", "optuna", "yaml", "matplotlib"},
+    "skiros2_learning": {"numpy", "scipy", "sklearn", "threadpoolctl", "optuna", "sqlalchemy", "yaml", "matplotlib"},
     "skiros2_gui": {"numpy"},
 }
 #: Of lower packages, only the port.

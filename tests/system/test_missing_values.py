@@ -7,6 +7,7 @@ import json
 import pytest
 import rospkg
 
+from skiros2_common.core.explanation import UNSET, Explanation
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.parameter_sets import apply_result
 from skiros2_learning.core.scenario import load_scenario
@@ -36,7 +37,10 @@ def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: R
     tasks = TaskManagerInterface()
     tasks.achieve(GOAL)
     refused = tasks.wait_for_result()
-    assert (refused.state, refused.missing) == (AchieveResult.IMPOSSIBLE, NAMES)
+    (why,) = map(Explanation.from_dict, json.loads(refused.explanations))
+    assert refused.state == AchieveResult.IMPOSSIBLE
+    assert (why.type, [f"Push.{p.key}" for p in why.params]) == ("skiros:Push", NAMES)
+    assert {p.source for p in why.params} == {UNSET}
     assert "learn scenario --goal '(skiros:at Block Goal)' --libraries skiros2_learning.demo_skills" in refused.message
 
     scenario = load_scenario(ROOT / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml")
@@ -44,5 +48,5 @@ def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: R
     apply_result(WorldModelInterface("tests"), scenario, 1, result, "2026-01-01T00:00:00+00:00")
     tasks.make_plan(GOAL)
     planned = tasks.wait_for_result()
-    assert (planned.state, planned.missing) == (MakePlanResult.PLANNED, [])
+    assert planned.state == MakePlanResult.PLANNED
     assert [step["skill"] for step in json.loads(planned.plan)] == ["skiros:Push"]

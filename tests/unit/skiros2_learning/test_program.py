@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from skiros2_learning.command_line.program import main
 
@@ -62,3 +63,46 @@ def test_each_mistake_is_one_line_on_stderr(file: str, tmp_path: Path, capsys: p
         error = capsys.readouterr().err
         assert text in error
         assert error.count("\n") == 1
+
+
+PUSH = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "text"),
+    [
+        (["variables", "Push.Strength"], {"range": [0, 1]}, "Push has no parameter 'Strength'"),
+        (["variables", "Push.StartX", "range"], [0.2, -0.2], "StartX.range: expected the lower bound first"),
+        (["variables", "Push.StartX", "prior", "mean"], 0.5, "prior.mean: expected -0.2 to 0.2, the range"),
+        (["objectives", "force", "rewards", 0, "reward"], "applied_farce", "'applied_farce'; near: applied_force"),
+        (["objectives", "force", "rewards", 0, "arm"], "Amr", "there is no series 'Amr.force'; near: Arm.force"),
+        (["task", 0, "skill"], "Puhs", "Puhs"),
+    ],
+)  # fmt: skip
+def test_a_scenario_with_a_mistake_is_refused_in_one_line_and_leaves_no_study(
+    path: list[str | int], value: object, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = yaml.safe_load(PUSH.read_text())
+    data["scene"] = str(PUSH.parent / data["scene"])
+    part = data
+    for key in path[:-1]:
+        part = part[key]
+    part[path[-1]] = value
+    (tmp_path / "bad.yaml").write_text(yaml.safe_dump(data))
+    assert main(["run", str(tmp_path / "bad.yaml"), "--study", str(tmp_path / "study")]) == 1
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "study").exists()
+
+
+def test_a_goal_without_a_plan_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    data = yaml.safe_load(PUSH.read_text())
+    scene = str(PUSH.parent / data["scene"])
+    arguments = ["--scene", scene, "--libraries", ",".join(data["libraries"])]
+    assert main(["scenario", "--goal", "(skiros:at Goal Block)", *arguments]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("learn: goal '(skiros:at Goal Block)': no plan (proven impossible)")
+    assert error.count("\n") == 1
+    assert main(["scenario", *arguments]) == 1
+    assert capsys.readouterr().err == "learn: expected a skill or --goal\n"

@@ -393,6 +393,15 @@ def test_root_names_the_hold_condition_instead_of_ended_children(bench):
     assert f"but {bench.tray!r} skiros:contain nothing" in task.root.progress_msg
 
 
+def test_root_names_the_failure_before_a_late_one(bench):
+    tidy = primitive(describe("Tidy"), "tidy", execute=lambda s: s.fail("tidied up", 1))
+    tidy.fails_late = True
+    bench.load(primitive(Work, "work", execute=lambda s: s.fail("no grip", 1)), tidy)
+    task = bench.run(Skill("", Serial())(Skill("", Selector())(bench.node("work"), bench.node("tidy"))))
+    assert task.root.progress_msg == "skiros:Work-work(Failure): no grip"
+    assert [e.message for e in task.explanations()] == ["no grip", "tidied up"]
+
+
 def test_exception_in_on_end_does_not_hide_the_failure(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no grip", 1), onEnd=raises))
     task = bench.run(bench.node("work"))

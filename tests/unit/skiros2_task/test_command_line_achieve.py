@@ -90,7 +90,7 @@ def test_json_output_has_no_progress() -> None:
 
 
 def result(state: str, message: str = "", done: Any = (), explanations: Any = ()) -> Any:
-    return AchieveResult(state, message, json.dumps(list(done)), json.dumps(list(explanations)), [])
+    return AchieveResult(state, message, json.dumps(list(done)), json.dumps(list(explanations)))
 
 
 def test_final_states_are_printed_before_result() -> None:
@@ -110,7 +110,7 @@ def test_reached_goal_prints_step_count() -> None:
     done = [progress(1, "/alpha", "failed"), progress(2, "/beta", "succeeded"), progress(3, "/alpha", "succeeded")]
     text, data = format_result(result("succeeded", "done", done), 12.34)
     assert text == ["the goal is reached after 12.3 s: 2 steps done, 1 more did not succeed"]
-    assert data == {"state": "succeeded", "message": "done", "done": done, "explanations": [], "missing": []}
+    assert data == {"state": "succeeded", "message": "done", "done": done, "explanations": []}
 
 
 def test_satisfied_goal_prints_message() -> None:

@@ -20,6 +20,8 @@ LOCATED = "piston:Located"
 _TRANSFER, _FAST = 0.12, 0.25
 #: A transfer: fast, and with a tolerance that need not be settled.
 _SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
+#: Motion of the hand at which a held ring counts as slipping (m).
+_SLIP = 0.004
 #: Time limit of putting down one part (s).
 _PUT_DOWN_TIME = 60.0
 
@@ -217,18 +219,18 @@ class locate_part(SkillBase):
 
 
 class guard_bore(SkillBase):
-    """Presses the ring on the block where it is."""
+    """Presses the ring on the block where it is; fails when the hand moves: the ring slips."""
 
     def createDescription(self) -> None:
         self.setDescription(GuardBore(), self.__class__.__name__)
 
     def expand(self, skill: Any) -> None:
-        skill(self.skill("HoldPose", "", remap={"Arm": "RingArm"}, specify={"Force": 5.0}))
+        skill(self.skill("HoldPose", "", remap={"Arm": "RingArm"}, specify={"Force": 5.0, "MaxDistance": _SLIP}))
 
 
 class insert_piston(SkillBase):
     """One arm places the ring around the bore and holds it, the other one inserts through it and releases the piston.
-    When the insertion fails, the piston is retracted."""
+    When the insertion fails or the ring slips, the piston is retracted."""
 
     def createDescription(self) -> None:
         self.setDescription(InsertPiston(), self.__class__.__name__)
@@ -244,20 +246,18 @@ class insert_piston(SkillBase):
             self.skill(
                 "MoveUntilContact", "", remap=ring, specify={"Speed": 0.01, "MaxDistance": 0.03, "ContactForce": 3.0}
             ),
-            self.skill(ParallelFs())(
-                self.skill("GuardBore", ""),
-                self.skill(SerialStar())(
-                    self.skill(SelectorStar())(
-                        self.skill(SerialStar())(
-                            self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
-                            self.skill("InsertIntoBore", ""),
-                        ),
-                        # what has exceeded the limit may not be over yet
-                        self.skill("RetractAfterFailure", "", specify={"MaxForce": 80.0}),
+            self.skill(SelectorStar())(
+                self.skill(ParallelFs())(
+                    self.skill("GuardBore", ""),
+                    self.skill(SerialStar())(
+                        self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
+                        self.skill("InsertIntoBore", ""),
+                        self.skill("ReleasePart", "", remap={"Container": "Bore"}),
+                        self.skill("RetractTool", "", specify=_SWING),
                     ),
-                    self.skill("ReleasePart", "", remap={"Container": "Bore"}),
-                    self.skill("RetractTool", "", specify=_SWING),
                 ),
+                # what has exceeded the limit may not be over yet
+                self.skill("RetractAfterFailure", "", specify={"MaxForce": 80.0}),
             ),
             self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
         )

@@ -145,8 +145,8 @@ class SpiralSearch(ContactMotion):
     def createDescription(self) -> None:
         self.add_arm(700.0, 60.0)
         self.add_surface("Position of the tool at the contact, in the arm's base frame (m)")
-        self.add_number("Force", 8.0, "N", 0.0, 30.0, "Pressed on the surface")
-        self.add_number("Radius", 0.0045, "m", 0.0, 0.07, "Of the spiral; 0: the search presses only")
+        self.add_number("Force", 5.0, "N", 0.0, 30.0, "Pressed on the surface")
+        self.add_number("Radius", 0.0052, "m", 0.0, 0.07, "Of the spiral; 0: the search presses only")
         self.add_number("PathDistance", 0.0006, "m", 0.0, 0.03, "Between turns; 0: the search presses only")
         self.add_number("PathVelocity", 0.012, "m/s", 0.0, 0.3, "Along the spiral; 0: the search presses only")
         self.add_number("DropDepth", 0.0012, "m", 0.0002, 0.02, "Below the surface, at which the opening is found")

@@ -77,6 +77,8 @@ class retract_tool(_CompliantLine):
 class retract_after_failure(retract_tool):
     """Moves back after a failure, which is explained by the node that failed first."""
 
+    fails_late = True
+
     def createDescription(self) -> None:
         self.setDescription(RetractAfterFailure(), self.__class__.__name__)
 

@@ -17,7 +17,7 @@ from skiros2_contact_skills.assembly import LOCATED
 from skiros2_contact_skills.core.part_poses import depth_and_tilt
 from skiros2_demo.demo import Demo, add_options, run_demo
 from skiros2_demo.run_check import Step, Thing, name_of
-from skiros2_demo.simulation import Simulation
+from skiros2_demo.simulation import Simulation, Slip
 from skiros2_msgs.srv import SkillCommand, SkillCommandRequest
 from skiros2_piston_demo.disturbances import hit_arm, preemption, pushed_block
 from skiros2_piston_demo.force_log import ForceLog
@@ -25,20 +25,18 @@ from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
-DISTURBANCES = ("push", "preempt", "force")
+DISTURBANCES = ("push", "slip", "preempt", "force")
 _DISTURB = (
-    "what goes wrong: the block is pushed (push), somebody preempts the tasks while the piston is held (preempt), or "
-    "hits the hand during the insertion, which exceeds the force limit (force); may be given twice"
+    "what goes wrong: the block is pushed (push), the ring slips in its gripper (slip), somebody preempts the tasks "
+    "while the piston is held (preempt), or hits the hand during the insertion, which exceeds the force limit (force); "
+    "may be given twice"
 )
-#: Maximum error of the block's place (m, rad), and the same with --look.
-_FAR, _TURN = 0.002, math.radians(1.0)
-_LOOK_FAR, _LOOK_TURN = 0.003, math.radians(2.0)
+#: Maximum error of the block's place (m, rad).
+_FAR, _TURN = 0.003, math.radians(2.0)
 #: Limit of the force (N), exceeded by a fifth at most.
 _LIMIT, _OVERSHOOT = 40.0, 1.2
 #: Of the result: depth (m) and tilt (rad).
 _DEPTH, _TILT = 0.0015, math.radians(1.0)
-#: Distance of the tool above the lower end of the held piston (m).
-_LENGTH = 0.08
 
 
 class PistonDemo(Demo):
@@ -60,16 +58,20 @@ class PistonDemo(Demo):
         self._block = self._world.things[block.id]
         at = simulation.pose_of(block.id)
         if self._options.seed:
-            simulation.put(block.id, composed(at, _error(Random(self._options.seed), self._options.look)))
+            simulation.put(block.id, composed(at, _error(Random(self._options.seed))))
         if self._options.look:
             block.setProperty(LOCATED, False)
             WorldModelInterface(rospy.get_name()).update_element_properties(block)
         arm = "right_arm"
+        (grasp,) = (element for element in scene if element.label == "Knob of the piston")
+        length = (space.pose_of(grasp) or IDENTITY).position[2] + product.size[2] / 2.0
         height = composed(at, self._rim).position[2]
-        self._forces = ForceLog(f"{self.robot}/{arm}/right_compliant/state", height, _LENGTH)
+        self._forces = ForceLog(f"{self.robot}/{arm}/right_compliant/state", height, length)
         gripper = self._world.labelled("Right gripper")
         if "push" in self._options.disturb:
             self.add_disturbance(pushed_block(simulation, self._block))
+        if "slip" in self._options.disturb:
+            self.add_disturbance(Slip(simulation, self._world.labelled("Left gripper"), during="spiral_search"))
         if "force" in self._options.disturb:
             self.add_disturbance(hit_arm(simulation, gripper))
         if "preempt" in self._options.disturb:
@@ -104,11 +106,10 @@ class PistonDemo(Demo):
         command(SkillCommandRequest(author="somebody", action=SkillCommandRequest.PREEMPT, execution_id=-1))
 
 
-def _error(random: Random, look: bool) -> Pose:
+def _error(random: Random) -> Pose:
     """Returns an error of the block's place, in its own frame."""
-    most, angle = (_LOOK_FAR, _LOOK_TURN) if look else (_FAR, _TURN)
-    far, direction = random.uniform(0.0, most), random.uniform(0.0, 2.0 * math.pi)
-    turn = random.uniform(-angle, angle)
+    far, direction = random.uniform(0.0, _FAR), random.uniform(0.0, 2.0 * math.pi)
+    turn = random.uniform(-_TURN, _TURN)
     return Pose((far * math.cos(direction), far * math.sin(direction), 0.0), from_euler(0.0, 0.0, turn))
 
 

@@ -326,13 +326,17 @@ class Moved:
 
 
 class Slip:
-    """Makes the gripper slip in the first lift; its friction is restored after the failure."""
+    """Makes a gripper slip once; its friction is restored after the failure.
+
+    :param during: part of the label of the node that runs then.
+    """
 
     needs_plan = True
 
-    def __init__(self, control: WorldControl, gripper: Thing) -> None:
+    def __init__(self, control: WorldControl, gripper: Thing, during: str = "lift") -> None:
         self._control = control
         self._gripper = gripper
+        self._during = during
         self._slips = False
         self.done = False
 
@@ -344,7 +348,7 @@ class Slip:
         return f"{self._gripper.name} has its grip back"
 
     def tree(self, nodes: Sequence[Any]) -> str:
-        if self.done or not any("lift" in node.label and node.state == node.RUNNING for node in nodes):
+        if self.done or not any(self._during in node.label and node.state == node.RUNNING for node in nodes):
             return ""
         self.done = self._slips = True
         self._control.slip(self._gripper.id, True)

@@ -32,6 +32,9 @@ class SkillCore(SkillDescription):
 
     _declares_itself = False
 
+    #: Whether a failure of the skill follows from another one and is not the cause: it cleans up, then fails.
+    fails_late = False
+
     #: Called by `wake`; set by the executor while the skill runs in a task.
     request_tick: Callable[[], None] = staticmethod(lambda: None)
 

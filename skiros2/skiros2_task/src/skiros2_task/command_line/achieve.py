@@ -160,7 +160,6 @@ def format_result(result: Any, seconds: float) -> tuple[list[str], dict[str, Any
     done = json.loads(result.done or "[]")
     explanations = json.loads(result.explanations or "[]")
     data = {"state": result.state, "message": result.message, "done": done, "explanations": explanations}
-    data["missing"] = list(result.missing)
     succeeded = sum(step["state"] == "succeeded" for step in done)
     if result.state in _REACHED:
         if not done:

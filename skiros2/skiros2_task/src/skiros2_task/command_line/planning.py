@@ -154,7 +154,6 @@ def _as_json(result: PlanningResult) -> dict[str, object]:
         "verdict": result.verdict.value,
         "message": result.message,
         "notes": list(result.notes),
-        "missing": list(result.missing),
         "why": result.why.to_dict() if result.why is not None else None,
         "makespan": result.plan.makespan if result.plan is not None else None,
         "steps": [

@@ -99,6 +99,7 @@ class NoPlan(JsonData):
     :param missing: unsatisfied facts that the goal depends on and no skill has as an effect; if there are none, those
         that skills have as an effect only if they hold already.
     :param left_out: the skills that planning cannot use, with the reasons.
+    :param missing_values: parameters as SKILL.PARAMETER: with values for them there would be a plan.
     """
 
     verdict: str
@@ -106,6 +107,7 @@ class NoPlan(JsonData):
     goals: list[Fact] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+    missing_values: list[str] = field(default_factory=list)
     _data_name = "why there is no plan"
 
     def __str__(self) -> str:

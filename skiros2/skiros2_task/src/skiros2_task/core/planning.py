@@ -71,7 +71,6 @@ class PlanningResult:
     :param notes: messages about skills and elements that were left out.
     :param task: the planning task; None if the goal could not be read.
     :param why: the explanation, if there is no plan.
-    :param missing: parameters as SKILL.PARAMETER: with values for them there would be a plan.
     """
 
     verdict: Verdict
@@ -80,7 +79,11 @@ class PlanningResult:
     task: PlanningTask | None = None
     plan: Plan | None = None
     why: NoPlan | None = None
-    missing: tuple[str, ...] = ()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Parameters as SKILL.PARAMETER: with values for them there would be a plan."""
+        return tuple(self.why.missing_values) if self.why is not None else ()
 
     @property
     def calls(self) -> tuple[SkillCall, ...]:
@@ -102,7 +105,6 @@ def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> di
         "why": explain_plan(plan).to_json() if plan else result.why.to_json() if result.why else "",
         "preview": simulate(plan).to_json() if plan else "",
         "notes": result.notes,
-        "missing": result.missing,
     }
 
 
@@ -175,7 +177,9 @@ class TaskPlanner:
         if possible.plan is None or not possible.plan.missing:
             return result
         message = _how_to_learn(goal, possible.plan.missing, robots)
-        return replace(result, message=f"{message}\n{result.message}", missing=possible.plan.missing)
+        why = result.why or NoPlan(Outcome.IMPOSSIBLE.value, result.message)
+        why = replace(why, missing_values=list(possible.plan.missing))
+        return replace(result, message=f"{message}\n{result.message}", why=why)
 
     def _search(
         self,

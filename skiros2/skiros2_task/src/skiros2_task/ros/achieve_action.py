@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Provenance
+from skiros2_common.core.names import full_name
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
+from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
 from skiros2_task.core.execution import Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
@@ -113,10 +116,32 @@ class _GoalPublisher:
             state=AchieveResult.SUCCEEDED if end.verdict is Verdict.PLANNED else end.verdict.state,
             message=end.message,
             done=json.dumps([{**record.step.to_dict(), **_progress(record)} for record in started]),
-            explanations=json.dumps([why.to_dict() for record in started for why in record.explanations]),
-            missing=list(end.missing),
+            explanations=json.dumps(
+                [why.to_dict() for record in started for why in record.explanations]
+                + [why.to_dict() for why in _missing_values(end.missing)]
+            ),
         )
         end_goal(self._handle, end.verdict, result, end.message)
+
+
+def _missing_values(names: Sequence[str]) -> list[Explanation]:
+    """Explains the parameters without a value, as SKILL.PARAMETER, for each skill."""
+    keys: dict[str, list[str]] = {}
+    for name in names:
+        skill, _, key = name.partition(".")
+        keys.setdefault(full_name(skill), []).append(key)
+    return [
+        Explanation(
+            PARAMETER,
+            skill,
+            "",
+            node=-1,
+            code=REFUSED_CODE,
+            message=f"no values for {', '.join(of_skill)}",
+            params=[Provenance(key, "", UNSET) for key in of_skill],
+        )
+        for skill, of_skill in keys.items()
+    ]
 
 
 def _refusal(state: str, message: str) -> Any:

@@ -114,7 +114,8 @@ class CompliantArm(Protocol):
         ...
 
     def zero_sensor(self) -> None:
-        """Makes the current measured wrench the zero of the following ones. The hand must be free of contact."""
+        """Makes the current measured wrench the zero of the following ones. The hand must be free of contact. A driver
+        may compensate the weight of the held object from then on."""
         ...
 
 

@@ -76,11 +76,9 @@ class ImpedanceArm:
         threading.Thread(target=self._work, name=f"commands of {name}", daemon=True).start()
 
     def close(self) -> None:
-        """Disconnects from the driver."""
+        """Disconnects from the driver. Commands that were given are still sent, if it is there."""
         self._commands.put((self._stop_working, False))
         self._subscriber.unregister()
-        for topic in self._topics.values():
-            topic.unregister()
 
     # -- the port ------------------------------------------------------------------------------------------------
 
@@ -96,16 +94,10 @@ class ImpedanceArm:
                 raise Refused(f"{self._name}: {fault}")
             if message is None or self._pending or self._received < self._effect:
                 return None
-        p, q = message.pose.position, message.pose.orientation
-        tool = Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-        pose = composed(inverted(self._mount), tool)
-        force, torque = message.measured_wrench.force, message.measured_wrench.torque
-        measured = turned_wrench(pose.orientation, (force.x, force.y, force.z, torque.x, torque.y, torque.z))
-        stamp = message.header.stamp.to_sec()
         stopped = fault or self._why_stopped(message)
         if not stopped and any(self._wrench) and rospy.get_time() - self._wrench_at > _REFRESH:
             self._send_wrench()
-        return ArmState(pose, measured, stamp, stopped)
+        return arm_state(message, self._mount, message.header.stamp.to_sec(), stopped)
 
     def begin(self) -> None:
         self._fault, self._wrench = "", ()
@@ -171,9 +163,11 @@ class ImpedanceArm:
         while True:
             command, is_request = self._commands.get()
             try:
-                connected = connected or self._connect()
+                connected = connected or command == self._stop_working or self._connect()
                 command()
             except _Closed:
+                for topic in self._topics.values():
+                    topic.unregister()
                 return
             except (SkirosError, rospy.ROSException, rospy.ServiceException) as error:
                 log.warning("%s: %s", self._name, error)
@@ -274,6 +268,19 @@ class ImpedanceArm:
         if not all(map(math.isfinite, (message.pose.position.x, message.measured_wrench.force.x))):
             return f"the state on {self._space}/state is not finite"
         return ""
+
+
+def arm_state(message: ImpedanceState, mount: Pose, stamp: float, stopped: str = "") -> ArmState:
+    """Converts a state of the driver.
+
+    :param mount: pose of the arm's base frame in the frame of the message.
+    :param stamp: s.
+    """
+    p, q = message.pose.position, message.pose.orientation
+    pose = composed(inverted(mount), Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
+    force, torque = message.measured_wrench.force, message.measured_wrench.torque
+    wrench = turned_wrench(pose.orientation, (force.x, force.y, force.z, torque.x, torque.y, torque.z))
+    return ArmState(pose, wrench, stamp, stopped)
 
 
 class _Closed(Exception):

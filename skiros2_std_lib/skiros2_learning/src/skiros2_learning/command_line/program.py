@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate, seed_of
 from skiros2_learning.core.hypermapper import import_hypermapper
@@ -19,9 +19,9 @@ from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.policy import Policy, learn_variations, variation_studies
 from skiros2_learning.core.report import describe, format_value, status_lines, write_report
 from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
+from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
-from skiros2_learning.local.identification import identify, identify_goal
 
 #: Executions that check a prediction, and the success rate that they need; the number that their seed is made of.
 _CHECKS, _LEAST_SUCCESS, _CHECK_NUMBER = 5, 0.5, 1_000_000
@@ -54,12 +54,15 @@ def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> Comma
     begin = time.monotonic()
     runner = Runner(study, workers, Progress(study))
     with study.running():
+        saved = study.save_unsaved()
+        if saved:
+            sys.stdout.write(f"{saved} results of an earlier run are stored now\n")
         if requeue:
             study.requeue_interrupted()
         try:
             runner.run()
         except KeyboardInterrupt:
-            sys.stdout.write(f"\ninterrupted; go on with: learn resume {study.folder}\n")
+            sys.stdout.write(f"\ninterrupted; resume with: learn resume {study.folder}\n")
             raise
     report = write_report(study)
     spent = time.monotonic() - begin
@@ -76,13 +79,13 @@ def _run(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.create(scenario, folder, options.storage)
     for configuration in first:
         study.enqueue(configuration)
-    return run_study(study, options.workers)
+    return run_study(study, options.workers, not options.storage)
 
 
 def _resume(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
     study.scenario = _changed(study.scenario, options)
-    return run_study(study, options.workers, requeue=not options.storage)
+    return run_study(study, options.workers, requeue=options.alone or not options.storage)
 
 
 def _status(options: argparse.Namespace) -> CommandResult:
@@ -177,7 +180,7 @@ def _apply(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
     result = study.result(options.number)
     date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-    source = options.storage or str(options.study.resolve())
+    source = public_name(options.storage) if options.storage else str(options.study.resolve())
     added = apply_result(connect(options.wm, user()), study.scenario, options.number, result, date, source)
     lines = [f"{each.id}: {describe(result)}" for each in added]
     return CommandResult([*lines, "take it back with: learn remove ID"], [each.id for each in added])
@@ -194,6 +197,7 @@ def _scenario(options: argparse.Namespace) -> CommandResult:
     scene, libraries = options.scene.resolve(), options.libraries.split(",")
     if bool(options.goal) == bool(options.skill):
         raise WrongValue("expected a skill or --goal")
+    from skiros2_learning.local.identification import identify, identify_goal
     if options.goal:
         text = identify_goal(scene, libraries, options.goal)
     else:
@@ -258,6 +262,9 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add_budget(command)
     command = add_study("resume", "Continues a study, also on another machine with --storage.")
+    command.add_argument(
+        "--alone", action="store_true", help="no other process runs it: repeat what was running at once"
+    )
     add_budget(command)
     add_study("status", "Shows progress and the Pareto-optimal configurations.")
     command = add_study("report", "Writes report.html with pictures into the folder of the study.")
@@ -319,4 +326,15 @@ _COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the program. Returns the exit status."""
     options = _parser().parse_args(command_arguments(arguments))
-    return run_command("learn", lambda: _COMMANDS[options.command](options), options.json)
+    return run_command("learn", lambda: _do(options), options.json)
+
+
+def _do(options: argparse.Namespace) -> CommandResult:
+    """Runs a command; a file that cannot be read or written is an error in one line."""
+    try:
+        return _COMMANDS[options.command](options)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        raise ConfigurationError(f"{name}{error.strerror or error}") from error

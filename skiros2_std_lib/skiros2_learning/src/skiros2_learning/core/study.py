@@ -1,7 +1,7 @@
 """A study: the evaluations of a scenario, kept in Optuna's storage, which survives kills.
 
 A study has a folder with the scenario, the journal of all evaluations, and reports. With a database URL, the
-evaluations are in the database instead, and several machines may run the same study.
+evaluations are in the database instead, and several processes and machines may run the same study.
 """
 
 from __future__ import annotations
@@ -9,15 +9,21 @@ from __future__ import annotations
 import fcntl
 import importlib.util
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
+import logging
+import os
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import optuna
+import yaml
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.samplers import BaseSampler
-from optuna.storages import BaseStorage, JournalStorage
-from optuna.storages.journal import JournalFileBackend
+from optuna.storages import RDBStorage
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
 
@@ -26,11 +32,26 @@ from skiros2_learning.core.evaluation import Evaluation, seed_of
 from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, PriorSampler
 from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
 from skiros2_learning.core.scenario import Scenario, load_scenario
+from skiros2_learning.core.storage import HEARTBEAT, StorageFailed, open_storage, public_name, repeat_stale, storing
 from skiros2_learning.core.variables import Gaussian, Samples, Value, Variable, Weights
 
-SCENARIO_FILE, JOURNAL_FILE, LOCK_FILE = "scenario.yaml", "journal.log", "lock"
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+SCENARIO_FILE, LOCK_FILE = "scenario.yaml", "lock"
+#: Results that could not be stored, one JSON object in each line; a file for each process.
+UNSAVED_FILES = "unsaved-*.jsonl"
+#: Optimisers whose random numbers depend on earlier ones: a resumed study must not draw the same ones again.
+_SAMPLERS_WITH_STATE = ("tpe", "nsga2", "random", "cmaes", "gp")
+#: How long a database that does not answer is tried again (s), and how often.
+RECONNECT_TIMEOUT, _RECONNECT_PERIOD = 30.0, 1.0
+#: Parts of a scenario that may differ between the processes that run one study in a database.
+_LOCAL_KEYS = ("scene", "budget", "optimiser", "timeout", "prior_from")
 #: Attributes of Optuna's trials. One that has failed without a result was interrupted.
 _RESULT, _SEED, _ERROR = "result", "seed", "error"
+#: Attribute of the study in a database: its scenario without the local keys.
+_SCENARIO = "scenario"
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
@@ -38,38 +59,58 @@ optuna.logging.set_verbosity(optuna.logging.WARNING)
 class LearningStudy:
     """The study of a scenario. Not thread-safe.
 
+    A database that does not answer is tried again for `RECONNECT_TIMEOUT`; then, or if the journal cannot be written,
+    methods raise `StorageFailed`.
+
     :param storage: a database URL, such as `postgresql://user@host/name`; "" for the journal in the folder.
+    :raises ConfigurationError: the stored study is of another scenario.
+    :raises StorageFailed: the storage cannot be opened.
     """
 
     def __init__(self, scenario: Scenario, folder: Path, storage: str = "") -> None:
         self.scenario = scenario
         self.folder = folder
+        self._url = storage
+        self._beaten = -float("inf")
         self._asked: dict[int, Trial] = {}
         self._distributions = {variable.name: distribution_of(variable) for variable in scenario.variables}
         directions = [
             StudyDirection.MAXIMIZE if each.sense == "maximise" else StudyDirection.MINIMIZE
             for each in scenario.objectives
         ]
-        self.optuna = optuna.create_study(
-            storage=_storage(folder, storage),
-            study_name=scenario.name,
-            directions=directions,
-            sampler=make_sampler(scenario),
-            load_if_exists=True,
-        )
-        if self.optuna.directions != directions:
-            raise ConfigurationError(f"study {scenario.name!r}: the stored one has other objectives")
+        sampler = make_sampler(scenario)
+        with storing(folder, storage):
+            self._storage = open_storage(folder, storage, lambda study, trial: self._repeat(trial))
+            self.optuna = optuna.create_study(
+                storage=self._storage,
+                study_name=scenario.name,
+                directions=directions,
+                sampler=sampler,
+                load_if_exists=True,
+            )
+            if self.optuna.directions != directions:
+                raise ConfigurationError(f"study {scenario.name!r}: the stored one has other objectives")
+            if storage:
+                self._check_scenario()
+                sampler.reseed_rng()  # other processes have the same seed
+            elif scenario.optimiser in _SAMPLERS_WITH_STATE and (count := len(self.optuna.get_trials(deepcopy=False))):
+                self.optuna.sampler = make_sampler(replace(scenario, seed=scenario.seed + count))
 
     @classmethod
     def create(cls, scenario: Scenario, folder: Path, storage: str = "") -> LearningStudy:
-        """Creates a study.
+        """Creates a study; joins the one of this scenario if it is in a database.
 
-        :raises Refused: the folder has one already.
+        :raises Refused: the folder has one already, which is not in a database or of another scenario.
         """
-        if (folder / SCENARIO_FILE).exists():
-            raise Refused(f"{folder} has a study already; resume it, or name another folder")
-        folder.mkdir(parents=True, exist_ok=True)
         stored = scenario.derived()
+        if (folder / SCENARIO_FILE).exists():
+            if not storage:
+                raise Refused(f"{folder} has a study already; resume it, or name another folder")
+            differing = _differing(_shared(load_scenario(folder / SCENARIO_FILE)), _shared(stored))
+            if differing:
+                raise Refused(f"{folder} has a study of another scenario: different {', '.join(differing)}")
+        make_sampler(scenario)  # a mistake leaves no folder
+        folder.mkdir(parents=True, exist_ok=True)
         (folder / SCENARIO_FILE).write_text(stored.source, encoding="utf-8")
         return cls(stored, folder, storage)
 
@@ -86,10 +127,13 @@ class LearningStudy:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Inside the `with` block, no other process may run this study from its folder.
+        """Inside the `with` block, no other process may run this study from its folder, unless it is in a database.
 
         :raises Refused: another process runs it.
         """
+        if self._url:
+            yield
+            return
         with open(self.folder / LOCK_FILE, "a", encoding="utf-8") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -106,10 +150,43 @@ class LearningStudy:
         """
         lost = self._trials(TrialState.RUNNING)
         for trial in lost:
-            attributes = {_SEED: trial.user_attrs.get(_SEED, seed_of(self.scenario, trial.number))}
-            self.optuna.enqueue_trial(trial.params, user_attrs=attributes)
-            self.optuna.tell(trial.number, state=TrialState.FAIL)
+            self._reliably(lambda each=trial: self._end_interrupted(each))  # type: ignore[misc]
         return len(lost)
+
+    def release(self) -> None:
+        """Lets other processes repeat the evaluations that `ask` has returned and that have no result."""
+        for number in list(self._asked):
+            trial = self._asked.pop(number)
+            with suppress(StorageFailed), storing(self.folder, self._url):
+                self._end_interrupted(self.optuna.get_trials(deepcopy=False)[trial.number])
+
+    def save_unsaved(self) -> int:
+        """Stores results that an earlier run could not store. Returns their number."""
+        count = 0
+        for file in sorted(self.folder.glob(UNSAVED_FILES)):
+            for line in file.read_text(encoding="utf-8").splitlines():
+                try:
+                    data = json.loads(line)
+                except ValueError:  # the disk was full
+                    continue
+                number, result = int(data["number"]), Evaluation.from_json(data["result"])
+                states = {trial.number: trial.state for trial in self._trials(*TrialState)}
+                if states.get(number) is TrialState.RUNNING:
+                    self._asked[number] = self._trial(number)
+                    self.tell(number, result)
+                    count += 1
+            file.unlink()
+        return count
+
+    def beat(self) -> None:
+        """Reports to the database that the evaluations of this process are running, and lets those of processes that
+        have died be repeated. To be called at least every few seconds."""
+        if not self._url or time.monotonic() - self._beaten < HEARTBEAT:
+            return
+        self._beaten = time.monotonic()
+        self._reliably(lambda: repeat_stale(self.optuna))
+        for number in self._asked:
+            self._reliably(lambda each=number: self._beat(each))  # type: ignore[misc]
 
     def enqueue(self, configuration: dict[str, Value], seed: int | None = None) -> None:
         """Evaluates a configuration next.
@@ -121,7 +198,14 @@ class LearningStudy:
 
     def ask(self) -> tuple[int, dict[str, Value], int]:
         """Returns number, configuration and seed of the next evaluation."""
-        trial = self.optuna.ask(self._distributions)
+        return self._reliably(self._ask)
+
+    def _ask(self) -> tuple[int, dict[str, Value], int]:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Heartbeat of storage")  # `beat` does what Study.optimize would
+            trial = self.optuna.ask(self._distributions)
+        if self._url:
+            self._beat(trial.number)
         self._asked[trial.number] = trial
         seed = trial.user_attrs.get(_SEED)
         if seed is None:
@@ -130,17 +214,38 @@ class LearningStudy:
         return trial.number, dict(trial.params), int(seed)
 
     def tell(self, number: int, result: Evaluation) -> None:
-        """Stores the result of an evaluation that `ask` has returned."""
+        """Stores the result of an evaluation that `ask` has returned.
+
+        :raises StorageFailed: it cannot be stored. It is kept as by `keep`.
+        """
         trial = self._asked.pop(number)
+        try:
+            self._reliably(lambda: self._store(trial, result))
+        except StorageFailed:
+            self.keep(number, result)
+            raise
+
+    def keep(self, number: int, result: Evaluation) -> None:
+        """Writes a result that cannot be stored to a file of the folder, for `save_unsaved` of the next run. If that
+        fails too, the next run repeats the evaluation, with the same result."""
+        self._asked.pop(number, None)
+        file = self.folder / UNSAVED_FILES.replace("*", str(os.getpid()))
+        try:
+            with open(file, "a", encoding="utf-8") as lines:
+                lines.write(json.dumps({"number": number, "result": result.to_json()}) + "\n")
+        except OSError as error:
+            log.warning("evaluation %d will be repeated: %s: %s", number, file, error.strerror)
+
+    def _store(self, trial: Trial, result: Evaluation) -> None:
         trial.set_user_attr(_RESULT, json.dumps(result.to_json()))
         if result.error:
             trial.set_user_attr(_ERROR, result.error)
-            self.optuna.tell(trial, state=TrialState.FAIL)
+            self.optuna.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
             return
         for name, violation in result.violations.items():
             trial.set_constraint(name, violation)
         values = [result.objectives[objective.name] for objective in self.scenario.objectives]
-        self.optuna.tell(trial, values)
+        self.optuna.tell(trial, values, skip_if_finished=True)
 
     @property
     def counted(self) -> int:
@@ -169,7 +274,8 @@ class LearningStudy:
 
     def best(self) -> list[int]:
         """Returns the numbers of the Pareto-optimal evaluations, those with the best success rate first."""
-        return self._ranked([trial.number for trial in self.optuna.best_trials] if self.counted else [])
+        best = self._reliably(lambda: self.optuna.best_trials) if self.counted else []
+        return self._ranked([trial.number for trial in best])
 
     def ranked(self) -> list[int]:
         """Returns the numbers of all evaluations with a result: by success rate, then by the objectives in their
@@ -190,7 +296,57 @@ class LearningStudy:
         return sorted(numbers, key=order)
 
     def _trials(self, *states: TrialState) -> list[FrozenTrial]:
-        return self.optuna.get_trials(deepcopy=False, states=states)
+        return self._reliably(lambda: self.optuna.get_trials(deepcopy=False, states=states))
+
+    def _trial(self, number: int) -> Trial:
+        storage = self._storage
+        study = storage.get_study_id_from_name(self.scenario.name)
+        return Trial(self.optuna, storage.get_trial_id_from_study_id_trial_number(study, number))
+
+    def _beat(self, number: int) -> None:
+        storage = self._storage
+        if isinstance(storage, RDBStorage):
+            study = storage.get_study_id_from_name(self.scenario.name)
+            storage.record_heartbeat(storage.get_trial_id_from_study_id_trial_number(study, number))
+
+    def _end_interrupted(self, trial: FrozenTrial) -> None:
+        """Ends an evaluation that was running: with its result if that was stored, else by a repetition."""
+        if _RESULT in trial.user_attrs:
+            self._store(self._trial(trial.number), _result_of(trial))
+            return
+        self._repeat(trial)
+        self.optuna.tell(trial.number, state=TrialState.FAIL, skip_if_finished=True)
+
+    def _repeat(self, trial: FrozenTrial) -> None:
+        attributes = {_SEED: trial.user_attrs.get(_SEED, seed_of(self.scenario, trial.number))}
+        self.optuna.enqueue_trial(trial.params, user_attrs=attributes)
+
+    def _check_scenario(self) -> None:
+        """Checks that the study in the database is of this scenario."""
+        own = _shared(self.scenario)
+        stored = self.optuna.user_attrs.get(_SCENARIO)
+        if stored is None:
+            self.optuna.set_user_attr(_SCENARIO, own)
+        elif differing := _differing(stored, own):
+            raise ConfigurationError(
+                f"study {self.scenario.name!r} in {public_name(self._url)} is of another scenario: different "
+                f"{', '.join(differing)}; give this one another name"
+            )
+
+    def _reliably(self, work: Callable[[], T]) -> T:
+        """Calls what reads or writes the storage; again for a while if a database does not answer."""
+        deadline = 0.0
+        while True:
+            try:
+                with storing(self.folder, self._url):
+                    return work()
+            except StorageFailed as failure:
+                if not self._url or (deadline and time.monotonic() > deadline):
+                    raise
+                if not deadline:
+                    log.warning("%s; trying again for %g s", failure, RECONNECT_TIMEOUT)
+                    deadline = time.monotonic() + RECONNECT_TIMEOUT
+            time.sleep(min(_RECONNECT_PERIOD, RECONNECT_TIMEOUT))
 
 
 def distribution_of(variable: Variable) -> BaseDistribution:
@@ -245,10 +401,16 @@ def _need(optimiser: str, package: str) -> None:
         raise MissingPackage(f"optimiser {optimiser} needs the package {package}: pip install {package}")
 
 
-def _storage(folder: Path, url: str) -> BaseStorage | str:
-    if url:
-        return url
-    return JournalStorage(JournalFileBackend(str(folder / JOURNAL_FILE)))
+def _shared(scenario: Scenario) -> dict[str, object]:
+    """Returns the part of a scenario that is the same for all processes that run its study."""
+    data = yaml.safe_load(scenario.source)
+    kept = {key: value for key, value in data.items() if key not in _LOCAL_KEYS}
+    shared: dict[str, object] = json.loads(json.dumps(kept))
+    return shared
+
+
+def _differing(one: dict[str, object], other: dict[str, object]) -> list[str]:
+    return sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
 
 
 def _result_of(trial: FrozenTrial) -> Evaluation:

@@ -13,6 +13,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
@@ -20,8 +21,10 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_common.tools.output import STDOUT, discard
 from skiros2_learning.core.evaluation import Evaluation, evaluate
 from skiros2_learning.core.scenario import Scenario
+from skiros2_learning.core.storage import StorageFailed
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Value
 
@@ -102,7 +105,10 @@ class Runner:
 
     def run(self) -> None:
         """Runs until the budget is used up. `KeyboardInterrupt` ends all processes and propagates; the evaluations that
-        were running are repeated by the next run."""
+        were running are repeated by the next run.
+
+        :raises StorageFailed: finished evaluations are kept; see `LearningStudy.keep`.
+        """
         budget = self._study.scenario.evaluations
         try:
             while True:
@@ -110,10 +116,23 @@ class Runner:
                 if not any(worker.job is not None for worker in self._workers):
                     return
                 self._collect()
+                self._study.beat()
+        except StorageFailed:
+            self._keep_finished()
+            raise
         finally:
             for worker in self._workers:
                 worker.end()
             self._workers.clear()
+            self._repeated.clear()
+            self._study.release()
+
+    def _keep_finished(self) -> None:
+        """Keeps the results that the processes have sent, when the storage fails."""
+        for worker in self._workers:
+            if worker.job is not None and worker.connection.poll():
+                with suppress(EOFError, OSError):
+                    self._study.keep(worker.job.number, worker.connection.recv())
 
     def _fill(self, budget: int) -> None:
         """Gives each free process an evaluation, as far as the budget allows."""
@@ -180,7 +199,7 @@ def _work(connection: Connection, scenario: Scenario) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the coordinator decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     logging.disable(logging.WARNING)  # of skills that fail: the result has the reason
-    _silence()
+    discard(STDOUT)  # the physics engine's
     threadpool_limits(1)  # the processes use all cores already
     parent = os.getppid()
     while True:
@@ -195,10 +214,3 @@ def _work(connection: Connection, scenario: Scenario) -> None:
         if os.getppid() != parent:
             return
         connection.send(result)
-
-
-def _silence() -> None:
-    """Discards what the physics engine prints."""
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)
-    os.close(null)

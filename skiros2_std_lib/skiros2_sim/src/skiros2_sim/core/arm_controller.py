@@ -141,6 +141,18 @@ class ArmController:
         up = (0.0, 0.0, min(max(-felt, 0.0), _PAYLOAD))
         self._carried = np.array(rotated(conjugated(self.robot.pose().orientation), up))
 
+    def zero_sensor(self) -> None:
+        """Makes the current measured wrench the zero of the following ones, and compensates the weight of the object in
+        the hand from now on.
+
+        :raises Refused: the arm has no sensor.
+        """
+        if self.arm.sensor is None:
+            raise Refused(f"arm {self.arm.name} has no force/torque sensor: no fixed joint is before its hand")
+        self.arm.sensor.zero()
+        if self.compliant:
+            self.carry()
+
     def hold(self) -> None:
         """Holds the current position."""
         positions = np.array(self.arm.positions())

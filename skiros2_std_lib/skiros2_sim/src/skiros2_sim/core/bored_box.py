@@ -60,12 +60,16 @@ def bored_box(size: Vector, bores: Sequence[Bore]) -> list[BoxShape]:
     problems = [text for bore, cell in zip(bores, cells, strict=True) if (text := _problem(size, bore, cell))]
     if problems:
         raise WrongValue("; ".join(problems))
-    shapes = _around(size, list(zip(bores, cells, strict=True)))
-    for bore, cell in zip(bores, cells, strict=True):
+    # one plate below all bores: the box stands on few points of contact, which cost the engine less
+    floors = [max(0.0, size[2] - bore.depth) for bore in bores]
+    plate = min(floors, default=0.0)
+    shapes = [_upright((size[0] / 2, size[1] / 2, plate / 2), (0.0, 0.0, (plate - size[2]) / 2))] if plate else []
+    shapes += _around(size, list(zip(bores, cells, strict=True)), plate)
+    for bore, cell, floor in zip(bores, cells, floors, strict=True):
         shapes += _ring(size, bore, cell)
-        floor = size[2] - bore.depth
-        if floor > 0.0:
-            shapes.append(_upright((cell, cell, floor / 2), (bore.x, bore.y, (floor - size[2]) / 2)))
+        if floor > plate:
+            half_edges = (cell, cell, (floor - plate) / 2)
+            shapes.append(_upright(half_edges, (bore.x, bore.y, (floor + plate - size[2]) / 2)))
     return shapes
 
 
@@ -90,8 +94,8 @@ def _problem(size: Vector, bore: Bore, cell: float) -> str:
     return ""
 
 
-def _around(size: Vector, cells: Sequence[tuple[Bore, float]]) -> list[BoxShape]:
-    """Returns boxes between the cells: a grid along their edges."""
+def _around(size: Vector, cells: Sequence[tuple[Bore, float]], plate: float) -> list[BoxShape]:
+    """Returns boxes between the cells, above the plate: a grid along their edges."""
     xs = sorted({-size[0] / 2, size[0] / 2, *(bore.x + s * cell for bore, cell in cells for s in (-1, 1))})
     ys = sorted({-size[1] / 2, size[1] / 2, *(bore.y + s * cell for bore, cell in cells for s in (-1, 1))})
     found = []
@@ -100,7 +104,7 @@ def _around(size: Vector, cells: Sequence[tuple[Bore, float]]) -> list[BoxShape]
         if any(abs(x - bore.x) < cell and abs(y - bore.y) < cell for bore, cell in cells):
             continue
         if x1 - x0 > 1e-6 and y1 - y0 > 1e-6:
-            found.append(_upright(((x1 - x0) / 2, (y1 - y0) / 2, size[2] / 2), (x, y, 0.0)))
+            found.append(_upright(((x1 - x0) / 2, (y1 - y0) / 2, (size[2] - plate) / 2), (x, y, plate / 2)))
     return found
 
 

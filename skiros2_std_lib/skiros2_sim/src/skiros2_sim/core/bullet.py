@@ -11,9 +11,11 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-import pybullet
-
 from skiros2_common.core.errors import Refused
+from skiros2_common.tools.output import STDERR, discarded
+
+with discarded(STDERR):  # its banner
+    import pybullet
 
 
 class Bullet:

@@ -15,6 +15,8 @@ from skiros2_std_reasoners.core.geometry import Pose
 FRICTION = 1.2
 _SPINNING = 0.02
 _SPEED = 0.1  # m/s, of a finger
+#: PyBullet's defaults: the group of movable bodies, which collide with all groups.
+_GROUP_AND_MASK = (1, -1)
 #: Default effort of a finger (N).
 _EFFORT = 20.0
 
@@ -81,15 +83,17 @@ class Gripper:
             )
 
     def set_friction(self, part: float) -> None:
-        """Scales the friction of the fingers, 0 to 1."""
+        """Scales the friction of the fingers, 0 to 1. Without anchors a held object creeps under a load."""
         for index in self._indices:
             self._bullet.changeDynamics(
                 self.body,
                 index,
                 lateralFriction=FRICTION * part,
                 spinningFriction=_SPINNING * part,
-                frictionAnchor=False,
+                frictionAnchor=part == 1.0,
             )
+            # present contacts keep their anchors: with a new proxy in the broad phase they are made again
+            self._bullet.setCollisionFilterGroupMask(self.body, index, *_GROUP_AND_MASK)
 
     def _couple(self, one: int, other: int) -> None:
         """Couples the fingers, so that a gripped object is centred."""

@@ -174,13 +174,8 @@ class CompliantArm:
         return SetWrenchLimitsResponse(ok=True)
 
     def _on_zero(self, _: TriggerRequest) -> TriggerResponse:
-        def zero(controller: ArmController) -> None:
-            if controller.arm.sensor is None:
-                raise Refused(f"arm {self._arm.name} has no force/torque sensor: no fixed joint is before its hand")
-            controller.arm.sensor.zero()
-
         try:
-            self._call(zero)
+            self._call(ArmController.zero_sensor)
         except SkirosError as error:
             return TriggerResponse(False, str(error))
         return TriggerResponse(True, "")

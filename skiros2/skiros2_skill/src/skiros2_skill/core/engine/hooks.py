@@ -155,6 +155,7 @@ class Hooks:
             return _FAILURE  # the failure of the children, without a progress of its own
         else:
             set_failure_reason(node, text, EXECUTE_RAISED)
+        late = late or instance.fails_late
         self._failures.record(node, Failure(EXECUTE, instance._progress_code, instance.progress_msg, late=late))
         return _FAILURE
 

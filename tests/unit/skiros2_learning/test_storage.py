@@ -1,0 +1,232 @@
+"""Studies whose storage fails, and studies that several processes share in a PostgreSQL database."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_learning.core import study as study_module
+from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.scenario import Scenario, load_scenario
+from skiros2_learning.core.storage import JOURNAL_FILE, StorageFailed
+from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.workers import Runner
+from support.postgres import Postgres, find_programs, postgres
+
+TEXT = """
+scenario: NAME
+execution: support.learning_tasks:parabola
+settings: {folder: FOLDER}
+variables:
+  x: {type: real, range: [0, 1]}
+objectives:
+  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
+budget: {evaluations: 8, initial: 3}
+repetitions: 2
+seed: 3
+"""
+_MAIN = "import sys; from skiros2_learning.command_line.program import main; sys.exit(main())"
+
+
+@pytest.fixture
+def file(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    file = tmp_path / "parabola.yaml"
+    file.write_text(TEXT.replace("NAME", re.sub(r"\W+", "_", request.node.name)).replace("FOLDER", str(tmp_path)))
+    return file
+
+
+@pytest.fixture
+def scenario(file: Path) -> Scenario:
+    return load_scenario(file)
+
+
+def learn(*arguments: str, limit: int = 0) -> subprocess.Popen[str]:
+    """Starts the program.
+
+    :param limit: largest size of a file that it may write (bytes); 0: any.
+    """
+    path = os.pathsep.join(sys.path)
+    before: Callable[[], None] | None = None
+    if limit:
+        before = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))  # noqa: E731
+    return subprocess.Popen(
+        [sys.executable, "-c", _MAIN, *arguments, "--workers", "1"], env={**os.environ, "PYTHONPATH": path},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=before,
+    )  # fmt: skip
+
+
+def results_match(study: LearningStudy) -> bool:
+    """Whether all results are those of this process."""
+    found = study.results()
+    return all(each == evaluate(study.scenario, each.configuration, each.seed) for each in found.values())
+
+
+# -- the journal -------------------------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_is_one_line_and_loses_no_finished_evaluation(file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    output, error = learn("run", str(file), "--study", str(folder), limit=6000).communicate(timeout=120)
+    assert error.count("\n") == 1, error
+    line = error.strip()
+    assert line == f"learn: {folder / JOURNAL_FILE}: File too large"
+    finished = output.count("| ")
+    assert 1 <= finished < 8
+    study = LearningStudy.open(folder)
+    known = study.results()
+    assert len(known) >= finished
+    _, error = learn("resume", str(folder)).communicate(timeout=120)
+    assert error == ""
+    study = LearningStudy.open(folder)
+    assert study.counted == 8
+    assert {number: study.results()[number] for number in known} == known
+    assert results_match(study)
+
+
+def test_an_entry_that_was_written_in_part_is_removed(scenario: Scenario, tmp_path: Path) -> None:
+    study = LearningStudy.create(scenario, tmp_path / "study")
+    number, configuration, seed = study.ask()
+    study.tell(number, evaluate(study.scenario, configuration, seed))
+    with open(tmp_path / "study" / JOURNAL_FILE, "a", encoding="utf-8") as journal:
+        journal.write('{"op_code": 4, "worker')
+    again = LearningStudy.open(tmp_path / "study")
+    assert again.results() == study.results()
+    again.ask()
+    assert LearningStudy.open(tmp_path / "study").running_count == 1
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(file: Path, tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    _, error = learn("run", str(file), "--study", str(tmp_path / "taken/study")).communicate(timeout=120)
+    assert error == f"learn: {tmp_path / 'taken/study'}: Not a directory\n"
+
+
+def test_a_resumed_study_does_not_draw_the_same_configurations_again(scenario: Scenario, tmp_path: Path) -> None:
+    LearningStudy.create(scenario.derived(optimiser="random"), tmp_path / "study").ask()
+    again = LearningStudy.open(tmp_path / "study")
+    again.requeue_interrupted()
+    first, second = again.ask()[1], again.ask()[1]
+    assert first != second
+
+
+# -- a database --------------------------------------------------------------------------------------------------------
+
+PROGRAMS = find_programs()
+needs_postgres = pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not installed: apt install postgresql")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Postgres]:
+    assert PROGRAMS is not None
+    with postgres(PROGRAMS) as server:
+        yield server
+
+
+@needs_postgres
+def test_several_runs_work_on_one_study(file: Path, tmp_path: Path, server: Postgres) -> None:
+    file.write_text(file.read_text().replace(":parabola", ":waits_for_two"))
+    runs = [
+        learn("run", str(file), "--study", str(tmp_path / name), "--storage", server.url) for name in ("one", "two")
+    ]
+    ended = [run.communicate(timeout=120) for run in runs]
+    assert [(run.returncode, error) for run, (_, error) in zip(runs, ended, strict=True)] == [(0, ""), (0, "")]
+    study = LearningStudy.open(tmp_path / "one", server.url)
+    found = study.results()
+    assert 8 <= len(found) <= 9  # both may take the last one
+    assert len({each.configuration["x"] for each in found.values()}) == len(found)
+    assert all(output.count("| ") >= 1 for output, _ in ended)
+    assert study.running_count == 0
+
+
+@needs_postgres
+def test_the_study_of_another_scenario_is_refused(scenario: Scenario, tmp_path: Path, server: Postgres) -> None:
+    LearningStudy.create(scenario, tmp_path / "one", server.url)
+    with pytest.raises(ConfigurationError, match=r"of another scenario: different repetitions; give") as found:
+        LearningStudy.create(scenario.derived(repetitions=3), tmp_path / "two", server.url)
+    assert "secret" not in str(found.value)
+    with pytest.raises(Refused, match="has a study of another scenario: different repetitions"):
+        LearningStudy.create(scenario.derived(repetitions=3), tmp_path / "one", server.url)
+    LearningStudy.create(scenario.derived(evaluations=9), tmp_path / "one", server.url)
+
+
+@needs_postgres
+def test_a_run_survives_a_restart_of_the_database(scenario: Scenario, tmp_path: Path, server: Postgres) -> None:
+    study = LearningStudy.create(scenario, tmp_path / "study", server.url)
+
+    def restart(number: int, result: Evaluation) -> None:
+        if number == 2:
+            server.stop()
+            server.start()
+
+    Runner(study, 1, restart).run()
+    assert study.counted == 8
+    assert results_match(study)
+
+
+@needs_postgres
+def test_results_are_kept_when_the_database_goes_away(
+    scenario: Scenario, tmp_path: Path, server: Postgres, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(study_module, "RECONNECT_TIMEOUT", 0.1)
+    study = LearningStudy.create(scenario, tmp_path / "study", server.url)
+    number, configuration, seed = study.ask()
+    result = evaluate(study.scenario, configuration, seed)
+    server.stop()
+    try:
+        with pytest.raises(StorageFailed, match=r"learner:\*\*\*@127\.0\.0\.1.*connection failed") as failure:
+            study.tell(number, result)
+        assert "\n" not in str(failure.value)
+        with pytest.raises(StorageFailed):
+            LearningStudy.open(tmp_path / "study", server.url)
+    finally:
+        server.start()
+    again = LearningStudy.open(tmp_path / "study", server.url)
+    assert again.save_unsaved() == 1
+    assert again.results() == {number: result}
+    assert again.save_unsaved() == 0
+
+
+@needs_postgres
+def test_the_evaluation_of_a_dead_run_is_repeated(
+    scenario: Scenario, tmp_path: Path, server: Postgres, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skiros2_learning.core.storage.GRACE_PERIOD", 1)
+    dead = LearningStudy.create(scenario, tmp_path / "study", server.url)
+    number, configuration, seed = dead.ask()
+    other = LearningStudy.open(tmp_path / "study", server.url)
+    results: dict[int, Evaluation] = {}
+
+    def collect(number: int, result: Evaluation) -> None:
+        results[number] = result
+
+    monkeypatch.setattr(study_module, "HEARTBEAT", 0)
+    while other.optuna.get_trials(deepcopy=False)[number].state.name == "RUNNING":
+        other.beat()
+    Runner(other, 1, collect).run()
+    assert (configuration, seed) in [(each.configuration, each.seed) for each in results.values()]
+    assert len(results) == other.counted == 8
+
+
+@pytest.mark.parametrize(
+    ("url", "text"),
+    [
+        ("postgresql://nobody@127.0.0.1:1/none", "connection refused"),
+        ("mysql://nobody@127.0.0.1/none", "its driver is not installed: No module named 'MySQLdb'"),
+        ("nonsense", "Could not parse SQLAlchemy URL"),
+        ("oracel://x", "Can't load plugin: sqlalchemy.dialects:oracel"),
+    ],
+)
+def test_a_database_that_cannot_be_opened_is_one_line(file: Path, tmp_path: Path, url: str, text: str) -> None:
+    run = learn("run", str(file), "--study", str(tmp_path / "study"), "--storage", url)
+    _, error = run.communicate(timeout=120)
+    assert run.returncode == 1
+    assert text.lower() in error.lower()
+    assert error.count("\n") == 1

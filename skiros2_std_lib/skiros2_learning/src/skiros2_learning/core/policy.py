@@ -17,11 +17,12 @@ from threadpoolctl import threadpool_limits
 
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_learning.core.earlier_studies import with_earlier
-from skiros2_learning.core.scenario import Feature, Scenario
+from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.search_space import Array, SearchSpace
 from skiros2_learning.core.study import LearningStudy, distribution_of
 from skiros2_learning.core.surrogate import SurrogateKind, fit_surrogate
 from skiros2_learning.core.variables import Value
+from skiros2_learning.core.variations import Feature
 
 #: Number of candidates around each good configuration, their spread (fraction of the range), and uniform candidates.
 _AROUND, _SPREADS, _UNIFORM = 20, (0.08, 0.03, 0.01), 1000

@@ -14,8 +14,9 @@ import yaml
 from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
 from skiros2_learning.core.rewards import Reward, read_reward
-from skiros2_learning.core.sections import Section, near
-from skiros2_learning.core.variables import KINDS, Gaussian, Kind, Prior, Samples, Value, Variable, Weights
+from skiros2_learning.core.sections import Section
+from skiros2_learning.core.variables import Variable, read_variable
+from skiros2_learning.core.variations import Feature, read_feature, variation_problems
 
 #: The samplers that a scenario may name; see `study.make_sampler`.
 OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
@@ -91,26 +92,6 @@ class Criterion:
 
 
 @dataclass(frozen=True)
-class Feature:
-    """A number that differs between the variations of a task, and that the robot knows.
-
-    :param element, property: label of the element, and its property in the scene with the number.
-    :param low, high: range that is learned.
-    """
-
-    name: str
-    element: str
-    property: str
-    low: float
-    high: float
-    unit: str = ""
-
-    def unit_of(self, value: float) -> float:
-        """Scales a value to 0 to 1."""
-        return (value - self.low) / (self.high - self.low)
-
-
-@dataclass(frozen=True)
 class Simulation:
     """How the task is simulated.
 
@@ -181,7 +162,7 @@ class Scenario:
 
         :raises WrongValue: the text names all problems.
         """
-        if problems := _variation_problems(self.variations, variation):
+        if problems := variation_problems(self.variations, variation):
             raise WrongValue(f"scenario {self.name}: {'; '.join(problems)}")
 
     def derived(
@@ -288,7 +269,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
     initial = budget.whole("initial", min(20, evaluations), low=0, high=evaluations)
     budget.end()
     task = tuple(_step(part) for part in root.listed("task", ()))
-    variables = tuple(_variable(key, part) for key, part in root.section("variables").sections())
+    variables = tuple(read_variable(key, part) for key, part in root.section("variables").sections())
     if not variables:
         root.problem("variables", "none; a scenario needs at least one")
     objectives = tuple(_objective(key, part) for key, part in root.section("objectives").sections())
@@ -300,9 +281,9 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
             root.problem("task", "no steps; name at least one skill")
         _check_names(root, task, variables)
     repetitions = root.whole("repetitions", 5, low=1)
-    features = tuple(_feature(key, part) for key, part in root.section("variations").sections())
+    features = tuple(read_feature(key, part) for key, part in root.section("variations").sections())
     variation = root.take("variation", {})
-    for problem in _variation_problems(features, variation) if variation else ():
+    for problem in variation_problems(features, variation) if variation else ():
         root.problem("variation", problem)
     return Scenario(
         name=name,
@@ -351,103 +332,6 @@ def _step(section: Section) -> Step:
     )
     section.end()
     return step
-
-
-def _variable(name: str, section: Section) -> Variable:
-    kind: Kind = section.choice("type", KINDS, "real")  # type: ignore[assignment]
-    unit = section.text("unit", "")
-    low = high = 0.0
-    values: tuple[Value, ...] = ()
-    if kind in ("real", "integer"):
-        low, high = section.numbers("range", 2)
-        if low >= high and len(section.items("range")) == 2:
-            section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
-            low, high = high, low
-        if kind == "integer" and (low % 1 or high % 1):
-            section.problem("range", f"expected integers, got [{low:g}, {high:g}]")
-    else:
-        values = tuple(section.items("values"))
-        _check_values(section, kind, values)
-    prior = _prior(section, kind, low, high, values)
-    section.end()
-    return Variable(name, kind, low, high, values, unit, prior)
-
-
-def _check_values(section: Section, kind: str, values: Sequence[Any]) -> None:
-    if len(values) < 2:
-        section.problem("values", f"expected at least two, got {len(values)}")
-    elif len(set(map(repr, values))) < len(values):
-        section.problem("values", f"expected different values, got {list(values)!r}")
-    elif not all(isinstance(value, str | int | float) for value in values):
-        section.problem("values", f"expected texts, numbers or truth values, got {list(values)!r}")
-    elif kind == "ordinal":
-        numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
-        if len(numbers) < len(values) or sorted(numbers) != numbers:
-            section.problem("values", f"expected numbers in ascending order, got {list(values)!r}")
-
-
-def _feature(name: str, section: Section) -> Feature:
-    low, high = section.numbers("range", 2)
-    if low >= high and len(section.items("range")) == 2:
-        section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
-    feature = Feature(
-        name, section.text("element", ""), section.text("property", ""), low, high, section.text("unit", "")
-    )
-    section.end()
-    return feature
-
-
-def _variation_problems(features: Sequence[Feature], variation: Any) -> list[str]:
-    """Describes all mistakes in the values of features."""
-    if not isinstance(variation, Mapping):
-        return [f"expected features and values, got {variation!r}"]
-    names = [each.name for each in features]
-    found = [f"no feature is called {name!r}; {near(str(name), names)}" for name in variation if name not in names]
-    for each in features:
-        value: Any = variation.get(each.name)
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not each.low <= value <= each.high:
-            unit = f" {each.unit}" if each.unit else ""
-            found.append(f"{each.name}: expected {each.low:g} to {each.high:g}{unit}, got {value!r}")
-    return found
-
-
-def _prior(section: Section, kind: str, low: float, high: float, values: Sequence[Any]) -> Prior | None:
-    if "prior" not in section:
-        return None
-    part = section.section("prior")
-    prior: Prior | None = None
-    if "weights" in part:
-        numbers = [w for w in part.items("weights") if isinstance(w, int | float) and 0 <= w < math.inf]
-        if not values:
-            part.problem("weights", f"only for ordinal and categorical variables; this one is {kind}")
-        elif len(numbers) != len(values) or len(part.items("weights")) != len(values) or sum(numbers) <= 0:
-            part.problem("weights", f"expected {len(values)} numbers of 0 or more, not all 0")
-        else:
-            prior = Weights(tuple(number / sum(numbers) for number in numbers))
-    elif "samples" in part:
-        std = part.number("std", above=0.0)
-        samples = part.numbers("samples", len(part.items("samples")))
-        outside = [value for value in samples if not low <= value <= high]
-        if values:
-            part.problem("samples", f"only for real and integer variables; this one is {kind}; give weights")
-        elif not samples:
-            part.problem("samples", "none; expected at least one")
-        elif outside:
-            part.problem("samples", f"expected {low:g} to {high:g}, the range of the variable, got {outside}")
-        else:
-            prior = Samples(tuple(samples), std)
-    else:
-        mean, std = part.number("mean"), part.number("std", above=0.0)
-        lowest, highest = (min(values), max(values)) if kind == "ordinal" and values else (low, high)
-        if kind == "categorical":
-            part.problem("", "a categorical variable has no mean; give weights")
-        elif not lowest <= mean <= highest:
-            part.problem("mean", f"expected {lowest:g} to {highest:g}, the range of the variable, got {mean:g}")
-        else:
-            prior = Gaussian(mean, std)
-    part.end()
-    return prior
 
 
 def _objective(name: str, section: Section) -> Objective:

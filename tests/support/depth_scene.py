@@ -31,9 +31,13 @@ SENSOR = Sensor()
 
 def scene(*bodies: BodySpec) -> SceneSpec:
     """A table with a block that has four bores, and more bodies."""
-    table = BodySpec(TABLE, "demo:Workstation", pose=at(0.5, 0.0, TOP / 2), size=(0.8, 1.0, TOP))
     bores = tuple(SimulatedBore(b.x, b.y, b.diameter, b.depth, b.chamfer) for b in BORES)
-    return SceneSpec((table, BodySpec(BLOCK, "skiros:Product", pose=EXPECTED, size=SIZE, bores=bores), *bodies))
+    return table(BodySpec(BLOCK, "skiros:Product", pose=EXPECTED, size=SIZE, bores=bores), *bodies)
+
+
+def table(*bodies: BodySpec) -> SceneSpec:
+    """A table with bodies."""
+    return SceneSpec((BodySpec(TABLE, "demo:Workstation", pose=at(0.5, 0.0, TOP / 2), size=(0.8, 1.0, TOP)), *bodies))
 
 
 def block_shape() -> Shape:

@@ -43,9 +43,8 @@ from support.ros import ROOT
 BAG = ROOT / "tests" / "bags" / "contact.bag"
 STATE, WRENCH = "/piston_cell/right_arm/right_compliant/state", "/piston_cell/right_arm/wrist/wrench"
 IMAGE, INFO = "/piston_cell/camera/depth/image_raw", "/piston_cell/camera/depth/camera_info"
-#: Primitives that talk to drivers without actions: the tree is run again with their recorded progress.
-PLAYED = {"approach_grasp", "approach_target", "move_until_contact", "spiral_search", "insert_part", "retract_tool"}
-SETTINGS = Settings(SCENE.parent, frozenset({*PLAYED, "grip_part", "estimate_pose"}), Tolerance(0.02, 0.02))
+MOTIONS = {"approach_grasp", "approach_target", "move_until_contact", "spiral_search", "insert_part", "retract_tool"}
+SETTINGS = Settings(SCENE.parent, tolerance=Tolerance(0.02, 0.02))
 CAMERA = "skiros:DepthCamera-27"
 TICK = 0.04  # s
 
@@ -136,7 +135,7 @@ class RecordedArm:
 
 def test_insertion_decides_by_recorded_states_as_it_did(run: Run) -> None:
     begin = skill_runs(run, "insert_into_bore")[1].start
-    recorded = [skill for skill in run.skills() if skill.start >= begin and skill.label in PLAYED]
+    recorded = [skill for skill in run.skills() if skill.start >= begin and skill.label in MOTIONS]
     end = max(skill.end for skill in recorded)
     with bench_at(run, begin) as bench:
         arm = RecordedArm(run, space.pose_of(bench.wmi.get_element(ARM)) or IDENTITY)
@@ -155,7 +154,7 @@ def test_insertion_decides_by_recorded_states_as_it_did(run: Run) -> None:
     assert task.state is State.Success, task.why
     ends: dict[str, float] = {}
     for tick, name, state, _ in task.trace.rows():
-        if name in PLAYED and state is State.Success:
+        if name in MOTIONS and state is State.Success:
             ends.setdefault(name, begin + TICK * (tick - 1))
     assert list(ends) == [skill.label for skill in recorded]
     for skill in recorded:

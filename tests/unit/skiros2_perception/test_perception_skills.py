@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -200,13 +201,30 @@ def test_preempted_skill_leaves_the_world_model_as_it_is(cell: Cell) -> None:
     assert cell.element("Engine block").version == before.version
 
 
+def test_object_with_a_mesh_is_located(cell: Cell, tmp_path: Path) -> None:
+    cube = cell.element("Cube")
+    half = 0.5 * cube.value_of("skiros:SizeX")
+    corners = [f"v {x} {y} {z}" for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    faces = ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"]
+    (tmp_path / "cube.obj").write_text("\n".join(corners + faces))
+    cube.setProperty("skiros:CadModel", str(tmp_path / "cube.obj"), "xsd:string")
+    cell.wmi.update_element_properties(cube)
+    x, y, z = cell.world.pose_of(CUBE).position
+    cell.world.set_pose(CUBE, Pose((x + 0.01, y - 0.005, z), from_euler(0.0, 0.0, 0.1)))
+    cell.look_from("home")
+    task = cell.do("EstimatePose", Object=cube)
+    assert task.state is State.Success, task.why
+    assert cell.error("Cube", CUBE)[0] < 0.002
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
         ({"skiros:SizeX": None}, "has no size"),
         ({"skiros:PositionX": None}, "has no pose"),
         ({"skiros:LinkedToFrameId": "somewhere"}, "follows the tf frame 'somewhere'"),
-        ({"skiros:CadModel": "block.stl"}, "has a model (skiros:CadModel): expected a box with or without bores"),
+        ({"skiros:CadModel": "/none/block.stl"}, "model /none/block.stl does not exist"),
+        ({"skiros:CadModel": str(SCENE)}, "perception_scene.ttl: expected one of .obj, .stl"),
         ({"skiros:PoseCovariance": "[]"}, "expected a JSON list of 36 finite numbers"),
     ],
 )

@@ -257,7 +257,7 @@ class insert_piston(SkillBase):
                     ),
                 ),
                 # what has exceeded the limit may not be over yet
-                self.skill("RetractAfterFailure", "", specify={"MaxForce": 80.0}),
+                self.skill("RetractAfterFailure", "", specify={"MaxForce": 120.0}),
             ),
             self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
         )

@@ -42,6 +42,7 @@ class ContactPrimitive(PrimitiveBase):
     :ivar start: state of the arm at the first tick of `move`.
     """
 
+    replays_progress = True
     arm: CompliantArm
     start: ArmState
     #: Damping factors along and about the axes of the tool.
@@ -67,8 +68,6 @@ class ContactPrimitive(PrimitiveBase):
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
             self._has_arm = True
             self.arm.begin()
-            if "ZeroSensor" in self.params.getParamMap() and self.value("ZeroSensor"):
-                self.arm.zero_sensor()
             self.arm.set_wrench_limits(self.number("MaxForce", MAX_FORCE), self.number("MaxTorque", MAX_TORQUE))
         except SkirosError as error:
             give_back(self)

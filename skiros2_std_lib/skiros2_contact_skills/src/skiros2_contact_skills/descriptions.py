@@ -53,7 +53,7 @@ class CompliantLine(ContactMotion):
         self.add_number("Height", height, "m", -0.1, 0.5, description)
         self.add_number("Speed", 0.1, "m/s", 0.005, 0.3, "Of the tool")
         self.add_number("Tolerance", 0.004, "m", 0.0005, 0.05, "Of the position at the end")
-        self.addParam("ZeroSensor", False, Optional, description="Zeroes the sensor: the hand is free of contact")
+        self.addParam("ZeroSensor", False, Optional, description="At the end, where the hand is free of contact")
 
 
 class ApproachGrasp(CompliantLine):

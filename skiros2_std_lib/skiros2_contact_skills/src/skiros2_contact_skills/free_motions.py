@@ -25,6 +25,7 @@ class _CompliantLine(ContactPrimitive):
         across = self.value("Stiffness")
         self.set_stiffness(across)
         self._goal = self.goal(state)
+        self._has_to_zero = self.value("ZeroSensor")
         length, turn = distances(state.pose, self._goal)
         self._duration = max(0.1, 1.875 * max(length, turn / _TURN) / self.value("Speed"))
 
@@ -35,6 +36,10 @@ class _CompliantLine(ContactPrimitive):
         self.arm.set_reference(between(self.start.pose, self._goal, part))
         off, turned = distances(state.pose, self._goal)
         if t == 1.0 and off <= self.value("Tolerance"):
+            if self._has_to_zero:
+                self._has_to_zero = False
+                self.arm.zero_sensor()
+                return self.step("Zeroing the sensor")
             return self.success(f"There, {1000 * off:.1f} mm and {turned:.3f} rad off ({forces(state)})")
         if passed > self._duration + _SETTLING_TIME:
             return self.fail(f"{1000 * off:.1f} mm and {turned:.3f} rad from the goal ({forces(state)})", NOT_REACHED)

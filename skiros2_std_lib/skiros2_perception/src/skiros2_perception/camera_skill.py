@@ -26,6 +26,7 @@ NOT_KNOWN, NO_VIEW, REFUSED = -110, -111, -112
 class CameraSkill(PrimitiveBase):
     """Waits for a view, computes in a thread of its own, then writes to the world model in `execute`."""
 
+    replays_progress = True
     #: Whether the views need colours.
     needs_colours = False
 

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from skiros2_common.core.abstract_skill import SkillDescription
-from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_perception.camera_skill import CameraSkill
@@ -16,6 +15,7 @@ from skiros2_perception.core.fusion import Estimate, check_determined, estimate_
 from skiros2_perception.core.objects import (
     check_movable,
     known_object,
+    model_of,
     stored_estimate,
     write_estimate,
 )
@@ -23,6 +23,7 @@ from skiros2_perception.core.pose_estimation import registered
 from skiros2_perception.core.registration import Limits
 from skiros2_perception.core.transforms import difference
 from skiros2_perception.core.view import Sensor, View
+from skiros2_perception.ros.models import model_file
 
 
 class EstimatePose(SkillDescription):
@@ -71,10 +72,8 @@ class estimate_pose(CameraSkill):
     def prepare(self) -> str:
         element = self.wmi.get_element(self.element("Object").id)
         check_movable(self.wmi, element)
-        self._known = known_object(self.wmi, element)
-        if not self._known.exact:
-            name = element.label or element.id
-            raise WrongValue(f"{name!r} has a model (skiros:CadModel): expected a box with or without bores")
+        model = model_of(element)
+        self._known = known_object(self.wmi, element, model_file(model) if model else None)
         self._before = stored_estimate(self.wmi, element) if self.params["Fuse"].value else None
         return self._known.frame
 

@@ -48,6 +48,7 @@ class PrimitiveServiceClient(ClientPrimitive):
     """
 
     build_client_onstart = False
+    replays_progress = True
     call_timeout_sec: float | None = None
 
     def __init__(self) -> None:

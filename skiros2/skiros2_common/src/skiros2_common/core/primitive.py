@@ -17,6 +17,9 @@ class PrimitiveBase(SkillCore):
     `onInit`, `onStart`, `onPreempt` and `onEnd`.
     """
 
+    #: Whether a re-run of a bag replaces the skill by its recorded progress: its driver's answers are in no bag.
+    replays_progress = False
+
     def init(self, wmi: WorldModelPort, _: object = None) -> bool:
         """Loads the primitive: declares its description and calls `onInit`. Returns False if it cannot be used."""
         self._wmi = wmi

@@ -66,8 +66,8 @@ class Settings:
 
     :param workspace: folder of additional ontologies for the scene; None for the recorded parameter `workspace_dir` of
         the world model.
-    :param played: labels of primitives that are replaced by their recorded progress. Primitives that call services are
-        always replaced, since bags do not contain answers of services.
+    :param played: labels of primitives that are replaced by their recorded progress, besides those whose class says so
+        (`PrimitiveBase.replays_progress`).
     :param tolerance: of measured numbers.
     :param max_orders: the most orders of nearly simultaneous events to try.
     """

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import inspect
 import logging
-import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -126,8 +125,8 @@ _STATES: dict[int, State] = {RUNNING: State.Running, SUCCESS: State.Success, FAI
 
 
 def is_replaced(cls: type, label: str, labels: frozenset[str]) -> bool:
-    """Whether a primitive is replaced by its recorded progress: by its label, or because it calls a service."""
-    return issubclass(cls, PrimitiveBase) and (label in labels or _calls_service(cls))
+    """Whether a primitive is replaced by its recorded progress: by its label, or as its class says."""
+    return issubclass(cls, PrimitiveBase) and (label in labels or cls.replays_progress)
 
 
 def replay_primitive(cls: type, manager: Any) -> type:
@@ -164,11 +163,6 @@ def replay_primitive(cls: type, manager: Any) -> type:
 
     hooks = {"onInit": on_start, "onStart": on_start, "execute": execute, "onPreempt": on_preempt, "onEnd": on_end}
     return type(cls.__name__, (cls,), {**hooks, "__module__": cls.__module__, "__abstractmethods__": frozenset()})
-
-
-def _calls_service(cls: type) -> bool:
-    module = sys.modules.get("skiros2_std_skills.service_client_primitive")
-    return module is not None and issubclass(cls, module.PrimitiveServiceClient)
 
 
 #: Period of a manager's ticks (s); most ticks publish no progress.

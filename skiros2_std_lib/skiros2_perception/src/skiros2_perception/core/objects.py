@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -22,12 +23,13 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_perception.core.confidence import MISSING_BELOW
 from skiros2_perception.core.fusion import Estimate, covariance_from, covariance_text, in_frame
+from skiros2_perception.core.mesh import mesh_shape
 from skiros2_perception.core.shape import Bore, Shape, box_shape
 from skiros2_perception.core.transforms import Array, inverse
 from skiros2_perception.core.view import Sensor
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
-from skiros2_std_reasoners.core.scene_poses import parent_of, pose_in_scene, size_of
+from skiros2_std_reasoners.core.scene_poses import has_size, parent_of, pose_in_scene, size_of
 
 COVARIANCE, FITNESS, RESIDUAL = "skiros:PoseCovariance", "skiros:EstimateFitness", "skiros:EstimateResidual"
 VIEWS, STAMP = "skiros:EstimateViews", "skiros:EstimateStamp"
@@ -42,6 +44,8 @@ SENSOR = {
 }
 
 _BORE, _MODEL = "skiros:Bore", "skiros:CadModel"
+#: Maximum difference of the sizes of a model and of its element, relative.
+_SAME_SIZE = 0.1
 #: Standard deviations of a pose in the world model without covariance: position (m), orientation (rad).
 _POSITION, _ANGLE = 0.03, math.radians(10.0)
 
@@ -83,8 +87,31 @@ def sensor_of(camera: Element) -> Sensor:
         raise WrongValue(f"{camera.label!r}: {error}") from None
 
 
+def model_of(element: Element) -> str:
+    """Returns the name of the model of an object; "" without one."""
+    return space.text(element, _MODEL).strip()
+
+
+def model_shape(element: Element, file: Path) -> Shape:
+    """Returns the shape of the model of an object.
+
+    :param file: of the model.
+    :raises WrongValue: it is unusable, or has another size than the element.
+    """
+    try:
+        shape = mesh_shape(file)
+    except WrongValue as error:
+        raise WrongValue(f"shape of {element.label or element.id!r}: {error}") from None
+    given = size_of(element) if has_size(element) else shape.size
+    if any(abs(a - b) > _SAME_SIZE * b for a, b in zip(shape.size, given, strict=True)):
+        measured, expected = (" x ".join(f"{edge:g}" for edge in size) for size in (shape.size, given))
+        raise WrongValue(f"shape of {element.label or element.id!r}: {file} is {measured} m: expected {expected} m")
+    return shape
+
+
 def shape_of(wmi: WorldModelPort, element: Element) -> Shape:
-    """Returns the shape of an object: a box of its size, with its bores (parts of the class `skiros:Bore`).
+    """Returns the shape of an object without a model: a box of its size, with its bores (parts of the class
+    `skiros:Bore`).
 
     :raises WrongValue: size or bores are unusable; the text lists all problems.
     """
@@ -101,15 +128,16 @@ def shape_of(wmi: WorldModelPort, element: Element) -> Shape:
         raise WrongValue(f"shape of {element.label or element.id!r}: {error}") from None
 
 
-def known_object(wmi: WorldModelPort, element: Element) -> KnownObject:
+def known_object(wmi: WorldModelPort, element: Element, model: Path | None = None) -> KnownObject:
     """Returns an object of the world model.
 
+    :param model: file of its model; without it, only the bounding box of an object with a model is known.
     :raises WrongValue: it lacks a usable size or pose, or has an unusable estimate; the text lists all problems.
     """
     problems = []
     shape, frame, pose, covariance = None, "", IDENTITY, np.empty(0)
     try:
-        shape = shape_of(wmi, element)
+        shape = shape_of(wmi, element) if model is None else model_shape(element, model)
     except WrongValue as error:
         problems.append(str(error))
     try:
@@ -131,7 +159,7 @@ def known_object(wmi: WorldModelPort, element: Element) -> KnownObject:
         covariance,
         confidence if is_usable and confidence is not None else 1.0,
         _colour(element),
-        not space.text(element, _MODEL),
+        model is not None or not model_of(element),
     )
 
 

@@ -14,7 +14,7 @@ from skiros2_perception.core.registration import DEFAULT, Limits, Registration, 
 from skiros2_perception.core.segmentation import clusters, find_support, heights_above
 from skiros2_perception.core.shape import Shape
 from skiros2_perception.core.view import Cloud, Sensor, View, cloud_of
-from skiros2_std_reasoners.core.geometry import Pose, half_extents
+from skiros2_std_reasoners.core.geometry import Pose
 
 #: Points closer to the supporting plane belong to it (m), or three standard deviations.
 _ABOVE = 0.003
@@ -60,7 +60,7 @@ def object_points(shape: Shape, view: View, sensor: Sensor, prior: Pose, shift: 
     cloud = cloud_of(view, sensor, prior.position, shape.radius + shift)
     if len(cloud) == 0:
         raise Rejected(Problem(Code.OUT_OF_VIEW, "nothing is measured where the object is expected"))
-    bottom = prior.position[2] - half_extents(prior.orientation, shape.size)[2]
+    bottom = prior.position[2] + shape.lowest(prior.orientation)
     plane = find_support(cloud, bottom, shift)
     if plane is not None:
         margin = np.maximum(_ABOVE, 3 * cloud.deviations)

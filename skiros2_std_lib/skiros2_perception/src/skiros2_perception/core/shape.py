@@ -13,8 +13,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_perception.core.transforms import quaternion_of
-from skiros2_std_reasoners.core.geometry import Quaternion, Vector
+from skiros2_perception.core.transforms import matrix_of, quaternion_of
+from skiros2_std_reasoners.core.geometry import Quaternion, Vector, half_extents
 
 Array = npt.NDArray[np.float64]
 
@@ -50,30 +50,41 @@ class Shape:
 
     :param points: n x 3 (m).
     :param normals: n x 3, outward unit vectors.
-    :param size: edges of its bounding box, which is centred at the origin (m).
+    :param size: edges of its bounding box (m), which is centred at the origin unless it is the shape of a model.
     :param bores: the bores of a box.
+    :param is_plain: whether the shape is a box, apart from its bores.
     """
 
     points: Array
     normals: Array
     size: Vector
     bores: tuple[Bore, ...] = ()
+    is_plain: bool = True
 
     @cached_property
     def tree(self) -> cKDTree:
         """The samples for searches of the nearest one."""
         return cKDTree(self.points)
 
-    @property
+    @cached_property
     def radius(self) -> float:
-        """Distance from the origin to a corner of the bounding box (m)."""
-        return math.hypot(*self.size) / 2
+        """Largest distance of the surface from the origin (m)."""
+        if self.is_plain:
+            return math.hypot(*self.size) / 2
+        return float(np.linalg.norm(self.points, axis=1).max())
+
+    def lowest(self, orientation: Quaternion) -> float:
+        """Returns the lowest height of the shape above its origin, at an orientation (m)."""
+        if self.is_plain:
+            return -half_extents(orientation, self.size)[2]
+        return float((self.points @ matrix_of(orientation)[2]).min())
 
     def similar_turns(self) -> list[Quaternion]:
         """Returns the rotations after which the shape looks similar but not the same, the identity first: those that
-        map the bounding box of a shape with bores to itself. Registration starts from each of them."""
+        map the bounding box of a shape to itself, unless it is a box without bores. Registration starts from each of
+        them."""
         turns = []
-        if not self.bores:
+        if self.is_plain and not self.bores:
             return [(0.0, 0.0, 0.0, 1.0)]
         for order in itertools.permutations(range(3)):
             if all(abs(self.size[i] - self.size[order[i]]) < _EQUAL for i in range(3)):

@@ -65,6 +65,7 @@ PORTS = {
         "skiros2_task.command_line",
         "skiros2_bags.core",
         "skiros2_std_reasoners.core",
+        "skiros2_learning.core",
         "skiros2_teaching.core",
     },
 }

@@ -38,8 +38,9 @@ def window(qtbot: QtBot) -> Iterator[MainWidget]:
     yield made
 
 
-def test_window_has_three_tabs(window: MainWidget) -> None:
-    assert [window.tabs.tabText(i) for i in range(window.tabs.count())] == ["Skills", "Running", "World model"]
+def test_window_has_its_tabs(window: MainWidget) -> None:
+    titles = [window.tabs.tabText(i) for i in range(window.tabs.count())]
+    assert titles == ["Skills", "Running", "World model", "Learning"]
 
 
 def test_tab_is_disabled_while_the_world_model_is_down(window: MainWidget, qtbot: QtBot) -> None:
@@ -195,6 +196,7 @@ class Other(QWidget):
 @pytest.fixture
 def other(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Iterator[MainWidget]:
     monkeypatch.setattr(main_widget, "TABS", (Other, Other))
+    monkeypatch.setattr(main_widget, "LAST_TABS", ())
     made = MainWidget(LocalSystem)
     qtbot.addWidget(made, before_close_func=MainWidget.shut_down)
     made.show()

@@ -31,7 +31,7 @@ PACKAGES = {
 }
 #: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the
 #: folder `ros` its ROS adapters, and every other module of a subject is a core.
-WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "teach", "view3d")
+WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "learning", "teach", "view3d")
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def test_conditions_of_the_world_model(record: EpisodeRecord, skill_bench: Skill
     query = 'SELECT ?x WHERE { ?x rdfs:label "%s" }'
     assert rewards.Sparql(query % "Part")(record) == 1.0
     assert rewards.Sparql(query % "Lid")(record) == 0.0
-    with pytest.raises(WrongValue, match="0 elements are labelled 'Lid'"):
+    with pytest.raises(UnknownName, match="no element is labelled 'Lid'"):
         rewards.Relation("Lid", "skiros:contain", "Part")(record)
 
 

@@ -47,6 +47,7 @@ from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.stop_bar import StopBar
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
+from skiros2_gui.learning.widgets.tab import LearningTab
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_gui.skills.widgets.tab import SkillsTab
 from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
@@ -153,8 +154,9 @@ def _edits_cell(widget: QWidget) -> bool:
 
 log = logging.getLogger(__name__)
 
-#: The tabs; rviz follows where it is available.
+#: The tabs before and after rviz, which is there where it is available.
 TABS: tuple[type[Any], ...] = (SkillsTab, RunTab, WorldTab)
+LAST_TABS: tuple[type[Any], ...] = (LearningTab,)
 
 #: Widgets that handle the space bar.
 _EDITORS = (QLineEdit, QTextEdit, QPlainTextEdit, QComboBox, QAbstractSpinBox, QAbstractButton)
@@ -207,7 +209,7 @@ class MainWidget(QWidget):
         self.shared.subscribe(NodeShutdown, lambda event: self.shared.problems.report(_NODE_ENDED, event.reason))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
-        tabs = TABS if rviz_problem() else (*TABS, RvizPanel)
+        tabs = (*TABS, *(() if rviz_problem() else (RvizPanel,)), *LAST_TABS)
         self.pages = [_Page(tab(self.shared), self.shared) for tab in tabs]
         for number, page in enumerate(self.pages):
             self.tabs.addTab(page, page.tab.title)

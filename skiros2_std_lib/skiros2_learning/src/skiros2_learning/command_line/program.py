@@ -8,12 +8,13 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
-from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_learning.core.earlier_studies import with_earlier
-from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate, seed_of
+from skiros2_learning.core.evaluation import Evaluation, Unavailable, check_execution, evaluate, seed_of
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.policy import Policy, learn_variations, variation_studies
@@ -21,7 +22,7 @@ from skiros2_learning.core.report import describe, format_value, status_lines, w
 from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
 from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
-from skiros2_learning.core.workers import Runner
+from skiros2_learning.core.workers import OneByOne, Runner
 
 #: Executions that check a prediction, and the success rate that they need; the number that their seed is made of.
 _CHECKS, _LEAST_SUCCESS, _CHECK_NUMBER = 5, 0.5, 1_000_000
@@ -49,11 +50,25 @@ class Progress:
         sys.stdout.flush()
 
 
-def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> CommandResult:
-    """Runs a study until its budget is used up, and writes the report. Ctrl-C keeps all finished evaluations."""
+def run_study(study: LearningStudy, workers: int, requeue: bool = True, confirmed: bool = False) -> CommandResult:
+    """Runs a study until its budget is used up, and writes the report. Ctrl-C keeps all finished evaluations.
+
+    :param workers: processes; a real robot is used by this one only.
+    :param requeue: whether to repeat interrupted evaluations at once.
+    :param confirmed: whether executions on a real robot start without asking the operator.
+    """
     begin = time.monotonic()
-    runner = Runner(study, workers, Progress(study))
-    with study.running():
+    progress = Progress(study)
+    with ExitStack() as stack:
+        runner: Runner | OneByOne
+        if study.scenario.is_real:
+            from skiros2_learning.ros.real_robot import RealRobot  # needs ROS
+
+            robot = stack.enter_context(RealRobot(study.scenario, _yes if confirmed else _ask_operator))
+            runner = OneByOne(study, robot.execute, progress)
+        else:
+            runner = Runner(study, workers, progress)
+        stack.enter_context(study.running())
         saved = study.save_unsaved()
         if saved:
             sys.stdout.write(f"{saved} results of an earlier run are stored now\n")
@@ -70,6 +85,28 @@ def run_study(study: LearningStudy, workers: int, requeue: bool = True) -> Comma
     return CommandResult([*status_lines(study), sampling, f"report: {report}"])
 
 
+def _yes(text: str) -> bool:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+    return True
+
+
+def _ask_operator(text: str) -> bool:
+    """Asks whether an execution may start. Ctrl-C and `q` end the run.
+
+    :raises Unavailable: there is no terminal to ask at.
+    """
+    while True:
+        try:
+            answer = input(f"{text}: start? [y/n/q] ").strip().lower()
+        except EOFError:
+            raise Unavailable("each execution needs the operator's confirmation at a terminal, or --yes") from None
+        if answer == "q":
+            raise KeyboardInterrupt
+        if answer in ("y", "n"):
+            return answer == "y"
+
+
 def _run(options: argparse.Namespace) -> CommandResult:
     scenario = _changed(load_scenario(options.scenario), options)
     earlier = [LearningStudy.open(folder) for folder in (*scenario.prior_from, *options.prior_study)]
@@ -79,13 +116,13 @@ def _run(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.create(scenario, folder, options.storage)
     for configuration in first:
         study.enqueue(configuration)
-    return run_study(study, options.workers, not options.storage)
+    return run_study(study, options.workers, not options.storage, options.yes)
 
 
 def _resume(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
     study.scenario = _changed(study.scenario, options)
-    return run_study(study, options.workers, requeue=options.alone or not options.storage)
+    return run_study(study, options.workers, options.alone or not options.storage, options.yes)
 
 
 def _status(options: argparse.Namespace) -> CommandResult:
@@ -103,6 +140,8 @@ def _report(options: argparse.Namespace) -> CommandResult:
 def _replay(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
     stored = study.result(options.number)
+    if study.scenario.is_real:
+        raise Refused("executions on a real robot are not replayed: they cannot be repeated exactly")
     again = evaluate(study.scenario, stored.configuration, stored.seed)
     same = "the same" if again == stored else "NOT the same"
     lines = [f"stored: {describe(stored)}", f"again:  {describe(again)}", f"the result is {same}"]
@@ -246,6 +285,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--workers", type=_count, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
         )
+        command.add_argument("--yes", action="store_true", help="on a real robot: do not ask before each execution")
         command.add_argument("--evaluations", type=_count, metavar="N", help="another budget than the scenario's")
 
     command = add("check", "Checks a scenario: names, ranges, scene, skills.")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from skiros2_common.core.errors import ConfigurationError, SkirosError, WrongValue
+from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, WrongValue
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.variables import Value, configuration_problems
@@ -64,22 +64,34 @@ class Evaluation:
         return cls(**{**data, "repetitions": [Repetition(**each) for each in data["repetitions"]]})
 
 
-def evaluate(scenario: Scenario, configuration: Mapping[str, Value], seed: int) -> Evaluation:
+class Unavailable(Refused):
+    """An execution cannot be made now, whatever the configuration: the run ends, and the evaluation is repeated."""
+
+    code = "unavailable"
+
+
+def evaluate(
+    scenario: Scenario, configuration: Mapping[str, Value], seed: int, execution: Execution | None = None
+) -> Evaluation:
     """Runs all repetitions of a configuration, or until too many have failed. An execution that breaks is a result with
     a reason.
 
+    :param execution: instead of the scenario's.
     :raises WrongValue: the configuration does not fit the scenario.
     :raises ConfigurationError: the scenario names an execution that does not exist.
+    :raises Unavailable: by the execution.
     """
     chosen = dict(configuration)
     problems = configuration_problems(scenario.variables, chosen)
     if problems:
         raise WrongValue("; ".join(problems))
-    execution = find_execution(scenario.execution)
+    execution = execution or find_execution(scenario.execution)
     repetitions = []
     for index in range(scenario.repetitions):
         try:
             repetitions.append(judge(scenario, execution(scenario, chosen, seed, index)))
+        except Unavailable:
+            raise
         except SkirosError as error:
             return Evaluation(chosen, seed, repetitions=repetitions, error=f"repetition {index}: {error}")
         except Exception as error:  # of a skill library, a plug-in or the physics: this evaluation has no result

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.scenario import Scenario
 from skiros2_skill.core.runtime.learned_parameters import (
@@ -82,6 +83,7 @@ def remove_set(wmi: WorldModelPort, eid: str) -> None:
 
 
 def _class_of(wmi: WorldModelPort, name: str) -> str:
-    element = wmi.find_element(name)
-    found = [element] if element is not None else wmi.resolve_elements(Element("", name))
-    return str(found[0].type) if len(found) == 1 else ""
+    try:
+        return str(find_element(wmi, name).type)
+    except SkirosError:  # no element: a fixed value
+        return ""

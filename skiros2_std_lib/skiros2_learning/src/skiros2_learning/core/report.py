@@ -27,7 +27,7 @@ from skiros2_learning.core.variables import Value
 #: Configurations in the table of the report.
 _ROWS = 15
 #: Evaluations from which on the importance of the parameters is estimated.
-_LEAST_FOR_IMPORTANCE = 10
+LEAST_FOR_IMPORTANCE = 10
 
 
 def write_report(
@@ -50,7 +50,7 @@ def write_report(
             sections.append(_picture("Pareto front", pareto_front(study.scenario, complete, study.best())))
         sections.append(_picture("Spread of the best configurations", spread(study.scenario, complete, study.best())))
         sections.append(_picture("Configurations", configurations(study.scenario, complete)))
-        if len(complete) >= _LEAST_FOR_IMPORTANCE:
+        if len(complete) >= LEAST_FOR_IMPORTANCE:
             sections.append(_picture("Importance of the parameters", importance(study)))
     sections += [_picture(title, figure) for title, figure in (pictures or {}).items()]
     sections.append(f"<h2>Scenario</h2><pre>{html.escape(study.scenario.source)}</pre>")

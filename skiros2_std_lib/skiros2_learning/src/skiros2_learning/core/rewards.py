@@ -17,6 +17,7 @@ import numpy as np
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import Array, EpisodeRecord
 from skiros2_learning.core.sections import Section, near
 
@@ -307,7 +308,4 @@ class Sparql:
 def _element(record: EpisodeRecord, label: str) -> Element:
     if record.wmi is None:
         raise WrongValue("the execution has no world model")
-    found = record.wmi.resolve_elements(Element("", label))
-    if len(found) != 1:
-        raise WrongValue(f"{len(found)} elements are labelled {label!r}, expected one")
-    return found[0]
+    return find_element(record.wmi, label)

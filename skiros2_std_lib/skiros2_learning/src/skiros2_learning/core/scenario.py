@@ -12,6 +12,17 @@ from typing import Any, Literal
 import yaml
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_learning.core.platforms import (
+    PLATFORMS,
+    REAL_SKILLS,
+    SIMULATED_SKILLS,
+    RealPlatform,
+    Simulation,
+    Step,
+    read_real,
+    read_simulation,
+    read_step,
+)
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
 from skiros2_learning.core.rewards import Reward, read_reward
 from skiros2_learning.core.sections import Section
@@ -22,8 +33,6 @@ from skiros2_learning.core.variations import Feature, read_feature, variation_pr
 OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
 #: The layout of the file.
 VERSION = 1
-#: Runs the task in the simulated world; see `local.episode`.
-SIMULATED_SKILLS = "skiros2_learning.local.episode:run_episode"
 
 Sense = Literal["maximise", "minimise"]
 
@@ -37,20 +46,6 @@ class ScenarioError(ConfigurationError):
     def __init__(self, source: str, problems: Sequence[str]) -> None:
         super().__init__(f"{source}: {'; '.join(problems)}")
         self.problems = tuple(problems)
-
-
-@dataclass(frozen=True)
-class Step:
-    """A skill of the task.
-
-    :param name: prefix of its variables; by default the skill's type.
-    :param parameters: fixed values by key; elements by label.
-    """
-
-    name: str
-    skill: str
-    label: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,20 +84,6 @@ class Criterion:
     def violation(self, value: float) -> float:
         """How far a value is outside the limits; 0 or less inside."""
         return max(self.at_least - value, value - self.at_most)
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """How the task is simulated.
-
-    :param time_limit: of an execution (s of simulated time); the task is preempted then.
-    :param tick_rate: of the skills (Hz).
-    :param step_rate: of the physics (Hz).
-    """
-
-    time_limit: float = 30.0
-    tick_rate: float = 10.0
-    step_rate: int = 240
 
 
 @dataclass(frozen=True)
@@ -149,7 +130,13 @@ class Scenario:
     variations: tuple[Feature, ...] = ()
     variation: Mapping[str, float] = field(default_factory=dict)
     goal: str = ""
+    real: RealPlatform = field(default_factory=RealPlatform)
     source: str = ""
+
+    @property
+    def is_real(self) -> bool:
+        """Whether the task runs on a real robot."""
+        return self.execution == REAL_SKILLS
 
     @property
     def all_rewards(self) -> list[Reward]:
@@ -257,26 +244,20 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
             importlib.import_module(plugin)
         except ImportError as error:
             root.problem("plugins", f"{plugin}: {error}")
-    simulation = root.section("simulation")
-    settings = Simulation(
-        simulation.number("time_limit", 30.0, above=0.0),
-        simulation.number("tick_rate", 10.0, low=1.0, high=240.0),
-        simulation.whole("step_rate", 240, low=240, high=2000),
-    )
-    simulation.end()
     budget = root.section("budget")
     evaluations = budget.whole("evaluations", 100, low=1)
     initial = budget.whole("initial", min(20, evaluations), low=0, high=evaluations)
     budget.end()
-    task = tuple(_step(part) for part in root.listed("task", ()))
+    task = tuple(read_step(part) for part in root.listed("task", ()))
     variables = tuple(read_variable(key, part) for key, part in root.section("variables").sections())
     if not variables:
         root.problem("variables", "none; a scenario needs at least one")
     objectives = tuple(_objective(key, part) for key, part in root.section("objectives").sections())
     if not objectives:
         root.problem("objectives", "none; a scenario needs at least one")
-    execution = root.text("execution", SIMULATED_SKILLS)
-    if execution == SIMULATED_SKILLS:
+    platform = root.choice("platform", tuple(PLATFORMS), "simulation")
+    execution = root.text("execution", PLATFORMS[platform])
+    if execution in PLATFORMS.values():
         if not task:
             root.problem("task", "no steps; name at least one skill")
         _check_names(root, task, variables)
@@ -298,7 +279,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         success=tuple(_criterion(part) for part in root.listed("success", ())),
         constraints=tuple(_criterion(part) for part in root.listed("constraints", ())),
         randomisation=read_randomisation(root.section("randomisation")),
-        simulation=settings,
+        simulation=read_simulation(root.section("simulation")),
         evaluations=evaluations,
         initial=initial,
         repetitions=repetitions,
@@ -310,6 +291,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         variation=variation,
         prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
         goal=root.text("goal", ""),
+        real=read_real(root.section("real")),
         source=text,
     )
 
@@ -325,13 +307,6 @@ def _file(root: Section, key: str, folder: Path, needed: bool) -> Path:
     return path.resolve()
 
 
-def _step(section: Section) -> Step:
-    skill = section.text("skill")
-    step = Step(
-        section.text("name", skill), skill, section.text("label", ""), section.section("parameters").take_all()
-    )
-    section.end()
-    return step
 
 
 def _objective(name: str, section: Section) -> Objective:

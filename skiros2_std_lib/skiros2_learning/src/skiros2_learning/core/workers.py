@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.tools.output import STDOUT, discard
-from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.evaluation import Evaluation, Execution, evaluate
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.storage import StorageFailed
 from skiros2_learning.core.study import LearningStudy
@@ -192,6 +192,36 @@ class Runner:
     def _tell(self, job: Job, result: Evaluation) -> None:
         self._study.tell(job.number, result)
         self._report(job.number, result)
+
+
+class OneByOne:
+    """Runs a study in this process, one evaluation at a time. Arguments and interruption as of `Runner`.
+
+    :param execution: of the evaluations.
+    """
+
+    def __init__(self, study: LearningStudy, execution: Execution, report: Report) -> None:
+        self._study = study
+        self._execution = execution
+        self._report = report
+        self.sampling_time = 0.0
+
+    def run(self) -> None:
+        """Runs until the budget is used up.
+
+        :raises Unavailable: by the execution; the evaluation is repeated by the next run.
+        """
+        study = self._study
+        try:
+            while study.counted < study.scenario.evaluations:
+                begin = time.monotonic()
+                number, configuration, seed = study.ask()
+                self.sampling_time += time.monotonic() - begin
+                result = evaluate(study.scenario, configuration, seed, self._execution)
+                study.tell(number, result)
+                self._report(number, result)
+        finally:
+            study.release()
 
 
 def _work(connection: Connection, scenario: Scenario) -> None:

@@ -17,6 +17,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.params import Param
 from skiros2_common.core.world_element import Element
+from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.randomisation import Draw, draw
 from skiros2_learning.core.rewards import names_used
@@ -120,7 +121,7 @@ class Episode:
     def _vary(self) -> None:
         """Changes the scene, also in the world model: the skills know the variation."""
         for feature in self._scenario.variations:
-            element = element_of(self.bench, feature.element)
+            element = find_element(self.bench.wmi, feature.element)
             keys = [each.key for each in element.properties if isinstance(each.value, float)]
             if feature.property not in keys:
                 text = f"variation {feature.name}: {feature.element} has no number {feature.property!r}"
@@ -174,7 +175,7 @@ class Episode:
         return step.skill, step.label, {key: self._value(declared[key], value) for key, value in given.items()}
 
     def _value(self, param: Param, value: Any) -> Any:
-        return element_of(self.bench, value) if param.is_element and isinstance(value, str) else value
+        return find_element(self.bench.wmi, value) if param.is_element and isinstance(value, str) else value
 
     def _tick(self, task: BenchTask) -> State:
         """Ticks the task, then waits for the threads of its skills: the next tick does not depend on their speed."""
@@ -247,19 +248,11 @@ def step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str
     for key, value in step.parameters.items():
         if key in declared and declared[key].is_element and isinstance(value, str):
             try:
-                element_of(bench, value)
+                find_element(bench.wmi, value)
             except SkirosError:
                 labels = [e.label for e in bench.wmi.get_scene_elements() if e.label]
                 found.append(f"{step.name}.{key}: no element is labelled {value!r}; {near(value, labels)}")
     return found
-
-
-def element_of(bench: SkillBench, name: str) -> Element:
-    """Returns the element with an id or a label.
-
-    :raises SkirosError: there is none, or there are several.
-    """
-    return bench.wmi.find_element(name) or bench.element(name)
 
 
 def declared_parameters(bench: SkillBench, step: Step) -> dict[str, Param]:

@@ -79,3 +79,15 @@ def bowl(scenario: Scenario, configuration: Mapping[str, Value], seed: int, inde
     best = scenario.settings["best"]
     value = sum((float(configuration[name]) - float(place)) ** 2 for name, place in best.items())
     return record(value, succeeded=value < 0.01)
+
+
+def moving_bowl(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """A bowl whose optimum is a function of the feature f, not a linear one."""
+    x, y = moving_optimum(scenario.variation["f"])
+    value = (float(configuration["x"]) - x) ** 2 + (float(configuration["y"]) - y) ** 2
+    return record(value, succeeded=value < 0.005)
+
+
+def moving_optimum(feature: float) -> tuple[float, float]:
+    """The best x and y of `moving_bowl`."""
+    return 0.2 + 0.6 * feature, 0.8 - 0.5 * feature**2

@@ -10,10 +10,10 @@ import pytest
 from skiros2_common.core.errors import Refused
 from skiros2_learning.command_line.program import main
 from skiros2_learning.core.earlier_studies import with_earlier
+from skiros2_learning.core.evaluation import evaluate
 from skiros2_learning.core.scenario import Scenario, ScenarioError, parse_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Samples
-from skiros2_learning.core.workers import Runner
 
 TEXT = """
 scenario: bowl
@@ -38,7 +38,9 @@ def scenario(best: float = 0.3, text: str = TEXT, seed: int = 5) -> Scenario:
 def run(plan: Scenario, folder: Path) -> list[float]:
     """Returns the costs in the order of the evaluations."""
     study = LearningStudy.create(plan, folder)
-    Runner(study, 1).run()
+    while study.counted < plan.evaluations:
+        number, configuration, seed = study.ask()
+        study.tell(number, evaluate(plan, configuration, seed))
     results = study.results()
     return [results[number].objectives["cost"] for number in sorted(results)]
 

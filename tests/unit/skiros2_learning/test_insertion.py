@@ -12,8 +12,10 @@ from skiros2_learning.core.evaluation import check_execution, evaluate
 from skiros2_learning.core.randomisation import BodySpread, Randomisation
 from skiros2_learning.core.rewards import Distance, Signal
 from skiros2_learning.core.scenario import Criterion, Scenario, Step, load_scenario
-from skiros2_learning.core.variables import Value, Variable
+from skiros2_learning.core.variables import Value, Variable, configuration_problems
 from skiros2_learning.local.insertion import default_configuration
+
+pytestmark = pytest.mark.timeout(300)
 
 FILE = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/insertion.yaml"
 
@@ -55,7 +57,7 @@ def test_a_search_without_force_or_motion_is_a_bad_result_after_one_failure(inse
 
 def test_the_scenario_fits_the_skills_which_have_defaults_for_its_variables(insertion: Scenario) -> None:
     check_execution(insertion)
-    assert default_configuration(insertion) == configuration(5.0, 0.0052, 0.012, 0.0006)
+    assert not configuration_problems(insertion.variables, default_configuration(insertion))
 
 
 def test_all_that_does_not_fit_is_reported(insertion: Scenario) -> None:

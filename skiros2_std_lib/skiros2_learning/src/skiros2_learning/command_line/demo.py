@@ -58,7 +58,7 @@ class Demo:
 
 
 PUSH = Demo("push", "a push across a table", "push.yaml", cold=60, guided=30, repetitions=3)
-INSERTION = Demo("insertion-learning", "the search of a bore", "insertion.yaml", cold=36, guided=16, repetitions=3)
+INSERTION = Demo("insertion-learning", "the search of a bore", "insertion.yaml", cold=30, guided=14, repetitions=3)
 
 
 def main(demo: Demo, arguments: Sequence[str] | None = None) -> int:

@@ -7,22 +7,25 @@ import datetime
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_learning.core.earlier_studies import with_earlier
-from skiros2_learning.core.evaluation import Evaluation, Unavailable, check_execution, evaluate
+from skiros2_learning.core.evaluation import Evaluation, Unavailable, check_execution, evaluate, seed_of
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
-from skiros2_learning.core.report import describe, status_lines, write_report
+from skiros2_learning.core.policy import Policy, learn_variations, variation_studies
+from skiros2_learning.core.report import describe, format_value, status_lines, write_report
 from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
 from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import OneByOne, Runner
 
+#: Executions that check a prediction, and the success rate that they need; the number that their seed is made of.
+_CHECKS, _LEAST_SUCCESS, _CHECK_NUMBER = 5, 0.5, 1_000_000
 #: Evaluations of which the rate is the mean.
 _RECENT = 20
 
@@ -149,6 +152,67 @@ def _replay(options: argparse.Namespace) -> CommandResult:
     return CommandResult(lines, again.to_json(), 0 if again == stored else 1)
 
 
+def _variations(options: argparse.Namespace) -> CommandResult:
+    scenario = _changed(load_scenario(options.scenario), options)
+    middle = {each.name: (each.low + each.high) / 2.0 for each in scenario.variations}
+    check_execution(scenario.derived(variation=middle))
+    folder = options.study or Path("build/learning") / f"{scenario.name}_variations"
+
+    def run(study: LearningStudy) -> None:
+        sys.stdout.write(f"variation {_values_text(study.scenario.variation)}\n")
+        run_study(study, options.workers)
+
+    studies = learn_variations(scenario, folder, options.count, run)
+    best = {_values_text(each.scenario.variation): each.result(each.ranked()[0]) for each in studies if each.ranked()}
+    lines = [f"{variation}: {describe(result)}" for variation, result in best.items()]
+    return CommandResult([*lines, f"predict others with: learn predict {folder} FEATURE=VALUE ..."])
+
+
+def _predict(options: argparse.Namespace) -> CommandResult:
+    policy = Policy(variation_studies(options.study))
+    variation = dict(map(_feature_value, options.features))
+    found = policy.predict(variation)
+    values = " ".join(f"{name}={format_value(value)}" for name, value in found.configuration.items())
+    lines = [f"{_values_text(variation)}: success {found.success:.0%} ± {found.deviation:.0%} expected; {values}"]
+    data: dict[str, object] = {"configuration": found.configuration, "success": found.success}
+    data["deviation"] = found.deviation
+    if not options.check and not options.apply:
+        return CommandResult(lines, data)
+    scenario = policy.scenario.derived(
+        variation=variation, repetitions=options.check or _CHECKS, max_failures=options.check or _CHECKS
+    )
+    result = evaluate(scenario, found.configuration, seed_of(scenario, _CHECK_NUMBER))
+    lines.append(f"in simulation: {describe(result)}")
+    data["checked"] = result.to_json()
+    if result.success_rate < _LEAST_SUCCESS:
+        lines.append(f"not good enough: {_LEAST_SUCCESS:.0%} are needed; learn this variation too")
+        return CommandResult(lines, data, 1)
+    if options.apply:
+        from skiros2_world_model.command_line.program import connect
+
+        date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+        source = f"{options.study.resolve()} for {_values_text(variation)}"
+        added = apply_result(connect(options.wm, user()), scenario, _CHECK_NUMBER, result, date, source)
+        lines += [f"{each.id}: take it back with: learn remove {each.id}" for each in added]
+    return CommandResult(lines, data)
+
+
+def _feature_value(text: str) -> tuple[str, float]:
+    """Reads FEATURE=VALUE.
+
+    :raises WrongValue: it is something else.
+    """
+    name, _, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        raise WrongValue(f"{text!r}: expected FEATURE=NUMBER, such as goal_x=0.6") from None
+
+
+def _values_text(variation: Mapping[str, float]) -> str:
+    return " ".join(f"{name}={value:.4g}" for name, value in variation.items())
+
+
 def _apply(options: argparse.Namespace) -> CommandResult:
     from skiros2_world_model.command_line.program import connect  # takes a second to import, and needs ROS
 
@@ -252,6 +316,17 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--scene", type=Path, required=True, metavar="FILE", help="scene file")
     command.add_argument("--libraries", required=True, metavar="A,B", help="Python packages with the skills")
     command.add_argument("-o", "--output", type=Path, metavar="FILE", help="write it to a file")
+    command = add("variations", "Learns sampled variations of a task, for `learn predict`.")
+    command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file with `variations`")
+    command.add_argument("--study", type=Path, metavar="FOLDER", help="default: build/learning/NAME_variations")
+    command.add_argument("--count", type=_count, default=8, metavar="N", help="variations (default: %(default)s)")
+    add_budget(command)
+    command = add("predict", "Predicts the parameters of a variation that was not learned.")
+    command.add_argument("study", type=Path, metavar="FOLDER", help="folder of `learn variations`")
+    command.add_argument("features", nargs="+", metavar="FEATURE=VALUE", help="the variation")
+    command.add_argument("--check", type=_count, metavar="N", help="try the prediction N times in simulation")
+    command.add_argument("--apply", action="store_true", help="check it, and store it in the world model")
+    command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
     command = add("import", "Prints the variables and objectives of a HyperMapper scenario (JSON) in this layout.")
     command.add_argument("file", type=Path, metavar="JSON", help="scenario of HyperMapper")
     command = add_study("apply", "Stores a configuration in the world model: skills take it when they start.")
@@ -277,6 +352,8 @@ _COMMANDS = {
     "import": _import,
     "check": _check,
     "run": _run,
+    "variations": _variations,
+    "predict": _predict,
     "resume": _resume,
     "status": _status,
     "report": _report,

@@ -1,6 +1,6 @@
 """A sampler for Optuna: Bayesian optimisation that is guided by priors, for one or several objectives.
 
-It needs Optuna, NumPy, SciPy and scikit-learn, and of this project only `search_space.py`:
+It needs Optuna, NumPy, SciPy and scikit-learn, and of this project only `search_space.py` and `surrogate.py`:
 
     sampler = PriorSampler({"x": Normal(0.2, 0.05), "gait": Choice({"walk": 3, "trot": 1})}, seed=1)
     study = optuna.create_study(sampler=sampler)
@@ -26,7 +26,6 @@ would have, if its trials end in the same order.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -38,13 +37,11 @@ from optuna.search_space import IntersectionSearchSpace
 from optuna.study import Study, StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 from scipy.stats import norm
-from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+from sklearn.ensemble import RandomForestClassifier
 from threadpoolctl import threadpool_limits
 
 from skiros2_learning.core.search_space import Array, Choice, Kernels, Normal, Prior, SearchSpace
+from skiros2_learning.core.surrogate import TREES, Surrogate, SurrogateKind, fit_surrogate
 
 __all__ = ["Choice", "Kernels", "Normal", "Prior", "PriorSampler"]
 
@@ -52,7 +49,6 @@ __all__ = ["Choice", "Kernels", "Normal", "Prior", "PriorSampler"]
 MAX_GAUSSIAN_PROCESS = 120
 #: Candidates of a trial, and how many of the best ones are refined.
 _CANDIDATES, _REFINED, _AROUND = 1500, 5, 60
-_TREES = 30
 #: Weight of the sum in the augmented Chebyshev function.
 _AUGMENTATION = 0.05
 
@@ -130,7 +126,7 @@ class PriorSampler(BaseSampler):
         observed = space.points(complete)
         values = _scalarised(study.directions, complete, random)
         feasible = np.array([all(value <= 0.0 for value in each.constraints.values()) for each in complete])
-        model: _Model | None = None
+        model: Surrogate | None = None
         best = 0.0
         if feasible.any():
             best = float(values[feasible].min())
@@ -144,47 +140,18 @@ class PriorSampler(BaseSampler):
         tried = [each for each in ended if each.state in (TrialState.COMPLETE, TrialState.FAIL)]
         classifier = None
         if len(tried) > len(complete):
-            classifier = RandomForestClassifier(_TREES, min_samples_leaf=2, random_state=int(random.integers(2**31)))
+            classifier = RandomForestClassifier(TREES, min_samples_leaf=2, random_state=int(random.integers(2**31)))
             works = [each.state is TrialState.COMPLETE for each in tried]
             classifier.fit(space.features(space.points(tried)), works)
         return _Acquisition(space, model, best, limits, classifier, self._beta / len(complete))
 
-    def _fit(self, space: SearchSpace, points: Array, values: Array, random: np.random.Generator) -> _Model:
-        kind = self._surrogate
-        if kind == "auto":
-            kind = "gp" if len(points) <= MAX_GAUSSIAN_PROCESS and not space.has_nominal else "forest"
-        spread = float(values.std()) or 1.0
-        normal = (values - values.mean()) / spread
-        seed = int(random.integers(2**31))
-        features = space.features(points)
-        if kind == "forest":
-            forest = RandomForestRegressor(_TREES, min_samples_leaf=2, max_features=0.8, random_state=seed)
-            return _Model(forest.fit(features, normal), float(values.mean()), spread)
-        scales = np.full(features.shape[1], 0.5)
-        matern = ConstantKernel(1.0, (0.05, 20.0)) * Matern(scales, (0.03, 10.0), nu=2.5)
-        kernel = matern + WhiteKernel(1e-3, (1e-6, 1.0))
-        process = GaussianProcessRegressor(kernel, n_restarts_optimizer=0, random_state=seed)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # a length scale at its bound is no mistake
-            return _Model(process.fit(features, normal), float(values.mean()), spread)
-
-
-@dataclass(frozen=True)
-class _Model:
-    """A fitted surrogate of normalised values."""
-
-    regressor: Any
-    mean: float
-    spread: float
-
-    def predict(self, features: Array) -> tuple[Array, Array]:
-        """Returns mean and standard deviation."""
-        if isinstance(self.regressor, RandomForestRegressor):
-            trees = np.array([tree.predict(features) for tree in self.regressor.estimators_])
-            mean, deviation = trees.mean(axis=0), trees.std(axis=0)
+    def _fit(self, space: SearchSpace, points: Array, values: Array, random: np.random.Generator) -> Surrogate:
+        kind: SurrogateKind
+        if self._surrogate != "auto":
+            kind = self._surrogate
         else:
-            mean, deviation = self.regressor.predict(features, return_std=True)
-        return mean * self.spread + self.mean, np.maximum(deviation * self.spread, 1e-9)
+            kind = "gp" if len(points) <= MAX_GAUSSIAN_PROCESS and not space.has_nominal else "forest"
+        return fit_surrogate(kind, space.features(points), values, random)
 
 
 @dataclass(frozen=True)
@@ -197,9 +164,9 @@ class _Acquisition:
     """
 
     space: SearchSpace
-    model: _Model | None
+    model: Surrogate | None
     best: float
-    limits: Sequence[_Model]
+    limits: Sequence[Surrogate]
     classifier: Any
     strength: float
 

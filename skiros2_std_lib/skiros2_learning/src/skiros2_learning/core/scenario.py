@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import yaml
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_learning.core.platforms import (
     PLATFORMS,
     REAL_SKILLS,
@@ -26,7 +26,8 @@ from skiros2_learning.core.platforms import (
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
 from skiros2_learning.core.rewards import Reward, read_reward
 from skiros2_learning.core.sections import Section
-from skiros2_learning.core.variables import KINDS, Gaussian, Kind, Prior, Samples, Value, Variable, Weights
+from skiros2_learning.core.variables import Variable, read_variable
+from skiros2_learning.core.variations import Feature, read_feature, variation_problems
 
 #: The samplers that a scenario may name; see `study.make_sampler`.
 OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
@@ -98,6 +99,8 @@ class Scenario:
     :param repetitions: executions per configuration, each with another draw of the randomisation.
     :param max_failures: an evaluation ends after this number of executions without success: it is hopeless.
     :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
+    :param variations: features of the task, of which good parameters are functions; see `policy`.
+    :param variation: their values in this study, by name; {} for those of the scene.
     :param prior_from: folders of earlier studies, whose good configurations are the priors; see `earlier_studies`.
     :param goal: the goal that the task is the plan for; "" if it has none.
     :param source: the text of the file.
@@ -124,6 +127,8 @@ class Scenario:
     optimiser: str = "prior"
     timeout: float = 600.0
     prior_from: tuple[Path, ...] = ()
+    variations: tuple[Feature, ...] = ()
+    variation: Mapping[str, float] = field(default_factory=dict)
     goal: str = ""
     real: RealPlatform = field(default_factory=RealPlatform)
     source: str = ""
@@ -139,11 +144,20 @@ class Scenario:
         weighted = [part.reward for objective in self.objectives for part in objective.rewards]
         return weighted + [criterion.reward for criterion in (*self.constraints, *self.success)]
 
+    def check_variation(self, variation: Mapping[str, float]) -> None:
+        """Checks the values of the features.
+
+        :raises WrongValue: the text names all problems.
+        """
+        if problems := variation_problems(self.variations, variation):
+            raise WrongValue(f"scenario {self.name}: {'; '.join(problems)}")
+
     def derived(
         self,
         *,
         priors: bool = True,
         changed_priors: Mapping[str, Mapping[str, Any]] | None = None,
+        variation: Mapping[str, float] | None = None,
         evaluations: int | None = None,
         initial: int | None = None,
         repetitions: int | None = None,
@@ -166,7 +180,8 @@ class Scenario:
         wanted = self.initial if initial is None else initial
         budget["initial"] = min(wanted, budget["evaluations"]) if initial is None else wanted
         changes = {
-            "repetitions": repetitions, "max_failures": max_failures, "optimiser": optimiser, "seed": seed
+            "repetitions": repetitions, "max_failures": max_failures, "optimiser": optimiser, "seed": seed,
+            "variation": None if variation is None else dict(variation),
         }  # fmt: skip
         for key, value in changes.items():
             if value is not None:
@@ -234,7 +249,7 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
     initial = budget.whole("initial", min(20, evaluations), low=0, high=evaluations)
     budget.end()
     task = tuple(read_step(part) for part in root.listed("task", ()))
-    variables = tuple(_variable(key, part) for key, part in root.section("variables").sections())
+    variables = tuple(read_variable(key, part) for key, part in root.section("variables").sections())
     if not variables:
         root.problem("variables", "none; a scenario needs at least one")
     objectives = tuple(_objective(key, part) for key, part in root.section("objectives").sections())
@@ -247,6 +262,10 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
             root.problem("task", "no steps; name at least one skill")
         _check_names(root, task, variables)
     repetitions = root.whole("repetitions", 5, low=1)
+    features = tuple(read_feature(key, part) for key, part in root.section("variations").sections())
+    variation = root.take("variation", {})
+    for problem in variation_problems(features, variation) if variation else ():
+        root.problem("variation", problem)
     return Scenario(
         name=name,
         task=task,
@@ -268,6 +287,8 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         seed=root.whole("seed", 0),
         optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
         timeout=root.number("timeout", 600.0, above=0.0),
+        variations=features,
+        variation=variation,
         prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
         goal=root.text("goal", ""),
         real=read_real(root.section("real")),
@@ -286,75 +307,6 @@ def _file(root: Section, key: str, folder: Path, needed: bool) -> Path:
     return path.resolve()
 
 
-def _variable(name: str, section: Section) -> Variable:
-    kind: Kind = section.choice("type", KINDS, "real")  # type: ignore[assignment]
-    unit = section.text("unit", "")
-    low = high = 0.0
-    values: tuple[Value, ...] = ()
-    if kind in ("real", "integer"):
-        low, high = section.numbers("range", 2)
-        if low >= high and len(section.items("range")) == 2:
-            section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
-            low, high = high, low
-        if kind == "integer" and (low % 1 or high % 1):
-            section.problem("range", f"expected integers, got [{low:g}, {high:g}]")
-    else:
-        values = tuple(section.items("values"))
-        _check_values(section, kind, values)
-    prior = _prior(section, kind, low, high, values)
-    section.end()
-    return Variable(name, kind, low, high, values, unit, prior)
-
-
-def _check_values(section: Section, kind: str, values: Sequence[Any]) -> None:
-    if len(values) < 2:
-        section.problem("values", f"expected at least two, got {len(values)}")
-    elif len(set(map(repr, values))) < len(values):
-        section.problem("values", f"expected different values, got {list(values)!r}")
-    elif not all(isinstance(value, str | int | float) for value in values):
-        section.problem("values", f"expected texts, numbers or truth values, got {list(values)!r}")
-    elif kind == "ordinal":
-        numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
-        if len(numbers) < len(values) or sorted(numbers) != numbers:
-            section.problem("values", f"expected numbers in ascending order, got {list(values)!r}")
-
-
-def _prior(section: Section, kind: str, low: float, high: float, values: Sequence[Any]) -> Prior | None:
-    if "prior" not in section:
-        return None
-    part = section.section("prior")
-    prior: Prior | None = None
-    if "weights" in part:
-        numbers = [w for w in part.items("weights") if isinstance(w, int | float) and 0 <= w < math.inf]
-        if not values:
-            part.problem("weights", f"only for ordinal and categorical variables; this one is {kind}")
-        elif len(numbers) != len(values) or len(part.items("weights")) != len(values) or sum(numbers) <= 0:
-            part.problem("weights", f"expected {len(values)} numbers of 0 or more, not all 0")
-        else:
-            prior = Weights(tuple(number / sum(numbers) for number in numbers))
-    elif "samples" in part:
-        std = part.number("std", above=0.0)
-        samples = part.numbers("samples", len(part.items("samples")))
-        outside = [value for value in samples if not low <= value <= high]
-        if values:
-            part.problem("samples", f"only for real and integer variables; this one is {kind}; give weights")
-        elif not samples:
-            part.problem("samples", "none; expected at least one")
-        elif outside:
-            part.problem("samples", f"expected {low:g} to {high:g}, the range of the variable, got {outside}")
-        else:
-            prior = Samples(tuple(samples), std)
-    else:
-        mean, std = part.number("mean"), part.number("std", above=0.0)
-        lowest, highest = (min(values), max(values)) if kind == "ordinal" and values else (low, high)
-        if kind == "categorical":
-            part.problem("", "a categorical variable has no mean; give weights")
-        elif not lowest <= mean <= highest:
-            part.problem("mean", f"expected {lowest:g} to {highest:g}, the range of the variable, got {mean:g}")
-        else:
-            prior = Gaussian(mean, std)
-    part.end()
-    return prior
 
 
 def _objective(name: str, section: Section) -> Objective:

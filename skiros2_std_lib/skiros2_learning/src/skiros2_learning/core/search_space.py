@@ -10,7 +10,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
-from optuna.trial import FrozenTrial
 
 Array = npt.NDArray[np.float64]
 
@@ -62,6 +61,13 @@ class Choice:
         return math.log(max(self.weights.get(value, 0.0), _LEAST_DENSITY))
 
 
+class HasParams(Protocol):
+    """A trial, or anything else with a value for each variable."""
+
+    @property
+    def params(self) -> Mapping[str, Any]: ...
+
+
 class SearchSpace:
     """A search space as points: one number per variable, from 0 to 1; of a nominal one, the index of its value."""
 
@@ -73,7 +79,7 @@ class SearchSpace:
         self.dimensions = len(self._distributions)
         self._tables: dict[int, tuple[Array, Array]] = {}
 
-    def points(self, trials: Sequence[FrozenTrial]) -> Array:
+    def points(self, trials: Sequence[HasParams]) -> Array:
         """Returns the points of trials, shape (n, d)."""
         items = self._distributions.items()
         return np.array([[_to_unit(d, each.params[name]) for name, d in items] for each in trials]).reshape(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+
+from skiros2_learning.core.sections import Section
 
 Kind = Literal["real", "integer", "ordinal", "categorical"]
 KINDS: tuple[Kind, ...] = ("real", "integer", "ordinal", "categorical")
@@ -91,3 +94,75 @@ def configuration_problems(variables: Sequence[Variable], configuration: dict[st
         elif problem := variable.problem(configuration[variable.name]):
             found.append(problem)
     return found
+
+
+def read_variable(name: str, section: Section) -> Variable:
+    """Reads a variable of a scenario."""
+    kind: Kind = section.choice("type", KINDS, "real")  # type: ignore[assignment]
+    unit = section.text("unit", "")
+    low = high = 0.0
+    values: tuple[Value, ...] = ()
+    if kind in ("real", "integer"):
+        low, high = section.numbers("range", 2)
+        if low >= high and len(section.items("range")) == 2:
+            section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
+            low, high = high, low
+        if kind == "integer" and (low % 1 or high % 1):
+            section.problem("range", f"expected integers, got [{low:g}, {high:g}]")
+    else:
+        values = tuple(section.items("values"))
+        _check_values(section, kind, values)
+    prior = _prior(section, kind, low, high, values)
+    section.end()
+    return Variable(name, kind, low, high, values, unit, prior)
+
+
+def _check_values(section: Section, kind: str, values: Sequence[Any]) -> None:
+    if len(values) < 2:
+        section.problem("values", f"expected at least two, got {len(values)}")
+    elif len(set(map(repr, values))) < len(values):
+        section.problem("values", f"expected different values, got {list(values)!r}")
+    elif not all(isinstance(value, str | int | float) for value in values):
+        section.problem("values", f"expected texts, numbers or truth values, got {list(values)!r}")
+    elif kind == "ordinal":
+        numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
+        if len(numbers) < len(values) or sorted(numbers) != numbers:
+            section.problem("values", f"expected numbers in ascending order, got {list(values)!r}")
+
+
+def _prior(section: Section, kind: str, low: float, high: float, values: Sequence[Any]) -> Prior | None:
+    if "prior" not in section:
+        return None
+    part = section.section("prior")
+    prior: Prior | None = None
+    if "weights" in part:
+        numbers = [w for w in part.items("weights") if isinstance(w, int | float) and 0 <= w < math.inf]
+        if not values:
+            part.problem("weights", f"only for ordinal and categorical variables; this one is {kind}")
+        elif len(numbers) != len(values) or len(part.items("weights")) != len(values) or sum(numbers) <= 0:
+            part.problem("weights", f"expected {len(values)} numbers of 0 or more, not all 0")
+        else:
+            prior = Weights(tuple(number / sum(numbers) for number in numbers))
+    elif "samples" in part:
+        std = part.number("std", above=0.0)
+        samples = part.numbers("samples", len(part.items("samples")))
+        outside = [value for value in samples if not low <= value <= high]
+        if values:
+            part.problem("samples", f"only for real and integer variables; this one is {kind}; give weights")
+        elif not samples:
+            part.problem("samples", "none; expected at least one")
+        elif outside:
+            part.problem("samples", f"expected {low:g} to {high:g}, the range of the variable, got {outside}")
+        else:
+            prior = Samples(tuple(samples), std)
+    else:
+        mean, std = part.number("mean"), part.number("std", above=0.0)
+        lowest, highest = (min(values), max(values)) if kind == "ordinal" and values else (low, high)
+        if kind == "categorical":
+            part.problem("", "a categorical variable has no mean; give weights")
+        elif not lowest <= mean <= highest:
+            part.problem("mean", f"expected {lowest:g} to {highest:g}, the range of the variable, got {mean:g}")
+        else:
+            prior = Gaussian(mean, std)
+    part.end()
+    return prior

@@ -26,7 +26,7 @@ from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import Value
 from skiros2_learning.local.drivers import LocalDrivers
 from skiros2_learning.local.recorder import Recorder
-from skiros2_sim.core.scene_reader import SceneTree, load_scene
+from skiros2_sim.core.scene_reader import SceneTree, load_scene, read_scene
 from skiros2_sim.core.world import World
 from skiros2_sim_skills.core.devices import posture
 from skiros2_skill.testing import BenchTask, FakeClock, SkillBench
@@ -65,7 +65,12 @@ class Episode:
         self.bench = SkillBench(scenario.scene, clock=clock, period=self._period)
         self.bench.import_libraries(*scenario.libraries)
         workspace = scenario.scene.parent
-        self.draw: Draw = draw(load_scene(scenario.scene, workspace), scenario.randomisation, random)
+        if scenario.variation:
+            self._vary()
+            scene = read_scene(self.bench.wmi.get_scene_elements(), self.bench.wmi.is_subclass, (workspace,))
+        else:
+            scene = load_scene(scenario.scene, workspace)
+        self.draw: Draw = draw(scene, scenario.randomisation, random)
         self.world = World(
             self.draw.scene,
             seed=int(random.integers(2**31)),
@@ -112,6 +117,17 @@ class Episode:
         return self.recorder.record(succeeded, "" if succeeded else reason or why(task), bench.wmi)
 
     # -- internal --------------------------------------------------------------------------------------------------
+
+    def _vary(self) -> None:
+        """Changes the scene, also in the world model: the skills know the variation."""
+        for feature in self._scenario.variations:
+            element = find_element(self.bench.wmi, feature.element)
+            keys = [each.key for each in element.properties if isinstance(each.value, float)]
+            if feature.property not in keys:
+                text = f"variation {feature.name}: {feature.element} has no number {feature.property!r}"
+                raise UnknownName(f"{text}; {near(feature.property, keys)}")
+            element.setProperty(feature.property, float(self._scenario.variation[feature.name]))
+            self.bench.wmi.update_element_properties(element)
 
     def _prepare(self) -> None:
         for eid, value in self.draw.friction.items():

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skiros2_perception.core.shape import Bore, Shape, box_shape
+from skiros2_perception.core.shape import Shape, box_shape
 from skiros2_perception.core.transforms import moved
 from skiros2_perception.core.view import Sensor, View
-from skiros2_sim.core.bored_box import Bore as SimulatedBore
 from skiros2_sim.core.camera import Lens, looking_at, picture_from
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.bore import Bore
 from skiros2_std_reasoners.core.geometry import Pose, Vector, from_euler
 from support.simulated_cell import at
 
@@ -31,8 +31,7 @@ SENSOR = Sensor()
 
 def scene(*bodies: BodySpec) -> SceneSpec:
     """A table with a block that has four bores, and more bodies."""
-    bores = tuple(SimulatedBore(b.x, b.y, b.diameter, b.depth, b.chamfer) for b in BORES)
-    return table(BodySpec(BLOCK, "skiros:Product", pose=EXPECTED, size=SIZE, bores=bores), *bodies)
+    return table(BodySpec(BLOCK, "skiros:Product", pose=EXPECTED, size=SIZE, bores=BORES), *bodies)
 
 
 def table(*bodies: BodySpec) -> SceneSpec:

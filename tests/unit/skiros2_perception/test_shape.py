@@ -9,7 +9,8 @@ import pytest
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_perception.core.observation import box_distances
-from skiros2_perception.core.shape import MAX_SAMPLES, Bore, box_shape
+from skiros2_perception.core.shape import MAX_SAMPLES, box_shape
+from skiros2_std_reasoners.core.bore import Bore
 from skiros2_std_reasoners.core.geometry import IDENTITY, Vector
 
 SIZE: Vector = (0.2, 0.1, 0.06)

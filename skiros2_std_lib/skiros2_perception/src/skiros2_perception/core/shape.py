@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_perception.core.transforms import matrix_of, quaternion_of
+from skiros2_std_reasoners.core.bore import Bore
 from skiros2_std_reasoners.core.geometry import Quaternion, Vector, half_extents
 
 Array = npt.NDArray[np.float64]
@@ -24,24 +25,6 @@ SPACING = 0.002
 MAX_SAMPLES = 60_000
 #: Edges that differ by less count as equal (m).
 _EQUAL = 1e-3
-
-
-@dataclass(frozen=True)
-class Bore:
-    """A round bore from the top face of a box downwards.
-
-    :param x: position of its axis in the frame of the box (m).
-    :param y: same.
-    :param diameter: m.
-    :param depth: m; at least the height of the box for a through hole.
-    :param chamfer: width and height of the chamfer of 45 degrees at its upper edge (m).
-    """
-
-    x: float
-    y: float
-    diameter: float
-    depth: float
-    chamfer: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

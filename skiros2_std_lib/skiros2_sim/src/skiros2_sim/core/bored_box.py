@@ -9,10 +9,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_std_reasoners.core.bore import Bore
 from skiros2_std_reasoners.core.geometry import Quaternion, Vector, from_euler, multiplied
 
 #: Number of flat sides of a bore.
@@ -21,24 +21,6 @@ SIDES = 16
 _MIN_WALL = 0.2
 #: Width and height of the box below a bevel, relative to the chamfer.
 _BEVEL = 1.5
-
-
-@dataclass(frozen=True)
-class Bore:
-    """A bore from the top face of a box downwards.
-
-    :param x: position of its axis in the frame of the box (m).
-    :param y: same.
-    :param diameter: of the largest cylinder that fits (m).
-    :param depth: m; at least the height of the box for a through hole.
-    :param chamfer: width and height of the bevel of 45 degrees at its upper edge (m).
-    """
-
-    x: float
-    y: float
-    diameter: float
-    depth: float
-    chamfer: float = 0.0
 
 
 class BoxShape(NamedTuple):

@@ -1,0 +1,23 @@
+"""A round bore of a box, as the world model has it (`skiros:Bore`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Bore:
+    """A bore from the top face of a box downwards.
+
+    :param x: position of its axis in the frame of the box (m).
+    :param y: same.
+    :param diameter: of the largest cylinder that fits (m).
+    :param depth: m; at least the height of the box for a through hole.
+    :param chamfer: width and height of the bevel of 45 degrees at its upper edge (m).
+    """
+
+    x: float
+    y: float
+    diameter: float
+    depth: float
+    chamfer: float = 0.0

@@ -63,7 +63,7 @@ class ForceLog:
         axes.axhline(limit, color="tab:red", linestyle="--", label="limit")
         axes.set_xlabel("depth below the estimated rim (mm)")
         axes.set_ylabel("force at the wrist (N)")
-        axes.legend(loc="upper left")
+        axes.legend(loc="center left")
         figure.tight_layout()
         figure.savefig(file, dpi=120)
         return file

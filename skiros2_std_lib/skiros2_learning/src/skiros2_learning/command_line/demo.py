@@ -157,7 +157,7 @@ class _Run:
         most = max(each.rewards["force.measured_force"] for each in tried.repetitions)
         findings = [
             _success(tried),
-            Finding(True, f"for comparison: with the defaults of the skill and the same draws, {usual.success_rate:.0%}"),
+            Finding(True, f"with the defaults of the skill and the same draws: {usual.success_rate:.0%}"),
             Finding(most <= MAX_FORCE, f"the greatest force was {most:.1f} N; {MAX_FORCE:g} N are allowed"),
         ]
         return findings, {"One insertion": _profiles(results.scenario, configurations, tried.seed)}

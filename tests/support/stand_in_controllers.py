@@ -283,7 +283,7 @@ class CartesianControllers(StandIn):
 
 
 class JointDriver(StandIn):
-    """A driver of joints with a force/torque sensor at the tool. Its action server ends with the process."""
+    """A driver of joints with a force/torque sensor at the tool."""
 
     controller_name = "position"
 
@@ -297,6 +297,11 @@ class JointDriver(StandIn):
         kind = FollowJointTrajectoryAction
         self._server = actionlib.SimpleActionServer("/follow_joint_trajectory", kind, self._on_goal, auto_start=False)
         self._server.start()
+
+    def close(self) -> None:
+        # the server's topics end with the process: the goals of later drivers are not for this one
+        self._server.action_server.started = False
+        super().close()
 
     def publish(self) -> None:
         now, arm = rospy.Time.now(), self.arm.arm

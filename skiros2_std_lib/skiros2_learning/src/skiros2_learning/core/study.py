@@ -293,7 +293,8 @@ class LearningStudy:
             costs = (s * v for s, v in zip(sense, result.objectives.values(), strict=True))
             return (-result.success_rate, *costs)
 
-        return sorted(numbers, key=order)
+        # a result that another process has just stored may not be readable yet
+        return sorted((number for number in numbers if number in results), key=order)
 
     def _trials(self, *states: TrialState) -> list[FrozenTrial]:
         return self._reliably(lambda: self.optuna.get_trials(deepcopy=False, states=states))

@@ -63,20 +63,24 @@ class Episode:
         self._period = 1.0 / scenario.simulation.tick_rate
         random = np.random.default_rng([seed, index])
         self.bench = SkillBench(scenario.scene, clock=clock, period=self._period)
-        self.bench.import_libraries(*scenario.libraries)
-        workspace = scenario.scene.parent
-        if scenario.variation:
-            self._vary()
-            scene = read_scene(self.bench.wmi.get_scene_elements(), self.bench.wmi.is_subclass, (workspace,))
-        else:
-            scene = load_scene(scenario.scene, workspace)
-        self.draw: Draw = draw(scene, scenario.randomisation, random)
-        self.world = World(
-            self.draw.scene,
-            seed=int(random.integers(2**31)),
-            rate=scenario.simulation.step_rate,
-            sensor=scenario.randomisation.sensor,
-        )
+        try:
+            self.bench.import_libraries(*scenario.libraries)
+            workspace = scenario.scene.parent
+            if scenario.variation:
+                self._vary()
+                scene = read_scene(self.bench.wmi.get_scene_elements(), self.bench.wmi.is_subclass, (workspace,))
+            else:
+                scene = load_scene(scenario.scene, workspace)
+            self.draw: Draw = draw(scene, scenario.randomisation, random)
+            self.world = World(
+                self.draw.scene,
+                seed=int(random.integers(2**31)),
+                rate=scenario.simulation.step_rate,
+                sensor=scenario.randomisation.sensor,
+            )
+        except SkirosError:
+            self.bench.close()
+            raise
         try:
             self._prepare()
         except SkirosError:

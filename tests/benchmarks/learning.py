@@ -1,0 +1,247 @@
+"""Learning beside its peers: optimisers on known functions, on the push and on the insertion; speed.
+
+A program of its own: `make bench-learning`, or `.venv/bin/python3 tests/benchmarks/learning.py --short`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+
+import tomllib  # noqa: E402
+
+folders = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]["pythonpath"]
+sys.path[:0] = [str(ROOT / folder) for folder in folders]
+
+import optuna  # noqa: E402 - after the path
+from optuna.samplers import BaseSampler, NSGAIISampler, RandomSampler, TPESampler  # noqa: E402
+from optuna.trial import Trial  # noqa: E402
+
+from skiros2_learning.core.evaluation import evaluate, seed_of  # noqa: E402
+from skiros2_learning.core.prior_sampler import Normal, PriorSampler  # noqa: E402
+from skiros2_learning.core.scenario import Scenario, load_scenario  # noqa: E402
+from skiros2_learning.core.study import LearningStudy  # noqa: E402
+from skiros2_learning.core.workers import Runner  # noqa: E402
+from skiros2_learning.local.insertion import default_configuration  # noqa: E402
+from skiros2_sim.core.scene_reader import load_scene  # noqa: E402
+from skiros2_sim.core.world import World  # noqa: E402
+from support import known_functions as known  # noqa: E402
+
+Row = dict[str, Any]
+SCENARIOS = ROOT / "skiros2_std_lib/skiros2_learning/scenarios"
+#: Standard deviation of priors on known functions, relative to the ranges; the good ones are off by half of it.
+_SPREAD = 0.1
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs the program. Returns 0."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--short", action="store_true", help="few seeds and evaluations: a few minutes")
+    parser.add_argument("--parts", default="functions,push,insertion,speed", help="default: %(default)s")
+    parser.add_argument("--json", type=Path, default=ROOT / "build/learning.json", help="where the figures go")
+    options = parser.parse_args(arguments)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    parts: dict[str, Callable[[bool], list[Row]]] = {
+        "functions": functions,
+        "push": lambda short: scenario_rows("push.yaml", 12 if short else 60, 1 if short else 3),
+        "insertion": lambda short: scenario_rows("insertion.yaml", 8 if short else 30, 1 if short else 3),
+        "speed": speed,
+    }
+    found: dict[str, list[Row]] = {}
+    for part in options.parts.split(","):
+        print(f"\n{part}", flush=True)
+        found[part] = parts[part](options.short)
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps(found, indent=1))
+    return 0
+
+
+def shown(row: Row) -> Row:
+    """Prints a row, and returns it."""
+    print("  " + ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
+    return row
+
+
+# -- known functions ---------------------------------------------------------------------------------------------------
+
+
+def functions(short: bool) -> list[Row]:
+    """Regret of each optimiser (the best value less the minimum), and evaluations until it is small: medians."""
+    seeds = range(1, 4 if short else 11)
+    branin_priors = {"good": {"x": (3.9, 1.5), "y": (3.0, 1.5)}, "misleading": {"x": (5.5, 1.5), "y": (13.0, 1.5)}}
+    spread = {"good": _SPREAD / 2, "misleading": 3.0 * _SPREAD}
+    hartmann_priors = {
+        kind: {f"x{i}": (best + off, _SPREAD) for i, best in enumerate(known.HARTMANN_OPTIMUM)}
+        for kind, off in spread.items()
+    }
+    return [
+        *_function_rows("Branin", known.branin, known.BRANIN_MINIMUM, 0.1, branin_priors, seeds, 40),
+        *_function_rows("Hartmann-6", known.hartmann, known.HARTMANN_MINIMUM, 0.2, hartmann_priors, seeds, 60),
+        *_front_rows(seeds),
+    ]
+
+
+def _function_rows(
+    name: str,
+    function: Callable[[Trial], float],
+    minimum: float,
+    small: float,
+    priors: Mapping[str, Mapping[str, tuple[float, float]]],
+    seeds: Sequence[int],
+    count: int,
+) -> list[Row]:
+    optimisers: dict[str, Callable[[int], BaseSampler]] = {
+        "random": lambda seed: RandomSampler(seed=seed),
+        "TPE": lambda seed: TPESampler(seed=seed),
+        "prior sampler, no prior": lambda seed: PriorSampler(seed=seed),
+    }
+    for kind, values in priors.items():
+        normals = {key: Normal(mean, std) for key, (mean, std) in values.items()}
+        optimisers[f"prior sampler, {kind} prior"] = lambda seed, given=normals: PriorSampler(
+            given, n_startup_trials=5, beta=count / 10, seed=seed
+        )
+    rows = []
+    for optimiser, make in optimisers.items():
+        regrets, needed = [], []
+        for seed in seeds:
+            study = optuna.create_study(sampler=make(seed))
+            study.optimize(function, n_trials=count)
+            regrets.append(study.best_value - minimum)
+            good = (t.number + 1 for t in study.trials if t.value is not None and t.value - minimum < small)
+            needed.append(next(good, count + 1))
+        row = {"function": name, "optimiser": optimiser, "evaluations": count}
+        few = statistics.median(needed)
+        until = few if few <= count else "-"
+        rows.append(shown({**row, "regret": statistics.median(regrets), f"until {small}": until}))
+    return rows
+
+
+def _front_rows(seeds: Sequence[int]) -> list[Row]:
+    rows = []
+    for optimiser, make in (
+        ("random", lambda seed: RandomSampler(seed=seed)),
+        ("TPE", lambda seed: TPESampler(seed=seed)),
+        ("NSGA-II", lambda seed: NSGAIISampler(seed=seed, population_size=10)),
+        ("prior sampler, no prior", lambda seed: PriorSampler(seed=seed)),
+    ):
+        areas = []
+        for seed in seeds:
+            study = optuna.create_study(directions=["minimize", "minimize"], sampler=make(seed))
+            study.optimize(known.zdt1, n_trials=40)
+            areas.append(known.dominated_area([tuple(trial.values) for trial in study.best_trials]))
+        row = {"function": "ZDT1", "optimiser": optimiser, "evaluations": 40}
+        rows.append(shown({**row, "hypervolume": statistics.median(areas)}))
+    return rows
+
+
+# -- scenarios ---------------------------------------------------------------------------------------------------------
+
+
+def scenario_rows(file: str, evaluations: int, seeds: int) -> list[Row]:
+    """Success rate and hypervolume of optimisers on a scenario with two objectives: medians over seeds."""
+    scenario = load_scenario(SCENARIOS / file)
+    studies: dict[str, list[LearningStudy]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for optimiser, name, priors in (
+            ("random", "random", False),
+            ("TPE", "tpe", False),
+            ("NSGA-II", "nsga2", False),
+            ("prior sampler, no prior", "prior", False),
+            ("prior sampler, good prior", "prior", True),
+        ):
+            for seed in range(1, seeds + 1):
+                changed = scenario.derived(
+                    priors=priors, optimiser=name, seed=seed, evaluations=evaluations, initial=max(2, evaluations // 5)
+                )
+                study = LearningStudy.create(changed, Path(folder) / f"{name}_{priors}_{seed}")
+                Runner(study, 2).run()
+                studies.setdefault(optimiser, []).append(study)
+        corner = _worst(scenario, [study for each in studies.values() for study in each])
+        rows = [shown(_scenario_row(name, each, corner)) for name, each in studies.items()]
+    if scenario.name == "insertion":
+        usual = evaluate(scenario, default_configuration(scenario), seed_of(scenario, 0))
+        rows.append(shown({"optimiser": "defaults of the skill", "success": usual.success_rate}))
+    return rows
+
+
+def _costs(study: LearningStudy) -> list[tuple[float, ...]]:
+    """The objectives of all evaluations, to be minimised."""
+    sense = [1.0 if objective.sense == "minimise" else -1.0 for objective in study.scenario.objectives]
+    results = [result for result in study.results().values() if not result.error]
+    return [tuple(s * v for s, v in zip(sense, r.objectives.values(), strict=True)) for r in results]
+
+
+def _worst(scenario: Scenario, studies: Sequence[LearningStudy]) -> tuple[float, float]:
+    costs = [cost for study in studies for cost in _costs(study)]
+    return max(cost[0] for cost in costs), max(cost[1] for cost in costs)
+
+
+def _scenario_row(optimiser: str, studies: Sequence[LearningStudy], corner: tuple[float, float]) -> Row:
+    means, needed, areas = [], [], []
+    for study in studies:
+        rates = [result.success_rate for _, result in sorted(study.results().items())]
+        means.append(statistics.fmean(rates))
+        needed.append(next((number for number, rate in enumerate(rates, 1) if rate >= 0.95), len(rates) + 1))
+        areas.append(known.dominated_area(_costs(study), corner))
+    few = statistics.median(needed)
+    return {
+        "optimiser": optimiser,
+        "evaluations": len(studies[0].results()),
+        "mean success": statistics.median(means),
+        "until 95 %": few if few <= len(studies[0].results()) else "-",
+        "hypervolume": statistics.median(areas),
+    }
+
+
+# -- speed -------------------------------------------------------------------------------------------------------------
+
+
+def speed(short: bool) -> list[Row]:
+    """Evaluations per second and core beside bare PyBullet, speed-up of two processes, the optimiser's own time."""
+    scenario = load_scenario(SCENARIOS / "push.yaml").derived(repetitions=2 if short else 8)
+    middle = {name: sum(each.range) / 2.0 for name, each in scenario.variables.items()}  # type: ignore[union-attr]
+    begin = time.thread_time()
+    result = evaluate(scenario, middle, 1)
+    ours = time.thread_time() - begin
+    steps = round(sum(each.duration for each in result.repetitions) * scenario.simulation.step_rate)
+    with World(load_scene(scenario.scene, scenario.scene.parent), rate=scenario.simulation.step_rate) as world:
+        begin = time.thread_time()
+        for _ in range(steps):
+            world.bullet.stepSimulation()
+        bare = time.thread_time() - begin
+    count = len(result.repetitions)
+    rows = [shown({"executions per second and core": count / ours, "CPU time relative to bare PyBullet": ours / bare})]
+    times = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for workers in (1, 2):
+            changed = scenario.derived(optimiser="random", evaluations=6 if short else 24, initial=2, repetitions=3)
+            study = LearningStudy.create(changed, Path(folder) / str(workers))
+            begin = time.perf_counter()
+            Runner(study, workers).run()
+            times[workers] = time.perf_counter() - begin
+    rows.append(shown({"speed-up of two processes": times[1] / times[2]}))
+    study = optuna.create_study(sampler=PriorSampler(seed=1))
+    asked: list[float] = []
+    for _ in range(60 if short else 500):
+        begin = time.thread_time()
+        trial = study.ask()
+        value = known.hartmann(trial)
+        asked.append(time.thread_time() - begin)
+        study.tell(trial, value)
+    last = statistics.fmean(asked[-20:])
+    part = last / (ours / count * 3)
+    rows.append(shown({"evaluations before": len(asked), "sampler (s)": last, "part of an evaluation of 3": part}))
+    return rows
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

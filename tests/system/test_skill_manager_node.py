@@ -37,9 +37,12 @@ def launch(ros: Ros) -> None:
 @pytest.fixture
 def robot(shared: SharedSystem):
     """The client of the robot of a system that the tests share."""
-    shared.use()
+    master = shared.use().master
     client = SkillManagerInterface(ROBOT, "tests")
     wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
+    # rospy counts a connection before its publisher sends to it
+    reader = (rospy.get_name(), f"{ROBOT}/monitor")
+    wait_until(lambda: reader in master.readers(ROBOT), what="the manager's connection")
     yield client
     client.preempt_all()
     wait_until(lambda: not client.tasks, what="the end of all tasks")

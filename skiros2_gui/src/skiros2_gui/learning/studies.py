@@ -97,13 +97,14 @@ def read_study(folder: Path) -> StudyView:
     study = _open(folder)
     from skiros2_learning.core import report
 
+    ranked = study.ranked()  # before the results, since other processes add some meanwhile
     results = study.results()
-    optimal = study.best()
+    optimal = study.best(results)
     complete = {number: result for number, result in results.items() if not result.error}
     objectives = [objective.name for objective in study.scenario.objectives]
     names = [variable.name for variable in study.scenario.variables]
     rows = []
-    for number in study.ranked():
+    for number in ranked:
         result = results[number]
         values = [f"{result.objectives[name]:.4g}" for name in objectives]
         values += [report.format_value(result.configuration[name]) for name in names]

@@ -46,9 +46,10 @@ def write_report(
     if complete:
         titled = {"this study": study, **(others or {})}
         sections.append(_picture("Convergence", convergence({title: each.results() for title, each in titled.items()})))
+        best = study.best(complete)
         if len(study.scenario.objectives) == 2:
-            sections.append(_picture("Pareto front", pareto_front(study.scenario, complete, study.best())))
-        sections.append(_picture("Spread of the best configurations", spread(study.scenario, complete, study.best())))
+            sections.append(_picture("Pareto front", pareto_front(study.scenario, complete, best)))
+        sections.append(_picture("Spread of the best configurations", spread(study.scenario, complete, best)))
         sections.append(_picture("Configurations", configurations(study.scenario, complete)))
         if len(complete) >= LEAST_FOR_IMPORTANCE:
             sections.append(_picture("Importance of the parameters", importance(study)))
@@ -72,7 +73,7 @@ def status_lines(study: LearningStudy) -> list[str]:
         f"study {study.scenario.name}: {study.counted} of {study.scenario.evaluations} evaluations, {broken} broken, "
         f"{study.running_count} running"
     ]
-    for number in study.best()[:_ROWS]:
+    for number in study.best(results)[:_ROWS]:
         lines.append(f"  {number:4d}  {describe(results[number])}")
     return lines
 
@@ -206,7 +207,7 @@ def _overview(study: LearningStudy, results: dict[int, Evaluation]) -> str:
 
 
 def _table(study: LearningStudy, results: dict[int, Evaluation]) -> str:
-    best = study.best()
+    best = study.best(results)
     if not best:
         return "<p>There is no result yet.</p>"
     objectives = [objective.name for objective in study.scenario.objectives]

@@ -13,7 +13,7 @@ import logging
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -272,20 +272,24 @@ class LearningStudy:
             raise UnknownName(f"study {self.scenario.name!r} has no result {number}; it has {_ranges(sorted(found))}")
         return found[number]
 
-    def best(self) -> list[int]:
-        """Returns the numbers of the Pareto-optimal evaluations, those with the best success rate first."""
-        best = self._reliably(lambda: self.optuna.best_trials) if self.counted else []
-        return self._ranked([trial.number for trial in best])
+    def best(self, results: Mapping[int, Evaluation] | None = None) -> list[int]:
+        """Returns the numbers of the Pareto-optimal evaluations, those with the best success rate first.
+
+        :param results: only of these, since other processes add some meanwhile; None for all.
+        """
+        results = self.results() if results is None else results
+        best = self._reliably(lambda: self.optuna.best_trials) if results else []
+        return self._ranked([trial.number for trial in best if trial.number in results], results)
 
     def ranked(self) -> list[int]:
         """Returns the numbers of all evaluations with a result: by success rate, then by the objectives in their
         order; the best one first."""
-        return self._ranked([number for number, result in self.results().items() if not result.error])
+        results = self.results()
+        return self._ranked([number for number, result in results.items() if not result.error], results)
 
     # -- internal ----------------------------------------------------------------------------------------------------
 
-    def _ranked(self, numbers: list[int]) -> list[int]:
-        results = self.results()
+    def _ranked(self, numbers: list[int], results: Mapping[int, Evaluation]) -> list[int]:
         sense = [1.0 if objective.sense == "minimise" else -1.0 for objective in self.scenario.objectives]
 
         def order(number: int) -> tuple[float, ...]:
@@ -293,8 +297,7 @@ class LearningStudy:
             costs = (s * v for s, v in zip(sense, result.objectives.values(), strict=True))
             return (-result.success_rate, *costs)
 
-        # a result that another process has just stored may not be readable yet
-        return sorted((number for number in numbers if number in results), key=order)
+        return sorted(numbers, key=order)
 
     def _trials(self, *states: TrialState) -> list[FrozenTrial]:
         return self._reliably(lambda: self.optuna.get_trials(deepcopy=False, states=states))

@@ -8,11 +8,11 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_sim_skills.core.devices import opening
-from skiros2_sim_skills.core.places import move_in_world_model, parent_of, pose_in_scene
+from skiros2_sim_skills.core.places import move_in_world_model, parent_of, pose_in_scene, size_of
 from skiros2_sim_skills.drivers import NOT_KNOWN
 from skiros2_sim_skills.gripper_motions import NOT_HELD, open_gripper
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, composed, inverted
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 
 #: Maximum width of closed fingers (m).
 _NOTHING_BETWEEN = 0.004
@@ -44,6 +44,12 @@ class ReleasePart(SkillDescription):
         self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Required, description="The gripper")
         self.addParam("Part", Element("skiros:Product"), ParamTypes.Required, description="The held part")
         self.addParam("Container", Element("sumo:Object"), ParamTypes.Required, description="Where the part is then")
+        self.addParam(
+            "Place",
+            Element("skiros:PlacingPose"),
+            ParamTypes.Optional,
+            description="Of the container, on which the lower end of the part rests then; none: the part stays there",
+        )
         self.addParam(
             "Width", 0.0, ParamTypes.Optional, description="Between the fingers; 0: fully open", unit="m", minimum=0.0
         )
@@ -108,9 +114,12 @@ class release_part(open_gripper):
             return self.failed(self.status_text() or f"{self.label_of('Part')} is nowhere", status)
         try:
             target = pose_in_scene(self.wmi, container)[1]
-            move_in_world_model(
-                self.wmi, part, container, composed(inverted(target), pose_in_scene(self.wmi, part)[1])
-            )
+            pose = composed(inverted(target), pose_in_scene(self.wmi, part)[1])
+            place = space.pose_of(self.params["Place"].value) if self.params["Place"].values else None
+            if place is not None:  # it may have touched the edge of its seat, and has fallen down
+                x, y, _ = pose.position
+                pose = Pose((x, y, place.position[2] + size_of(part)[2] / 2.0), pose.orientation)
+            move_in_world_model(self.wmi, part, container, pose)
         except SkirosError as error:
             return self.fail(str(error), NOT_KNOWN)
         return self.success(f"{self.label_of('Part')} is in {self.label_of('Container')}")

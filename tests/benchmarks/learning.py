@@ -30,6 +30,7 @@ from skiros2_learning.core.evaluation import evaluate, seed_of  # noqa: E402
 from skiros2_learning.core.prior_sampler import Normal, PriorSampler  # noqa: E402
 from skiros2_learning.core.scenario import Scenario, load_scenario  # noqa: E402
 from skiros2_learning.core.study import LearningStudy  # noqa: E402
+from skiros2_learning.core.variables import Gaussian  # noqa: E402
 from skiros2_learning.core.workers import Runner  # noqa: E402
 from skiros2_learning.local.insertion import default_configuration  # noqa: E402
 from skiros2_sim.core.scene_reader import load_scene  # noqa: E402
@@ -208,7 +209,7 @@ def _scenario_row(optimiser: str, studies: Sequence[LearningStudy], corner: tupl
 def speed(short: bool) -> list[Row]:
     """Evaluations per second and core beside bare PyBullet, speed-up of two processes, the optimiser's own time."""
     scenario = load_scenario(SCENARIOS / "push.yaml").derived(repetitions=2 if short else 8)
-    middle = {name: sum(each.range) / 2.0 for name, each in scenario.variables.items()}  # type: ignore[union-attr]
+    middle = {each.name: each.prior.mean for each in scenario.variables if isinstance(each.prior, Gaussian)}
     begin = time.thread_time()
     result = evaluate(scenario, middle, 1)
     ours = time.thread_time() - begin

@@ -21,6 +21,7 @@ from skiros2_bags.testing.recording import Recording, SignalMessage
 from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills import contact_motions, free_motions, insertion
 from skiros2_contact_skills.arms import provided_arms
 from skiros2_contact_skills.core.compliant_arm import ArmState
@@ -111,7 +112,7 @@ class RecordedArm:
         self._mount = mount
         self.time = 0.0
 
-    def arm(self, wmi: Any, robot: Element, arm: Element) -> RecordedArm:
+    def arm(self, wmi: WorldModelPort, robot: Element, arm: Element) -> RecordedArm:
         return self
 
     def now(self) -> float:

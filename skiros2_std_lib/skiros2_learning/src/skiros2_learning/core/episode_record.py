@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +44,30 @@ class EpisodeRecord:
     series: Mapping[str, Array]
     clearances: Mapping[tuple[str, str], Array] = field(default_factory=dict)
     wmi: WorldModelPort | None = None
+
+    @classmethod
+    def of(
+        cls,
+        succeeded: bool,
+        reason: str,
+        times: Sequence[float],
+        poses: Mapping[str, Sequence[Pose]],
+        series: Mapping[str, Sequence[float]],
+        clearances: Mapping[tuple[str, str], Sequence[float]],
+        wmi: WorldModelPort,
+    ) -> EpisodeRecord:
+        """Makes a record of samples, one for each time."""
+        return cls(
+            succeeded,
+            reason,
+            times[-1],
+            np.array(times),
+            {label: np.array([pose.position for pose in taken]) for label, taken in poses.items()},
+            {label: np.array([pose.orientation for pose in taken]) for label, taken in poses.items()},
+            {name: np.array(values) for name, values in series.items()},
+            {pair: np.array(values) for pair, values in clearances.items()},
+            wmi,
+        )
 
     def pose(self, label: str, index: int = -1) -> Pose:
         """Returns the true pose of a thing at a sample, in the map.

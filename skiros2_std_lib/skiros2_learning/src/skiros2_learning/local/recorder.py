@@ -89,17 +89,7 @@ class Recorder:
 
     def record(self, succeeded: bool, reason: str, wmi: WorldModelPort) -> EpisodeRecord:
         """Returns all samples."""
-        return EpisodeRecord(
-            succeeded,
-            reason,
-            self._times[-1],
-            np.array(self._times),
-            {label: np.array([pose.position for pose in poses]) for label, poses in self._poses.items()},
-            {label: np.array([pose.orientation for pose in poses]) for label, poses in self._poses.items()},
-            {name: np.array(values) for name, values in self._values.items()},
-            {pair: np.array(values) for pair, values in self._clearances.items()},
-            wmi,
-        )
+        return EpisodeRecord.of(succeeded, reason, self._times, self._poses, self._values, self._clearances, wmi)
 
     def _measure(self, name: str) -> float:
         arm, quantity = self._arms[name], name.rpartition(".")[2]

@@ -281,16 +281,7 @@ class _Samples:
             numbers.append(values[name])
 
     def record(self, succeeded: bool, reason: str, wmi: WorldModelInterface) -> EpisodeRecord:
-        return EpisodeRecord(
-            succeeded,
-            reason,
-            self._times[-1],
-            np.array(self._times),
-            {label: np.array([pose.position for pose in poses]) for label, poses in self._poses.items()},
-            {label: np.array([pose.orientation for pose in poses]) for label, poses in self._poses.items()},
-            {name: np.array(values) for name, values in self._values.items()},
-            wmi=wmi,
-        )
+        return EpisodeRecord.of(succeeded, reason, self._times, self._poses, self._values, {}, wmi)
 
 
 def _stop(run: SkillRun) -> None:

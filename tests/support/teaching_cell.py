@@ -11,6 +11,7 @@ import numpy as np
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills.arms import provided_arms
 from skiros2_contact_skills.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.arm_controller import ArmController
@@ -86,7 +87,7 @@ class TeachingCell(SkillBench):
         super().close()
         self._ends.close()
 
-    def arm(self, wmi: Any, robot: Element, arm: Element) -> SimulatedArm:
+    def arm(self, wmi: WorldModelPort, robot: Element, arm: Element) -> SimulatedArm:
         return self.driver
 
     def gripper(self, robot: Element, arm: Element, gripper: Element) -> SimulatedGripper:

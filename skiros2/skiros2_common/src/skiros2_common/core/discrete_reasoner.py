@@ -13,6 +13,7 @@ from skiros2_common.core.names import full_name, spellings
 
 if TYPE_CHECKING:
     from skiros2_common.core.world_element import Element
+    from skiros2_common.core.world_model_port import WorldModelPort
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +45,7 @@ class DiscreteReasoner:
     def __repr__(self) -> str:
         return self.__class__.__name__
 
-    def init(self, wmi: Any) -> None:
+    def init(self, wmi: WorldModelPort) -> None:
         """Called once before use.
 
         :param wmi: the world model of the reasoner.

@@ -41,6 +41,7 @@ class World:
     :param yaw_noise: maximum rotation of movable bodies at the start (rad).
     :param rate: steps per second; 1000 for scenes with tight fits and stiff contacts.
     :param sensor: errors of the force/torque sensors at the wrists.
+    :param visuals: whether robots can be seen, by cameras or in a window; without, a world is built faster.
     :raises WrongValue: the seed is negative, a noise is not finite, or the rate is out of range.
     :raises Refused: no window can be opened.
 
@@ -57,11 +58,13 @@ class World:
         yaw_noise: float = 0.0,
         rate: int = RATE,
         sensor: SensorModel = EXACT,
+        visuals: bool = True,
     ) -> None:
         self.scene = scene
         self.rate = _check_rate(rate)
         self.dt = 1.0 / rate
         self._sensor = sensor
+        self._visuals = visuals
         self._noise = (*finite((position_noise, yaw_noise), 2, "noise of the world"),)
         self._seed = _check_seed(seed)
         self.bullet = Bullet(gui)
@@ -269,7 +272,7 @@ class World:
         model = merge_models(spec, self.scene.models)
         self.problems += model.problems
         try:
-            robot = Robot(self.bullet, spec, model)
+            robot = Robot(self.bullet, spec, model, self._visuals)
         except ConfigurationError as error:
             self.problems.append(Problem(spec.id, f"omitted: {error}"))
             return

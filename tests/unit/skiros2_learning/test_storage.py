@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_learning.command_line.program import main
 from skiros2_learning.core import study as study_module
 from skiros2_learning.core.evaluation import Evaluation, evaluate
 from skiros2_learning.core.scenario import Scenario, load_scenario
@@ -103,10 +104,12 @@ def test_an_entry_that_was_written_in_part_is_removed(scenario: Scenario, tmp_pa
     assert LearningStudy.open(tmp_path / "study").running_count == 1
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(file: Path, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_one_line(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "taken").touch()
-    _, error = learn("run", str(file), "--study", str(tmp_path / "taken/study")).communicate(timeout=120)
-    assert error == f"learn: {tmp_path / 'taken/study'}: Not a directory\n"
+    assert main(["run", str(file), "--study", str(tmp_path / "taken/study")]) == 1
+    assert capsys.readouterr().err == f"learn: {tmp_path / 'taken/study'}: Not a directory\n"
 
 
 def test_a_resumed_study_does_not_draw_the_same_configurations_again(scenario: Scenario, tmp_path: Path) -> None:
@@ -224,9 +227,10 @@ def test_the_evaluation_of_a_dead_run_is_repeated(
         ("oracel://x", "Can't load plugin: sqlalchemy.dialects:oracel"),
     ],
 )
-def test_a_database_that_cannot_be_opened_is_one_line(file: Path, tmp_path: Path, url: str, text: str) -> None:
-    run = learn("run", str(file), "--study", str(tmp_path / "study"), "--storage", url)
-    _, error = run.communicate(timeout=120)
-    assert run.returncode == 1
+def test_a_database_that_cannot_be_opened_is_one_line(
+    file: Path, tmp_path: Path, url: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", str(file), "--study", str(tmp_path / "study"), "--storage", url]) == 1
+    error = capsys.readouterr().err
     assert text.lower() in error.lower()
     assert error.count("\n") == 1

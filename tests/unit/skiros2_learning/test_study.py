@@ -51,6 +51,11 @@ def test_an_evaluation_depends_on_configuration_and_seed_only(tmp_path: Path) ->
     assert first.violations["small"] == pytest.approx(-0.09, abs=0.005)
 
 
+def test_programs_for_optuna_find_the_objectives_by_name(tmp_path: Path) -> None:
+    LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    assert LearningStudy.open(tmp_path / "study").optuna.metric_names == ["cost"]
+
+
 def test_an_execution_that_raises_or_gives_no_number_is_a_result_with_a_reason(tmp_path: Path) -> None:
     broken = evaluate(scenario(tmp_path, "raises"), {"x": 0.4}, 1)
     assert broken.error == "repetition 0: RuntimeError: the physics has exploded"

@@ -16,8 +16,8 @@ EXECUTE, POST, EXCEPTION, PREEMPT, STOP = "execute", "post", "exception", "preem
 STAGES = (START, PARAMETER, INFERENCE, PRE, HOLD, EXECUTE, POST, EXCEPTION, PREEMPT, STOP)
 
 #: The sources of a parameter's value: the client that started the task, `specify` in a tree, the declared default, a
-#: parameter set of the world model, an ancestor (which may hold a sibling's output), the conditions, the skill's own code.
-#: The values are stored data.
+#: parameter set of the world model, an ancestor (which may hold a sibling's output), the conditions, the skill's own
+#: code. The values are stored data.
 GIVEN, SPECIFIED, DEFAULT, LEARNED, PULLED, INFERRED, CHANGED, UNSET = (
     "given", "fixed", "default", "learned", "above", "inferred", "changed", "unset",
 )  # fmt: skip

@@ -8,8 +8,8 @@ It needs Optuna, NumPy, SciPy and scikit-learn, and of this project only `search
 What it combines:
 
 - Variables may be real, integer, ordinal (categorical with numbers only) and categorical.
-- The first trials cover the prior evenly, as a Latin hypercube. Then a surrogate is fitted: a Gaussian process (Matérn 5/2, one length
-  scale for each variable), or a random forest with many observations or with categorical variables.
+- The first trials cover the prior evenly, as a Latin hypercube. Then a surrogate is fitted: a Gaussian process (Matérn
+  5/2, one length scale for each variable), or a random forest with many observations or with categorical variables.
 - The next trial maximises the expected improvement, multiplied by the prior to the power of beta/n after n trials
   (Hvarfner et al., "πBO: Augmenting Acquisition Functions with User Beliefs for Bayesian Optimization", ICLR 2022): a
   good prior helps early, a misleading one is forgotten.

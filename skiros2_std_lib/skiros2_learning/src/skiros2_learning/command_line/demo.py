@@ -60,7 +60,7 @@ class Demo:
 
 
 PUSH = Demo(
-    "push", "a push across a table", "push.yaml", cold=60, guided=30, repetitions=3, candidates=4, confirmations=8
+    "push", "a push across a table", "push.yaml", cold=100, guided=30, repetitions=3, candidates=4, confirmations=8
 )
 INSERTION = Demo(
     "insertion-learning", "the search of a bore", "insertion.yaml",

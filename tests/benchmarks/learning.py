@@ -27,6 +27,7 @@ from optuna.samplers import BaseSampler, NSGAIISampler, RandomSampler, TPESample
 from optuna.trial import Trial  # noqa: E402
 
 from skiros2_learning.core.evaluation import evaluate, seed_of  # noqa: E402
+from skiros2_learning.core.policy import Policy, learn_variations  # noqa: E402
 from skiros2_learning.core.prior_sampler import Normal, PriorSampler  # noqa: E402
 from skiros2_learning.core.scenario import Scenario, load_scenario  # noqa: E402
 from skiros2_learning.core.study import LearningStudy  # noqa: E402
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str]) -> int:
     """Runs the program. Returns 0."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="few seeds and evaluations: a few minutes")
-    parser.add_argument("--parts", default="functions,push,insertion,speed", help="default: %(default)s")
+    parser.add_argument("--parts", default="functions,push,insertion,variations,speed", help="default: %(default)s")
     parser.add_argument("--json", type=Path, default=ROOT / "build/learning.json", help="where the figures go")
     options = parser.parse_args(arguments)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
@@ -58,6 +59,7 @@ def main(arguments: Sequence[str]) -> int:
         "functions": functions,
         "push": lambda short: scenario_rows("push.yaml", 12 if short else 60, 1 if short else 3),
         "insertion": lambda short: scenario_rows("insertion.yaml", 8 if short else 30, 1 if short else 3),
+        "variations": variations,
         "speed": speed,
     }
     found: dict[str, list[Row]] = {}
@@ -204,6 +206,34 @@ def _scenario_row(optimiser: str, studies: Sequence[LearningStudy], corner: tupl
         "until 95 %": few if few <= len(studies[0].results()) else "-",
         "hypervolume": statistics.median(areas),
     }
+
+
+# -- variations --------------------------------------------------------------------------------------------------------
+
+
+def variations(short: bool) -> list[Row]:
+    """Success of the push at goals that were not learned: with predicted parameters, and with the best ones of the
+    nearest goal that was learned."""
+    scenario = load_scenario(SCENARIOS / "push.yaml").derived(evaluations=10 if short else 30, initial=6)
+    (feature,) = scenario.variations
+    rates: dict[str, list[float]] = {"predicted": [], "of the nearest goal": []}
+    with tempfile.TemporaryDirectory() as folder:
+        studies = learn_variations(scenario, Path(folder), 2 if short else 4, lambda study: Runner(study, 2).run())
+        policy = Policy(studies)
+        for goal in (0.52, 0.56, 0.6, 0.64):
+            unseen = {feature.name: goal}
+            near = min(studies, key=lambda each: abs(each.scenario.variation[feature.name] - goal))
+            plan = scenario.derived(variation=unseen, repetitions=3 if short else 10, max_failures=10)
+            for name, chosen in (
+                ("predicted", policy.predict(unseen).configuration),
+                ("of the nearest goal", near.result(near.ranked()[0]).configuration),
+            ):
+                rates[name].append(evaluate(plan, chosen, seed_of(plan, 0)).success_rate)
+    row = {"learned goals": len(studies), "evaluations of each": scenario.evaluations, "unseen goals": 4}
+    return [
+        shown({**row, "parameters": name, "success": statistics.fmean(found), "worst": min(found)})
+        for name, found in rates.items()
+    ]
 
 
 # -- speed -------------------------------------------------------------------------------------------------------------

@@ -20,20 +20,10 @@ from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.storage import JOURNAL_FILE, StorageFailed
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
+from support.learning_scenarios import scenario_text
 from support.postgres import Postgres, find_programs, postgres
 
-TEXT = """
-scenario: NAME
-execution: support.learning_tasks:parabola
-settings: {folder: FOLDER}
-variables:
-  x: {type: real, range: [0, 1]}
-objectives:
-  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
-budget: {evaluations: 8, initial: 3}
-repetitions: 2
-seed: 3
-"""
+TEXT = scenario_text("NAME", "parabola", evaluations=8, initial=3, settings="{folder: FOLDER}")
 _MAIN = "import sys; from skiros2_learning.command_line.program import main; sys.exit(main())"
 
 

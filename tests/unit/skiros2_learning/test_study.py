@@ -13,22 +13,12 @@ from skiros2_learning.core.evaluation import Evaluation, evaluate
 from skiros2_learning.core.scenario import Scenario, parse_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
+from support.learning_scenarios import scenario_text
 
-TEXT = """
-scenario: parabola
-execution: support.learning_tasks:EXECUTION
-settings: {folder: FOLDER}
-variables:
-  x: {type: real, range: [0, 1]}
-objectives:
-  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
-constraints:
-  - {name: small, reward: signal, series: value, at_most: 0.1}
-budget: {evaluations: 6, initial: 3}
-repetitions: 2
-seed: 3
-timeout: 60
-"""
+TEXT = scenario_text(
+    "parabola", "EXECUTION", evaluations=6, initial=3, settings="{folder: FOLDER}", timeout="60",
+    constraints="[{name: small, reward: signal, series: value, at_most: 0.1}]",
+)  # fmt: skip
 
 
 def scenario(folder: Path, execution: str = "parabola", timeout: str = "60") -> Scenario:

@@ -110,6 +110,7 @@ async def _start_http(service: Service, settings: Settings) -> tuple[_Server, as
         create_app(service, max_body=settings.max_body),
         log_config=None,
         access_log=False,
+        lifespan="off",
         timeout_graceful_shutdown=int(_GRACE),
         limit_concurrency=1000,
         h11_max_incomplete_event_size=32 * 1024,

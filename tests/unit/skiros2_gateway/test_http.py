@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from skiros2_gateway.core.events import EventStream
 from support.http_gateway import curl, served
 from unit.skiros2_gateway.conftest import TOKENS
 
 Run = Callable[..., None]
 ORDER = {"id": "a", "goal": "(at robot home)"}
+
+pytestmark = pytest.mark.skipif(shutil.which("curl") is None, reason="needs Debian's curl")
 
 
 def test_job_is_sent_queried_and_stopped(in_gateway: Run) -> None:
@@ -127,8 +131,6 @@ def test_events_are_resumed_after_a_lost_connection(in_gateway: Run) -> None:
 
 
 def test_viewer_that_missed_events_is_told_to_read_the_state() -> None:
-    from skiros2_gateway.core.events import EventStream
-
     async def first_kind(after: str) -> str:
         events = EventStream()
         events.publish("job", {})

@@ -16,7 +16,6 @@ class Settings(BaseModel):
 
     :param host: address to bind to. Others than that of this machine need `certificate` and `key`.
     :param http_port, opcua_port: 0: a free port; -1: off.
-    :param opcua_nodeset: file with the companion specification OPC 10031-4 (NodeSet2 XML); "": types built here.
     :param mqtt: HOST or HOST:PORT of a broker; "": off.
     :param jobs_at_once: 0: as many as there are robots.
     :param rate, burst: requests per second and user.
@@ -31,7 +30,6 @@ class Settings(BaseModel):
     host: str = "127.0.0.1"
     http_port: int = Field(8765, ge=-1, le=65535)
     opcua_port: int = Field(-1, ge=-1, le=65535)
-    opcua_nodeset: str = ""
     mqtt: str = ""
     mqtt_user: str = ""
     mqtt_password_file: str = ""

@@ -123,7 +123,7 @@ class MqttBridge:
         """
         try:
             data = json.loads(payload) if len(payload) <= self._max_body else None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:  # the latter of deep nesting
             raise Rejected([Problem("wrong_value", "", f"the message is no JSON: {error}")]) from None
         if not isinstance(data, dict):
             raise Rejected([Problem("wrong_type", "", f"expected a JSON object of at most {self._max_body} bytes")])

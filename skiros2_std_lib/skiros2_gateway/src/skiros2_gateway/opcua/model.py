@@ -1,20 +1,16 @@
 """The types of ISA-95 Job Control (OPC 10031-4) in a server's address space: structures, object types, methods, events.
 
 They have the browse names, fields and arguments of the companion specification, in its namespace. The numbers of their
-node ids are the server's own. A nodeset file of the specification can be loaded instead; `find_types` then finds its
-types by their browse names.
+node ids are the server's own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from asyncua import Node, Server, ua
 from asyncua.common.structures104 import new_struct, new_struct_field
-
-from skiros2_common.core.errors import ConfigurationError
 
 NAMESPACE = "http://opcfoundation.org/UA/ISA95-JOBCONTROL_V2/"
 
@@ -90,33 +86,8 @@ class JobTypes:
     provider: Node
 
 
-async def find_types(server: Server, nodeset: Path | None = None) -> JobTypes:
-    """Returns the types of a nodeset file; builds them if there is no file.
-
-    :raises ConfigurationError: the file cannot be loaded, or lacks a type.
-    """
-    if nodeset is None:
-        return await _build(server)
-    try:
-        await server.import_xml(str(nodeset))
-    except (OSError, ValueError, ua.UaError) as error:
-        raise ConfigurationError(f"nodeset {nodeset}: {error}") from error
-    await server.load_data_type_definitions()
-    index = await server.get_namespace_index(NAMESPACE)
-    found = {(await node.read_browse_name()).Name: node for node in await _subtypes(server.nodes.base_object_type)}
-    if missing := [name for name in (RECEIVER_TYPE, PROVIDER_TYPE) if name not in found]:
-        raise ConfigurationError(f"nodeset {nodeset} has no type {', '.join(missing)}")
-    return JobTypes(index, found[RECEIVER_TYPE], found[PROVIDER_TYPE])
-
-
-async def _subtypes(node: Node) -> list[Node]:
-    found = list(await node.get_children(refs=ua.ObjectIds.HasSubtype))
-    for child in list(found):
-        found += await _subtypes(child)
-    return found
-
-
-async def _build(server: Server) -> JobTypes:
+async def build_types(server: Server) -> JobTypes:
+    """Adds the types to a server and returns them."""
     index = await server.register_namespace(NAMESPACE)
     ids: dict[str, ua.NodeId] = {}
     for name, fields in _STRUCTURES.items():

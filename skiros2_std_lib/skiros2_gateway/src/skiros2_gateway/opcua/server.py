@@ -23,7 +23,7 @@ from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
-from skiros2_gateway.opcua.model import JobTypes, find_types
+from skiros2_gateway.opcua.model import JobTypes, build_types
 from skiros2_gateway.opcua.orders import (
     job_order_and_state,
     job_response,
@@ -34,6 +34,8 @@ from skiros2_gateway.opcua.orders import (
 from skiros2_gateway.opcua.twin import Twin
 
 log = logging.getLogger(__name__)
+# asyncua logs each node of its address space and each request
+logging.getLogger("asyncua").setLevel(logging.WARNING)
 
 APPLICATION = "urn:skiros2:gateway"
 
@@ -101,7 +103,7 @@ class OpcuaServer:
     async def start(self) -> None:
         """Starts to serve.
 
-        :raises ConfigurationError: the port is in use, or the certificate or the nodeset cannot be read.
+        :raises ConfigurationError: the port is in use, or the certificate cannot be read.
         """
         settings, server = self._settings, self._server
         await server.init()
@@ -111,7 +113,7 @@ class OpcuaServer:
         server.set_server_name("SkiROS2 gateway")
         await server.set_application_uri(APPLICATION)
         await self._secure()
-        self._types = await find_types(server, Path(settings.opcua_nodeset) if settings.opcua_nodeset else None)
+        self._types = await build_types(server)
         await self._add_objects()
         try:
             await server.start()

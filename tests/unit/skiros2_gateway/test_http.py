@@ -110,7 +110,7 @@ def test_events_are_resumed_after_a_lost_connection(in_gateway: Run) -> None:
             before = gateway.events.last_id
             gateway.cell.accept("a")
             await gateway.put("b")
-            options = ("-N", "-m", "1", "-H", f"Authorization: Bearer {TOKENS['view']}")
+            options = ("-N", "-m", "30", "-H", f"Authorization: Bearer {TOKENS['view']}")
             process = await asyncio.create_subprocess_exec(
                 "curl", "-s", *options, f"{address}/api/events?after={before}&kinds=job", stdout=asyncio.subprocess.PIPE
             )
@@ -118,6 +118,7 @@ def test_events_are_resumed_after_a_lost_connection(in_gateway: Run) -> None:
             seen = []
             while len(seen) < 3:
                 line = (await process.stdout.readline()).decode()
+                assert line, f"the stream has ended after {seen}"
                 if line.startswith("data: "):
                     event = json.loads(line.removeprefix("data: "))
                     seen.append((event["data"]["id"], event["data"]["state"]))

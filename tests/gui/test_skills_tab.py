@@ -439,20 +439,3 @@ def test_line_of_a_new_property_has_a_value(tab: SkillsTab, goal_line: Any, qtbo
     assert goal_line.text() == ""
     qtbot.keyClicks(value.lineEdit(), "2.5")
     assert goal_line.text() == "(= (skiros:Weight box) 2.5)"
-
-
-# -- stopping ------------------------------------------------------------------------------------------------------
-
-
-def test_stop_all_ends_the_tasks_of_all_robots(tab: SkillsTab, qtbot: QtBot) -> None:
-    for name in ("/robot", "/second"):
-        if name != "/robot":
-            tab.window().system.add_manager(name, [fetch], robot="skiros:second")
-            qtbot.waitUntil(lambda: len(tab.skills.rows) == 2)
-        tab.tree.choose((name, "skiros:Fetch", "" if name == "/robot" else "fetch"))
-        tab.skills.write("Times", "2")
-        qtbot.waitUntil(lambda: tab.skills.can_start)
-        tab.skills.start()
-    qtbot.waitUntil(lambda: _states(tab) == ["running", "running"])
-    qtbot.mouseClick(tab.window().stop, Qt.LeftButton)
-    qtbot.waitUntil(lambda: _states(tab) == ["preempted", "preempted"])

@@ -15,6 +15,7 @@ from skiros2_gui.app.events import (
     ManagersChanged,
     RunRecorded,
     StopRequested,
+    StopTarget,
     TaskProgress,
     TasksChanged,
 )
@@ -62,7 +63,7 @@ class TaskList:
         self.why: tuple[str, ...] = ()
         window.subscribe(TaskProgress, lambda event: self._record(event.manager, event.nodes, event.stamp))
         window.subscribe(ManagersChanged, lambda _: self._update_managers())
-        window.subscribe(StopRequested, lambda _: self.stop_all())
+        window.subscribe(StopRequested, self._stop_all)
         self._update_managers()
 
     # -- tasks -------------------------------------------------------------------------------------------------
@@ -142,8 +143,12 @@ class TaskList:
         """Pauses a task, or resumes a paused one."""
         self.command(RESUME if run.state is TaskState.PAUSED else PAUSE, run.robot, run.task_id)
 
-    def stop_all(self) -> None:
-        """Preempts all tasks of all managers."""
+    def _stop_all(self, request: StopRequested) -> None:
+        """Preempts all tasks of all managers, also those that this window does not know yet."""
+        for run in self.rows:
+            if not run.is_finished:
+                name = f"{skills_text(run)} of {run.robot.lstrip('/')}"
+                request.targets.append(StopTarget(name, partial(_is_finished, run)))
         for robot in self._window.system.managers:
             self.command(STOP, robot, _ALL)
 
@@ -207,6 +212,15 @@ class TaskList:
 def in_order(runs: Iterable[TaskRun]) -> list[TaskRun]:
     """Returns the running tasks, then the ended ones; the newest first."""
     return sorted(runs, key=lambda run: (run.is_finished, -run.start, run.robot, run.task_id))
+
+
+def skills_text(run: TaskRun) -> str:
+    """Returns the names of a task's skills."""
+    return run.latest.shape.skills_text(most=3) or run.latest.shape.name(0)
+
+
+def _is_finished(run: TaskRun) -> bool:
+    return run.is_finished
 
 
 def is_silent(run: TaskRun, now: float) -> bool:

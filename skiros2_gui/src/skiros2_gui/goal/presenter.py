@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, StopRequested, WorldChanged
+from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, StopRequested, StopTarget, WorldChanged
 from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.window import Window
@@ -52,7 +52,7 @@ class GoalPresenter:
         window.subscribe(WorldChanged, lambda _: self._invalidate())
         window.subscribe(ConnectionChanged, lambda _: self._connection_changed())
         window.subscribe(GoalFeedback, self._on_feedback)
-        window.subscribe(StopRequested, lambda _: self.cancel())
+        window.subscribe(StopRequested, self._on_stop)
 
     # -- editing -----------------------------------------------------------------------------------------------
 
@@ -215,6 +215,11 @@ class GoalPresenter:
         scene = self._window.system.scene
         element = scene.find(eid, "scene") if scene is not None else None
         return f'"{element.label}"' if element is not None and element.label else eid
+
+    def _on_stop(self, request: StopRequested) -> None:
+        if self.is_busy:
+            request.targets.append(StopTarget("the goal", lambda: not self.is_busy))
+        self.cancel()
 
     def cancel(self) -> None:
         """Cancels planning or execution."""

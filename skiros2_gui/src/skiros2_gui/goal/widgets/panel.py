@@ -154,6 +154,7 @@ class GoalBar(QWidget):
         self.line = GoalLine(goals, self.mistake)
         self.line.returnPressed.connect(goals.make_plan)
         self.earlier = QToolButton()
+        self.earlier.setObjectName("goalEarlier")
         self.earlier.setText("Earlier ▾")
         self.earlier.setToolTip("Goals planned or achieved before")
         self.earlier.setPopupMode(QToolButton.InstantPopup)

@@ -81,7 +81,7 @@ def test_click_selects_a_node_and_shows_its_details(tab: RunTab, window: Window,
     drawn(tab, qtbot)
     text = tab._details.toPlainText()
     assert "move_arm" in text and "✗ failed" in text and "<b>no</b> way & stop" in text
-    assert "skiros:MoveArm" in text and "pick" in text
+    assert "MoveArm" in text and "pick" in text
 
 
 def test_nodes_are_folded_by_mark_double_click_and_return(tab: RunTab, window: Window, qtbot: QtBot) -> None:
@@ -364,7 +364,7 @@ def test_each_task_has_its_own_search(tab: RunTab, window: Window, qtbot: QtBot)
 
 
 def test_conditions_show_names_of_elements(qtbot: QtBot) -> None:
-    details = NodeDetails()
+    details = NodeDetails(lambda label: label != "arm")
     qtbot.addWidget(details)
     robot, place = "cora:Robot-1-demo:arm <1>", "demo:Workstation-6-Workstation 1"
     told = [
@@ -373,8 +373,19 @@ def test_conditions_show_names_of_elements(qtbot: QtBot) -> None:
     ]
     details.show_node(NodeText("place", RUNNING, [], told))
     text = details.toPlainText()
-    assert "demo:arm <1> at Workstation 1" in text and "but demo:arm <1> at nothing" in text
+    assert "arm <1> at Workstation 1" in text and "but arm <1> at nothing" in text
+    assert "demo:" not in text
     assert "skiros:Box-3 State = 'Empty'" in text
+
+
+def test_parameters_show_ids_only_of_labels_that_are_not_unique(qtbot: QtBot) -> None:
+    details = NodeDetails(lambda label: label != "arm")
+    qtbot.addWidget(details)
+    params = [("Arm", "rparts:ArmDevice-3-arm", "given"), ("Object", "skiros:Product-14-Product A", "inferred")]
+    details.show_node(NodeText("pick", RUNNING, params=params))
+    text = details.toPlainText()
+    assert "arm ArmDevice-3" in text
+    assert "Product A" in text and "Product-14" not in text
 
 
 def test_tab_accepts_any_messages_and_user_actions(tab: RunTab, window: Window, qtbot: QtBot) -> None:

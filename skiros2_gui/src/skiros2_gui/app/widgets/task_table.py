@@ -184,7 +184,8 @@ class TaskTable(QWidget):
     def _fill(self, item: QTreeWidgetItem, run: TaskRun) -> None:
         style, silent = style_of(run.state), self._is_live(run) and is_silent(run, time.time())
         state = "… silent" if silent else f"{style.symbol} {style.word}"
-        texts = (skills_text(run), state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), message_text(run))
+        skills = skills_text(run)
+        texts = (skills, state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), message_text(run))
         for column, text in enumerate(texts):
             if item.text(column) != text:
                 item.setText(column, text)

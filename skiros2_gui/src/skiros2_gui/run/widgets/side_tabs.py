@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 
 from python_qt_binding.QtCore import Qt, Signal
@@ -20,6 +20,8 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_common.core.names import local_name
+from skiros2_gui.app.names import label_text
 from skiros2_gui.app.widgets.controls import push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import role_colour
@@ -41,13 +43,17 @@ _EMPTY = "Click a node of the tree to see its state, its parameters and its cond
 
 
 class NodeDetails(QTextBrowser):
-    """A node as text that can be selected and copied."""
+    """A node as text that can be selected and copied.
+
+    :param is_unique: returns whether one element has a label; with other labels the id is shown.
+    """
 
     #: The id of an element that was clicked.
     element = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, is_unique: Callable[[str], bool], parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self._is_unique = is_unique
         self.setObjectName("nodeDetails")
         self.setAccessibleName("the selected node")
         self.setOpenLinks(False)
@@ -117,8 +123,10 @@ class NodeDetails(QTextBrowser):
         found = _ELEMENT.match(value)
         if found is None:
             return f"<b>{escape(value)}</b>"
-        eid = escape(found.group(1)) if found.end() < len(value) else ""
-        return f"{_link(value)} <span style='color:{self._faint()}'>{eid}</span>"
+        label = value[found.end() :]
+        if not label or self._is_unique(label):
+            return _link(value)
+        return f"{_link(value)} <span style='color:{self._faint()}'>{escape(local_name(found.group(1)))}</span>"
 
     def _colour(self, style: StateStyle) -> str:
         return str(role_colour(style.colour_role, self).name())
@@ -136,7 +144,7 @@ def _link(element: str) -> str:
     if found is None:
         return escape(element)
     eid, label = escape(found.group(1), quote=True), element[found.end() :]
-    return f"<a href='#{eid}' title='{eid}'>{escape(label) or eid}</a>"
+    return f"<a href='#{eid}' title='{eid}'>{escape(label_text(label)) or local_name(eid)}</a>"
 
 
 def _with_links(text: str, elements: list[str]) -> str:

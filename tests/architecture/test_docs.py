@@ -32,7 +32,7 @@ def test_every_path_in_the_architecture_page_exists() -> None:
 
 
 def test_every_relative_link_of_the_docs_exists() -> None:
-    pages = [*DOCS.glob("*.md"), *ROOT.glob("*.md")]
+    pages = [*DOCS.rglob("*.md"), *ROOT.glob("*.md")]
     links = [(page, link) for page in pages for link in _LINK.findall(page.read_text())]
     assert not [f"{page.name}: {link}" for page, link in links if not (page.parent / link).exists()]
 
@@ -40,3 +40,8 @@ def test_every_relative_link_of_the_docs_exists() -> None:
 def test_the_index_links_every_page() -> None:
     links = set(_LINK.findall((DOCS / "README.md").read_text()))
     assert {page.name for page in DOCS.glob("*.md")} - {"README.md"} <= links
+
+
+def test_the_index_of_tutorials_links_each_of_them() -> None:
+    links = set(_LINK.findall((DOCS / "tutorials/README.md").read_text()))
+    assert {page.name for page in (DOCS / "tutorials").glob("[0-9]*.md")} <= links

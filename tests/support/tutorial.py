@@ -1,0 +1,219 @@
+"""Runs a tutorial: types its commands, writes its files, and compares the outputs shown with the real ones.
+
+A tutorial is a page of Markdown. Three kinds of fenced blocks are run, in the order of the page:
+
+    ```console                          commands behind `$`, each with its output
+    ```console title="terminal 1"       the same in another terminal; the last command keeps running (a launch file).
+                                        The same title with the same commands later finds it running,
+                                        unless the block starts with `^C`, which ends it.
+    ```python title="path/of/file.py"   a file, of any language, written as it stands; ` (added)` behind the path: added
+                                        at the end
+
+In an output, `...` stands for any text within a line, and as a line of its own for any lines. Times (`1.2 s`), task
+numbers (`task 3`) and the amount of white space may differ. `# status 1` behind a command states an exit status other
+than 0.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from support.programs import Program
+
+_BLOCK = re.compile(r"^```(\w+)(?: +title=\"([^\"]+)\")?\n(.*?)^```$", re.M | re.S)
+_STATUS = re.compile(r"\s+# status (\d+)$")
+_ANY_LINES, _ADDED = "...", " (added)"
+#: What may differ from run to run: times, numbers of tasks, and what catkin or pytest measure.
+_VARYING = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?= ?m?s\b)|(?<=\btask )\d+")
+
+
+class Block(NamedTuple):
+    """A fenced block: its language, its title, its text and the line of the page where it starts."""
+
+    language: str
+    title: str
+    text: str
+    line: int
+
+
+class Typed(NamedTuple):
+    """A command, the output shown under it, and its exit status."""
+
+    command: str
+    output: list[str]
+    status: int
+
+
+Runner = Callable[[list[str], Mapping[str, str], Path], "subprocess.CompletedProcess[str]"]
+
+
+def blocks(page: Path) -> list[Block]:
+    """Returns the fenced blocks of a page."""
+    text = page.read_text()
+    found = _BLOCK.finditer(text)
+    return [Block(b[1], b[2] or "", b[3], text.count("\n", 0, b.start()) + 1) for b in found]
+
+
+def commands(block: Block) -> Iterator[Typed]:
+    """The commands of a console block. A command continues behind a backslash."""
+    for part in re.split(r"^\$ ", block.text, flags=re.M)[1:]:
+        command, *output = re.sub(r"\s*\\\n\s*", " ", part).splitlines()
+        status = _STATUS.search(command)
+        yield Typed(_STATUS.sub("", command), output, int(status[1]) if status else 0)
+
+
+def words(page: Path) -> int:
+    """Counts the words that a reader reads: all but the outputs of commands."""
+    text = page.read_text()
+    for block in reversed(list(_BLOCK.finditer(text))):
+        if block[1] == "console":
+            typed = " ".join(t.command for t in commands(Block("console", "", block[3], 0)))
+            text = text[: block.start()] + typed + text[block.end():]
+    return len(re.findall(r"[^\s|#`*-][^\s]*", text))
+
+
+def difference(expected: list[str], actual: str) -> str:
+    """Returns the first expected line that does not match, and the output; "" if all match."""
+    lines = [line for line in (_plain(line) for line in actual.splitlines()) if line]
+    wanted = [_plain(line) for line in expected]
+    wanted = [line for line in wanted if line]
+    at, anywhere = 0, False
+    for line in wanted:
+        if line == _ANY_LINES:
+            anywhere = True
+            continue
+        pattern = re.compile(r" ?.*?".join(map(re.escape, re.split(r" ?\.\.\. ?", line))))
+        matching = (i for i in range(at, len(lines)) if pattern.fullmatch(lines[i]))
+        found = next(matching, None) if anywhere else at if at < len(lines) and pattern.fullmatch(lines[at]) else None
+        if found is None:
+            return f"shown:  {line}\nnot in: " + "\n        ".join(lines[at:] or ["(nothing)"])
+        at, anywhere = found + 1, False
+    rest = lines[at:]
+    return "not shown: " + "\n           ".join(rest) if rest and not anywhere else ""
+
+
+def _plain(line: str) -> str:
+    line = re.sub(r"\x1b\[[0-9;]*m", "", line)
+    return " ".join(_VARYING.sub("0", line).split())
+
+
+class Wrong(AssertionError):
+    """A tutorial does not show what happens."""
+
+
+@dataclass
+class Reader:
+    """Somebody who follows tutorials literally, in one folder. A context manager that ends what was left running.
+
+    :param folder: where terminals open.
+    :param env: their environment.
+    :param run: runs a command to its end; None: bash does.
+    """
+
+    folder: Path
+    env: dict[str, str]
+    run: Runner | None = None
+
+    def __post_init__(self) -> None:
+        self._terminals: dict[str, tuple[str, Program]] = {}
+        self._cwd, self._shell_env = self.folder, dict(self.env)
+
+    def __enter__(self) -> Reader:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for title in list(self._terminals):
+            self.close(title)
+
+    def close(self, title: str) -> None:
+        """Ends what runs in a terminal."""
+        self._terminals.pop(title)[1].stop()
+
+    def follow(self, page: Path) -> None:
+        """Runs a tutorial, starting in a new main terminal.
+
+        :raises Wrong: a command fails, or its output differs; names the page and the line.
+        """
+        self._cwd, self._shell_env = self.folder, dict(self.env)
+        for block in blocks(page):
+            try:
+                if block.language == "console":
+                    self._console(block)
+                elif block.title:
+                    self._write(block)
+            except AssertionError as error:
+                raise Wrong(f"{page.name}, line {block.line}: {error}") from None
+
+    def _write(self, block: Block) -> None:
+        file = self._cwd / block.title.removesuffix(_ADDED)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        before = file.read_text() if block.title.endswith(_ADDED) else ""
+        file.write_text(before + block.text)
+
+    def _console(self, block: Block) -> None:
+        typed = list(commands(block))
+        if not typed:
+            raise Wrong("no command behind $")
+        if block.title:
+            self._other_terminal(block.title, typed, block.text.startswith("^C"))
+            return
+        for each in typed:
+            done = self._type(each.command)
+            if done.returncode != each.status:
+                raise Wrong(f"$ {each.command}\nstatus {done.returncode}\n{done.stdout}{done.stderr}")
+            problem = difference(each.output, done.stdout + done.stderr)
+            if problem:
+                raise Wrong(f"$ {each.command}\n{problem}")
+
+    def _other_terminal(self, title: str, typed: list[Typed], restart: bool) -> None:
+        script = "\n".join(each.command for each in typed[:-1])
+        last = f"exec {typed[-1].command}"
+        if title in self._terminals:
+            if not restart and self._terminals[title][0] == script + last and self._terminals[title][1].running:
+                return
+            self.close(title)
+        program = Program(["bash", "-ec", f"{script}\n{last}"], self.env, self.folder)
+        self._terminals[title] = script + last, program
+        for line in typed[-1].output:
+            if line.strip() and line.strip() != _ANY_LINES:
+                program.wait_for_line(".*".join(map(re.escape, line.strip().split(_ANY_LINES))))
+
+    def _type(self, command: str) -> subprocess.CompletedProcess[str]:
+        simple = not re.search(r"[;&|<>$`*?~=]\S*\s|^(cd|source|export|\w+=)", f"{command} ")
+        if self.run is not None and simple:
+            return self.run(shlex.split(command), self._shell_env, self._cwd)
+        state = self.folder / ".terminal"
+        script = f"{command}\nstatus=$?\n{{ pwd; env -0; }} >{shlex.quote(str(state))}\nexit $status"
+        done = subprocess.run(
+            ["bash", "-c", script], env=self._shell_env, cwd=self._cwd, stdin=subprocess.DEVNULL,
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        if state.exists():
+            folder, _, variables = state.read_text().partition("\n")
+            self._cwd = Path(folder)
+            self._shell_env = dict(line.split("=", 1) for line in variables.split("\0") if "=" in line)
+            state.unlink()
+        return done
+
+
+def main() -> int:
+    """Follows the tutorials named on the command line, in a new folder under the present one, as a newcomer would."""
+    folder = Path.cwd() / "tutorials_run"
+    folder.mkdir()
+    with Reader(folder, dict(os.environ)) as reader:
+        for name in sys.argv[1:]:
+            print(f"{name}: {words(Path(name))} words", flush=True)
+            reader.follow(Path(name))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import GoalFeedback, WorldChanged
+from skiros2_gui.app.events import GoalFeedback
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completion, Vocabulary, complete
 from skiros2_gui.goal.plan import GoalExecution, check_syntax
@@ -139,9 +139,9 @@ def test_elements_that_skills_can_change_come_first(lab: Lab) -> None:
     tool = Element("sumo:Object", "a tool")
     tool.addRelation("skiros:Scene-0", "skiros:contain", "-1")
     lab.window.system.world.add_element(tool)
-    lab.window.publish(WorldChanged())
-    lab.goals.write("(")
-    elements = lab.goals.vocabulary.elements
+    goals = GoalPresenter(lab.window)
+    goals.refresh()
+    elements = goals.vocabulary.elements
     reachable = {element.text for element in elements if element.rank == 0}
     assert reachable == set(lab.ids.values())
     assert {element.text for element in elements[: len(reachable)]} == reachable

@@ -106,7 +106,7 @@ def test_typed_element_is_chosen_and_refusal_explained(tab: SkillsTab, qtbot: Qt
     qtbot.keyClick(thing.lineEdit(), Qt.Key_Return)
     qtbot.waitUntil(lambda: "no element of the scene fits Box" in tab.form.why_not.text())
     assert thing.currentText() == "nut"
-    assert "LargeBox in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
+    assert "large box in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
 
 
 def test_unknown_element_is_reset(tab: SkillsTab, qtbot: QtBot) -> None:

@@ -55,6 +55,13 @@ def test_ids_in_a_text_are_replaced_with_their_labels(system: LocalSystem) -> No
     assert Names(system).in_text(text) == "bolt is not at bolt, nor at map:7 or http://localhost:11311/x-1"
 
 
+def test_texts_of_conditions_are_readable(system: LocalSystem) -> None:
+    tray, bolt = add(system, "Tray B"), add(system, "demo:m5_bolt")
+    text = f"{tray}-Tray B skiros:contain {bolt}-demo:m5_bolt, {bolt} skiros:State is 'Full', any skiros:LargeBox"
+    expected = "Tray B contains m5_bolt, m5_bolt state is 'Full', any large box"
+    assert Names(system).readable(text) == expected
+
+
 @pytest.mark.parametrize(
     ("goal", "sentence"),
     [

@@ -13,6 +13,9 @@ _ID = re.compile(r"""\b([A-Za-z_]\w*:\w+-\d+)\b(?: ?["'][^"'\n]*["'])?""")
 _PREFIX = re.compile(r"^[A-Za-z_]\w*:(?=\S)")
 _HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
+#: A name of an ontology in a text. Ids end with a number.
+_NAME = re.compile(r"\b[A-Za-z_]\w*:([A-Za-z_]\w*)\b(?!-\d)")
+
 #: Relations in a sentence: while it holds, does not hold, and has ended.
 _VERBS = {
     "contain": ("contains", "does not contain", "no longer contains"),
@@ -34,12 +37,11 @@ class Names:
         """Returns the label of an element; with the id if other elements have the same label. Without a label, and for
         an unknown element, the id without prefix.
         """
-        scene = self._system.scene
-        element = scene.find(eid, "scene") if scene is not None else None
-        if scene is None or element is None or not element.label:
+        label = self._label(eid)
+        if not label:
             return local_name(eid)
-        name = label_text(element.label)
-        return name if self.is_unique(element.label) else f"{name} ({local_name(eid)})"
+        name = label_text(label)
+        return name if self.is_unique(label) else f"{name} ({local_name(eid)})"
 
     def is_unique(self, label: str) -> bool:
         """Returns whether at most one element has a label."""
@@ -47,8 +49,24 @@ class Names:
         return scene is None or len(scene.matching(Element("", label), "scene")) < 2
 
     def in_text(self, text: str) -> str:
-        """Returns a text for people with the names of the elements whose ids are in it."""
-        return _ID.sub(lambda found: self.of(found[1]), text)
+        """Returns a text with the names of the elements whose ids are in it as `id`, `id-label` or `id "label"`."""
+        parts, end = [], 0
+        for found in _ID.finditer(text):
+            if found.start() < end:
+                continue  # in a label
+            parts += [text[end : found.start()], self.of(found[1])]
+            after = f"-{self._label(found[1])}"
+            end = found.end(1) + len(after) if len(after) > 1 and text.startswith(after, found.end(1)) else found.end()
+        return "".join((*parts, text[end:]))
+
+    def readable(self, text: str) -> str:
+        """Returns a text with names instead of ids, and words instead of the names of ontologies."""
+        return in_words(self.in_text(text))
+
+    def _label(self, eid: str) -> str:
+        scene = self._system.scene
+        element = scene.find(eid, "scene") if scene is not None else None
+        return element.label if element is not None else ""
 
 
 def label_text(label: str) -> str:
@@ -65,6 +83,13 @@ def verb(relation: str, state: bool = True, has_ended: bool = False) -> str:
     name = local_name(relation)
     shown = words(name)
     return _VERBS.get(name, (shown, f"not {shown}", f"no longer {shown}"))[0 if state else 2 if has_ended else 1]
+
+
+def in_words(text: str) -> str:
+    """Returns a text with words instead of the names of ontologies: "Arm skiros:hasA Gripper" gives "Arm has Gripper".
+    A name with underscores is a label and only loses its prefix.
+    """
+    return _NAME.sub(lambda found: found[1] if "_" in found[1] else verb(found[1]), text)
 
 
 def words(name: str) -> str:

@@ -19,6 +19,7 @@ from skiros2_gui.app.events import (
     TaskProgress,
     TasksChanged,
 )
+from skiros2_gui.app.names import Names
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import RUNNING, TaskState
@@ -59,6 +60,7 @@ class TaskList:
         self._managers: set[str] = set()  # those that are up
         self._started: dict[str, int] = {}  # the task started last in this window, by manager
         self.runs = Runs()
+        self._names = Names(window.system)
         self.why_of: TaskRun | None = None
         self.why: tuple[str, ...] = ()
         window.subscribe(TaskProgress, lambda event: self._record(event.manager, event.nodes, event.stamp))
@@ -168,7 +170,7 @@ class TaskList:
 
     def _explain(self, run: TaskRun, lines: tuple[str, ...]) -> None:
         if run is self.why_of:
-            self.why = lines
+            self.why = tuple(map(self._names.readable, lines))
             self._window.publish(FailureExplained())
 
     # -- progress ----------------------------------------------------------------------------------------------

@@ -27,7 +27,12 @@ class StartStatus:
 
 
 def start_status(skills: SkillsPresenter) -> StartStatus:
-    """Returns the status of the chosen skill."""
+    """Returns the status of the chosen skill, with names instead of ids."""
+    found, readable = _status(skills), skills.names.readable
+    return StartStatus(found.status, readable(found.text), tuple(map(readable, found.details)))
+
+
+def _status(skills: SkillsPresenter) -> StartStatus:
     form = skills.form
     if form is None:
         return StartStatus(WAITING, "Choose a skill on the left.")

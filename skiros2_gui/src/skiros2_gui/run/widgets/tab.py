@@ -47,7 +47,7 @@ class RunTab(QWidget):
         self._folder = ""
         self._tasks = TaskTable(window, "taskChoice", lambda: self.presenter.runs, lambda: self.presenter.run)
         self._tasks.picked.connect(self.presenter.pick)
-        self._details = NodeDetails(Names(window.system).is_unique)
+        self._details = NodeDetails(Names(window.system))
         self._messages = MessageList()
         self._times = TimeList()
         self._breakpoints = BreakpointPanel(self.presenter)

@@ -1,0 +1,159 @@
+"""The port to the cell: its robots, its world model, and goals that run in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from skiros2_gateway.core.problems import Problem
+
+#: The states of a robot.
+IDLE, BUSY, PAUSED = "idle", "busy", "paused"
+#: Outcome of a goal whose result is unknown.
+LOST = "lost"
+#: Outcomes of goals that hold at their end.
+REACHED = ("succeeded", "nothing_to_do")
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A goal for the cell.
+
+    :param id: of the job, and of the goal in messages.
+    :param text: as of the task manager.
+    :param quality: wanted plan quality; "": the task manager's default.
+    :param robots: node names of the allowed robots; empty: all.
+    """
+
+    id: str
+    text: str
+    priority: int = 0
+    quality: str = ""
+    robots: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The feedback of a running goal; see the action Achieve."""
+
+    phase: str
+    message: str
+    plan: list[dict[str, Any]] = field(default_factory=list)
+    steps: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """The end of a goal.
+
+    :param outcome: as `state` of the result of Achieve, or `LOST`.
+    :param steps: the steps that were started, each with robot, state and message.
+    """
+
+    outcome: str
+    message: str
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    explanations: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Collected:
+    """What is read from the world model after a goal.
+
+    :param changes: for each changed element a dict with `id`, `author`, `time`, `lines` (one change per line).
+    :param quality: values by `parameter.property`.
+    :param notes: what could not be read, and why.
+    """
+
+    changes: list[dict[str, Any]] = field(default_factory=list)
+    quality: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+class GoalListener(Protocol):
+    """Receives what happens to goals. Called in the thread of the gateway's loop."""
+
+    def cell_changed(self) -> None:
+        """`is_ready` or `capacity` may have changed."""
+
+    def goal_accepted(self, goal_id: str) -> None: ...
+
+    def goal_progress(self, goal_id: str, progress: Progress) -> None: ...
+
+    def goal_suspended(self, goal_id: str, reason: str) -> None:
+        """A stop of a robot, or another client, interrupts the goal; reason "": it runs again."""
+
+    def goal_ended(self, goal_id: str, ending: Ending) -> None: ...
+
+
+class Cell(Protocol):
+    """A cell. Its methods are called in the thread of the gateway's loop.
+
+    Coroutines raise `SkirosError` if the cell refuses or does not answer in time.
+    """
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether a goal would reach the task manager."""
+
+    @property
+    def capacity(self) -> int:
+        """How many goals can run at once."""
+
+    @property
+    def interrupt_priority(self) -> int:
+        """Goals from this priority on interrupt others, so they need no capacity."""
+
+    async def problems(
+        self, goal: str, elements: Mapping[str, tuple[str, str]], robots: Sequence[str]
+    ) -> list[Problem]:
+        """Returns what is wrong with the names of a goal.
+
+        :param elements: (element, class) by the field that names the element; class "": any.
+        """
+
+    def start(self, goal: Goal) -> None:
+        """Sends a goal. A goal with an id that the task manager knows is not run again."""
+
+    def follow(self, goal: Goal) -> None:
+        """Follows a goal that was sent before a restart of the gateway. Reports its end as `LOST` if it is unknown."""
+
+    def stop(self, goal_id: str) -> None:
+        """Cancels a goal; its end is reported."""
+
+    def pause(self, goal_id: str) -> None:
+        """Pauses the tasks of a goal, also those that start later."""
+
+    def resume(self, goal_id: str) -> None:
+        """Resumes the tasks of a goal."""
+
+    async def collect(
+        self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
+    ) -> Collected:
+        """Reads what robots have changed, and quality data.
+
+        :param start, end: s since the epoch.
+        :param quality: (element, property) by the key of the result.
+        """
+
+    def state(self) -> dict[str, Any]:
+        """Returns `robots` (a list), `ready` and `capacity` as JSON data, see `skiros2_gateway.http.app`."""
+
+    async def world(self) -> dict[str, Any]:
+        """Returns the world model as JSON data, see `skiros2_gateway.http.app`."""
+
+    async def query(self, text: str) -> dict[str, Any]:
+        """Returns `columns` and `rows` of a SPARQL query."""
+
+    async def skills(self) -> dict[str, list[dict[str, Any]]]:
+        """Returns the skills of each robot as JSON data."""
+
+    async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
+        """Returns the fields of the result of the action MakePlan, decoded."""
+
+    async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
+        """Preempts, pauses or resumes (`stop`, `pause`, `resume`) all tasks of robots; none named: of all robots.
+
+        :returns: the number of tasks by robot.
+        """

@@ -1,0 +1,323 @@
+"""The methods of Job Control and the queue: the only place that changes jobs."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+
+from skiros2_common.core.errors import Conflict, Refused, SkirosError, UnknownName
+from skiros2_common.core.names import nearest
+from skiros2_gateway.core.cell import LOST, REACHED, Cell, Collected, Ending, Goal, Progress
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job import FINAL, Job, Method, Order, Response, State, Substate
+from skiros2_gateway.core.problems import Problem, Rejected
+from skiros2_gateway.core.store import JobStore
+from skiros2_gateway.core.work_masters import WorkMasters
+
+log = logging.getLogger(__name__)
+
+#: The author of changes that the gateway makes itself.
+GATEWAY = "gateway"
+
+
+class JobControl:
+    """Stores jobs, starts their goals in the cell, and keeps their responses. A `GoalListener`.
+
+    To be used in the thread of the gateway's loop. A job is written to the store before its goal is sent: after a crash
+    its goal is looked for in the cell, and never sent again.
+
+    :param clock: s since the epoch.
+    """
+
+    def __init__(
+        self, store: JobStore, masters: WorkMasters, events: EventStream, clock: Callable[[], float] = time.time
+    ) -> None:
+        self.store = store
+        self.masters = masters
+        self.events = events
+        self._clock = clock
+        self._cell: Cell | None = None
+        self._open = {job.id: job for job in store.open_jobs()}
+        self._sequence = store.next_sequence()
+        self._timer: asyncio.TimerHandle | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    @property
+    def cell(self) -> Cell:
+        """
+        :raises Refused: the gateway has not started yet.
+        """
+        if self._cell is None:
+            raise Refused("the gateway is starting")
+        return self._cell
+
+    def start(self, cell: Cell) -> None:
+        """Continues with the jobs of the store."""
+        self._cell = cell
+        for job in list(self._open.values()):
+            if job.state in FINAL:
+                self._collect(job)
+            elif job.is_in_cell:
+                log.info("job %s was %s when the gateway ended; looking for its goal", job.id, job.state)
+                cell.follow(_goal_of(job))
+                if job.state is State.INTERRUPTED and job.substate is Substate.HELD:
+                    cell.pause(job.id)
+        self._dispatch()
+
+    def close(self) -> None:
+        """Ends the background tasks. The jobs stay as they are."""
+        if self._timer is not None:
+            self._timer.cancel()
+        for task in self._tasks:
+            task.cancel()
+        self._cell = None
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    @property
+    def open_jobs(self) -> list[Job]:
+        """The jobs that have not ended, in the order in which they would start; those that run come first."""
+        waiting = [job for job in self._open.values() if job.state not in FINAL]
+        return sorted(waiting, key=lambda job: (not job.is_in_cell, job.state is State.NOT_ALLOWED_TO_START, job.rank))
+
+    def get(self, job_id: str) -> Job:
+        """Returns a job, also a cleared one.
+
+        :raises UnknownName: there is no such job.
+        """
+        job = self._open.get(job_id) or self.store.get(job_id)
+        if job is None:
+            near = ", ".join(nearest(job_id, self._open)) or "none"
+            raise UnknownName(f"there is no job {job_id!r}; near: {near}")
+        return job
+
+    # -- the methods -------------------------------------------------------------------------------------------
+
+    async def put(self, order: Order, author: str, comment: str = "", *, start: bool) -> tuple[Job, bool]:
+        """Stores an order, and allows it to start if wanted: the methods Store and StoreAndStart.
+
+        An order with the id and the content of a known job is that job, in the state that it has.
+
+        :returns: the job, and whether it is new.
+        :raises Rejected: with all problems of the order.
+        :raises Conflict: another order has the same id.
+        """
+        known = self._known(order)
+        goal = await self.check(order) if known is None else ""
+        known = known or self._known(order)  # the same order may have come while this one was checked
+        if known is not None:
+            return known, False
+        now = self._clock()
+        state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
+        robots = self.masters.robots_of(order)
+        job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots)
+        job.substate = self._substate(job)
+        self._save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
+        self._sequence += 1
+        self._dispatch()
+        return job, True
+
+    async def check(self, order: Order) -> str:
+        """Returns the goal of an order.
+
+        :raises Rejected: with all problems of the order.
+        """
+        goal = self.masters.goal_of(order)
+        elements = self.masters.get(order.work_master).elements(order.parameters) if order.work_master else {}
+        problems = await self.cell.problems(goal, elements, self.masters.robots_of(order))
+        if order.due and order.earliest_start and order.due < order.earliest_start:
+            problems.append(Problem("wrong_value", "due", "the due time is before the earliest start"))
+        if problems:
+            raise Rejected(problems)
+        return goal
+
+    async def update(self, order: Order, author: str, comment: str = "") -> Job:
+        """Replaces the order of a job that has not started.
+
+        :raises Rejected: with all problems of the order.
+        :raises Refused: it has started.
+        :raises UnknownName: there is no such job.
+        """
+        job = self.get(order.id)
+        job.check(Method.UPDATE)
+        goal = await self.check(order)
+        job.check(Method.UPDATE)  # it may have started meanwhile
+        job.goal = goal
+        job.order, job.robots, job.changed = order, self.masters.robots_of(order), self._clock()
+        job.substate = self._substate(job)
+        self._save(job, author, Method.UPDATE, comment)
+        self._dispatch()
+        return job
+
+    def apply(self, method: Method, job_id: str, author: str, comment: str = "") -> Job:
+        """Applies a method to a job. Pause, Resume, Stop and Abort of a running job take effect later.
+
+        :raises Refused: the method is not allowed in its state.
+        :raises UnknownName: there is no such job.
+        """
+        if method in (Method.STORE, Method.STORE_AND_START, Method.UPDATE):
+            raise Refused(f"{method} needs an order")
+        job, now = self.get(job_id), self._clock()
+        job.check(method)
+        if method is Method.START:
+            job.change(State.ALLOWED_TO_START, self._substate(job), now)
+        elif method is Method.REVOKE_START:
+            job.change(State.NOT_ALLOWED_TO_START, self._substate(job), now)
+        elif method is Method.PAUSE:
+            self.cell.pause(job.id)
+            job.change(State.INTERRUPTED, Substate.HELD, now)
+        elif method is Method.RESUME:
+            self.cell.resume(job.id)
+            job.change(State.RUNNING, Substate.NONE, now)
+        elif method in (Method.STOP, Method.ABORT) and job.is_in_cell:
+            job.wanted, job.changed = method, now
+            self.cell.stop(job.id)
+        elif method is Method.CLEAR:
+            job.cleared, job.changed = True, now
+        else:  # Abort and Cancel of a job that has not started
+            job.cleared = method is Method.CANCEL
+            job.response = Response(ended=now, outcome="cancelled", message=f"{method} by {author}", collected=True)
+            job.change(State.ABORTED, Substate.NONE, now)
+        self._save(job, author, method, comment)
+        self._dispatch()
+        return job
+
+    # -- a listener of the cell --------------------------------------------------------------------------------
+
+    def cell_changed(self) -> None:
+        self.events.publish("cell", self.cell.state())
+        self._dispatch()
+
+    def goal_accepted(self, goal_id: str) -> None:
+        job = self._open.get(goal_id)
+        if job is not None and job.substate is Substate.LOADED:
+            job.response.started = now = self._clock()
+            job.change(State.RUNNING, Substate.NONE, now)
+            self._save(job, GATEWAY, "accepted")
+
+    def goal_progress(self, goal_id: str, progress: Progress) -> None:
+        job = self._open.get(goal_id)
+        if job is None or not job.is_in_cell:
+            return
+        self.goal_accepted(goal_id)
+        response = job.response
+        response.phase, response.message = progress.phase, progress.message
+        response.plan, response.steps = progress.plan, progress.steps
+        response.robots = sorted({*response.robots, *(step["robot"] for step in progress.steps)})
+        job.changed = self._clock()
+        self._save(job, GATEWAY, "progress", is_event=False)
+        others = set(response.robots) - set(job.robots)
+        if job.robots and others and not job.wanted:
+            job.wanted = Method.ABORT
+            text = f"the plan uses {', '.join(sorted(others))}, allowed are {', '.join(job.robots)}"
+            response.notes.append(text)
+            self.cell.stop(job.id)
+            self._save(job, GATEWAY, Method.ABORT, text)
+
+    def goal_suspended(self, goal_id: str, reason: str) -> None:
+        job = self._open.get(goal_id)
+        if job is None or job.wanted:
+            return
+        if reason and job.state is State.RUNNING:
+            job.change(State.INTERRUPTED, Substate.SUSPENDED, self._clock())
+            self._save(job, GATEWAY, "suspended", reason)
+        elif not reason and job.state is State.INTERRUPTED and job.substate is Substate.SUSPENDED:
+            job.change(State.RUNNING, Substate.NONE, self._clock())
+            self._save(job, GATEWAY, "resumed")
+
+    def goal_ended(self, goal_id: str, ending: Ending) -> None:
+        job = self._open.get(goal_id)
+        if job is None or not job.is_in_cell:
+            return
+        if ending.outcome != LOST:
+            self.goal_accepted(goal_id)
+        now, response = self._clock(), job.response
+        response.ended = now
+        response.outcome, response.message = ending.outcome, ending.message
+        response.steps = ending.steps or response.steps
+        response.explanations = ending.explanations
+        response.robots = sorted({*response.robots, *(step["robot"] for step in ending.steps)})
+        is_ended = ending.outcome in REACHED or job.wanted == Method.STOP
+        job.wanted = ""
+        if is_ended and ending.outcome != LOST:
+            job.change(State.ENDED, Substate.COMPLETED, now)
+        else:
+            job.change(State.ABORTED, Substate.NONE, now)
+        self._save(job, GATEWAY, "ended", f"{ending.outcome}: {ending.message}")
+        log.info("job %s: %s: %s", job.id, ending.outcome, ending.message)
+        self._collect(job)
+        self._dispatch()
+
+    # -- internals ---------------------------------------------------------------------------------------------
+
+    def _dispatch(self) -> None:
+        """Starts the jobs that may start now, and sets a timer for the next earliest start."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._cell is None:
+            return
+        now = self._clock()
+        allowed = [job for job in self._open.values() if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
+        later = [job.earliest for job in allowed if job.earliest > now]
+        if later:
+            self._timer = asyncio.get_running_loop().call_later(max(0.01, min(later) - now), self._dispatch)
+        if not self._cell.is_ready:
+            return
+        running = sum(job.is_in_cell for job in self._open.values())
+        for job in sorted(allowed, key=lambda job: job.rank):
+            urgent = job.order.priority >= self._cell.interrupt_priority
+            if job.earliest <= now and (running < self._cell.capacity or urgent):
+                job.change(State.ALLOWED_TO_START, Substate.LOADED, now)
+                self._save(job, GATEWAY, "loaded")
+                self._cell.start(_goal_of(job))
+                running += 1
+
+    def _known(self, order: Order) -> Job | None:
+        known = self._open.get(order.id) or self.store.get(order.id)
+        if known is not None and known.order.digest != order.digest:
+            raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
+        return known
+
+    def _substate(self, job: Job) -> Substate:
+        return Substate.WAITING if job.earliest > self._clock() else Substate.READY
+
+    def _collect(self, job: Job) -> None:
+        task = asyncio.get_running_loop().create_task(self._collected(job))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _collected(self, job: Job) -> None:
+        response, order = job.response, job.order
+        sources = {}
+        if order.work_master in self.masters.all:
+            sources = self.masters.get(order.work_master).quality_sources(order.parameters)
+        started = response.started or response.ended or job.changed
+        try:
+            found = await self.cell.collect(response.robots, started, response.ended or self._clock(), sources)
+        except SkirosError as error:
+            found = Collected(notes=[f"the changes are unknown: {error}"])
+        response.changes, response.quality = found.changes, found.quality
+        response.notes += found.notes
+        response.collected = True
+        if job.state is State.ENDED:
+            job.change(State.ENDED, Substate.CLOSED, self._clock())
+        self._save(job, GATEWAY, "collected")
+        self.events.publish("response", {"job": job.id, **asdict(response)})
+
+    def _save(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> None:
+        self.store.save(job, author, method, comment, is_event=is_event)
+        if job.state in FINAL and job.response.collected:
+            self._open.pop(job.id, None)
+        else:
+            self._open[job.id] = job
+        self.events.publish("job", job.to_dict())
+
+
+def _goal_of(job: Job) -> Goal:
+    return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots)
+
+

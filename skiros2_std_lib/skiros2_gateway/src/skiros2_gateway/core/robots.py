@@ -1,0 +1,118 @@
+"""The states of robots, and counters in the manner of the OEE (overall equipment effectiveness, ISO 22400-2)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from skiros2_gateway.core.cell import BUSY, IDLE, PAUSED
+
+#: The state of a robot whose skill manager does not run.
+DISCONNECTED = "disconnected"
+#: The state of a `SafetyStatus` without a stop.
+_NO_STOP = "running"
+
+
+@dataclass
+class RobotTask:
+    """A task of a skill manager.
+
+    :param is_paused: whether it waits for a command to go on.
+    """
+
+    label: str
+    is_paused: bool = False
+
+
+@dataclass
+class Robot:
+    """A robot.
+
+    :param name: the node name of its skill manager.
+    :param safety: the state of its `SafetyStatus`; with the reason of the stop.
+    :param tasks: those that have not ended.
+    :param times: how long it has been in each state, up to `since` (s).
+    """
+
+    name: str
+    clock: Callable[[], float] = time.time
+    is_connected: bool = True
+    safety: str = _NO_STOP
+    reason: str = ""
+    tasks: dict[int, RobotTask] = field(default_factory=dict)
+    succeeded: int = 0
+    failed: int = 0
+    times: dict[str, float] = field(default_factory=dict)
+    since: float = 0.0
+    state: str = IDLE
+
+    def __post_init__(self) -> None:
+        self.since = self.clock()
+
+    def update(self) -> bool:
+        """Computes the state. Returns whether it has changed."""
+        state = self._state()
+        if state == self.state:
+            return False
+        now = self.clock()
+        self.times[self.state] = self.times.get(self.state, 0.0) + now - self.since
+        self.state, self.since = state, now
+        return True
+
+    def _state(self) -> str:
+        if not self.is_connected:
+            return DISCONNECTED
+        if self.safety != _NO_STOP:
+            return self.safety
+        if self.tasks and all(task.is_paused for task in self.tasks.values()):
+            return PAUSED
+        return BUSY if self.tasks else IDLE
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns the robot as JSON data: name, state, reason, since, tasks, counters."""
+        tasks = [{"id": number, "label": t.label, "paused": t.is_paused} for number, t in self.tasks.items()]
+        return {
+            "name": self.name,
+            "state": self.state,
+            "reason": self.reason,
+            "since": self.since,
+            "tasks": tasks,
+            "counters": self.counters(),
+        }
+
+    def counters(self) -> dict[str, float]:
+        """Returns times (s), counts and ratios since the gateway's start.
+
+        `availability` is the share of time without stop, `utilisation` that with a running task, and `quality` the
+        share of ended tasks that succeeded. `oee` is the product of availability and quality: the platform knows no
+        ideal cycle time, so the performance counts as 1.
+        """
+        times = dict(self.times)
+        times[self.state] = times.get(self.state, 0.0) + max(0.0, self.clock() - self.since)
+        total = sum(times.values())
+        down = sum(seconds for state, seconds in times.items() if state not in (IDLE, BUSY, PAUSED))
+        ended = self.succeeded + self.failed
+        availability = 1.0 - down / total if total else 1.0
+        quality = self.succeeded / ended if ended else 1.0
+        return {
+            "total_s": total,
+            "busy_s": times.get(BUSY, 0.0),
+            "down_s": down,
+            "succeeded": self.succeeded,
+            "failed": self.failed,
+            "availability": availability,
+            "utilisation": times.get(BUSY, 0.0) / total if total else 0.0,
+            "quality": quality,
+            "oee": availability * quality,
+        }
+
+
+def first_stop(robots: Mapping[str, Robot], names: list[str]) -> str:
+    """Returns why the named robots stand still, such as `/arm: protective_stop (light curtain)`; "" if none does."""
+    for name in names:
+        robot = robots.get(name)
+        if robot is not None and robot.is_connected and robot.safety != _NO_STOP:
+            return f"{name}: {robot.safety}" + (f" ({robot.reason})" if robot.reason else "")
+    return ""

@@ -1,0 +1,109 @@
+"""What clients can do, the same for REST, OPC UA, MQTT and agents: checks the role, counts, audits and does it."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_gateway.core.access import Access, Caller, Role
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job import Job, Method, read_order
+from skiros2_gateway.core.job_control import JobControl
+from skiros2_gateway.core.store import JobStore
+
+T = TypeVar("T")
+
+#: What can be done with all tasks of a robot.
+ROBOT_ACTIONS = ("stop", "pause", "resume")
+
+
+class Service:
+    """The gateway as its clients see it. To be used in the thread of the gateway's loop.
+
+    Each method raises `Denied` if the caller lacks the role, and `TooMany` above the rate limit.
+    """
+
+    def __init__(self, store: JobStore, access: Access, control: JobControl, events: EventStream) -> None:
+        self.store = store
+        self.access = access
+        self.control = control
+        self.events = events
+
+    # -- commands ----------------------------------------------------------------------------------------------
+
+    async def put(self, caller: Caller, data: Any, comment: str = "", *, start: bool) -> tuple[Job, bool]:
+        """Stores the order in JSON data; see `JobControl.put`."""
+        name = Method.STORE_AND_START if start else Method.STORE
+        thing = str(data.get("id", ""))[:200] if isinstance(data, dict) else ""
+
+        async def put() -> tuple[Job, bool]:
+            return await self.control.put(read_order(data), caller.user, comment, start=start)
+
+        return await self.command(caller, name, thing, put)
+
+    async def update(self, caller: Caller, data: Any, comment: str = "") -> Job:
+        """Replaces the order of a job that has not started; see `JobControl.update`."""
+        thing = str(data.get("id", ""))[:200] if isinstance(data, dict) else ""
+
+        async def update() -> Job:
+            return await self.control.update(read_order(data), caller.user, comment)
+
+        return await self.command(caller, Method.UPDATE, thing, update)
+
+    def apply(self, caller: Caller, method: Method, job_id: str, comment: str = "") -> Job:
+        """Applies a method to a job; see `JobControl.apply`."""
+        with self.audited(caller, method, job_id):
+            return self.control.apply(method, job_id, caller.user, comment)
+
+    async def command_robots(self, caller: Caller, action: str, robots: Sequence[str]) -> dict[str, Any]:
+        """Preempts, pauses or resumes all tasks of robots; none named: of all robots.
+
+        :param action: one of `ROBOT_ACTIONS`.
+        """
+
+        async def command() -> dict[str, Any]:
+            return await self.control.cell.command_robots(action, robots)
+
+        return await self.command(caller, f"{action} robots", " ".join(robots), command)
+
+    async def command(self, caller: Caller, action: str, thing: str, do: Callable[[], Awaitable[T]]) -> T:
+        """Carries out a command that needs the role operate, and writes it to the audit log.
+
+        :raises SkirosError: what `do` raises.
+        """
+        with self.audited(caller, action, thing):
+            return await do()
+
+    @contextmanager
+    def audited(self, caller: Caller, action: str, thing: str) -> Iterator[None]:
+        """Counts and checks a command, and writes how it ended to the audit log."""
+        self.access.count(caller)
+        self.access.check(caller, Role.OPERATE, action, thing)
+        try:
+            yield
+        except SkirosError as error:
+            self.access.record(caller, action, thing, f"{error.code}: {error}"[:500])
+            raise
+        self.access.record(caller, action, thing, "done")
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def view(self, caller: Caller, role: Role = Role.VIEW, action: str = "read") -> None:
+        """Counts and checks a request that changes nothing."""
+        self.access.count(caller)
+        self.access.check(caller, role, action)
+
+    def state(self, caller: Caller) -> dict[str, Any]:
+        """Returns the state of the cell as JSON data: see `GET /api/state` in `skiros2_gateway.http.app`."""
+        self.view(caller)
+        return {
+            "event": self.events.last_id,
+            "jobs": [job.to_dict() for job in self.control.open_jobs],
+            "counts": self.store.counts(),
+            "viewers": self.events.viewers,
+            "role": caller.role.name.lower(),
+            "user": caller.user,
+            **self.control.cell.state(),
+        }

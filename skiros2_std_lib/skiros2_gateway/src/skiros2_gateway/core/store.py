@@ -1,0 +1,155 @@
+"""Keeps jobs, their history and the audit log in an SQLite file.
+
+Each call is one transaction. The file uses a write-ahead log that is synchronised at each commit: a change that was
+returned survives the end of the process and of the machine.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_gateway.core.job import FINAL, Job
+
+_VERSION = 1
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS jobs (
+    id TEXT PRIMARY KEY, sequence INTEGER NOT NULL UNIQUE, state TEXT NOT NULL, cleared INTEGER NOT NULL,
+    is_open INTEGER NOT NULL, ended REAL, outcome TEXT NOT NULL, document TEXT NOT NULL);
+CREATE INDEX IF NOT EXISTS open_jobs ON jobs (is_open, cleared, sequence);
+CREATE TABLE IF NOT EXISTS job_events (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, job TEXT NOT NULL, time REAL NOT NULL, author TEXT NOT NULL,
+    method TEXT NOT NULL, state TEXT NOT NULL, substate TEXT NOT NULL, comment TEXT NOT NULL);
+CREATE INDEX IF NOT EXISTS events_of_job ON job_events (job, number);
+CREATE TABLE IF NOT EXISTS audit (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, time REAL NOT NULL, user TEXT NOT NULL, way TEXT NOT NULL,
+    action TEXT NOT NULL, object TEXT NOT NULL, outcome TEXT NOT NULL);
+"""
+
+
+class JobStore:
+    """The file. To be used by one thread.
+
+    :param path: created if it does not exist; its folder exists. ":memory:" keeps nothing.
+    :raises ConfigurationError: the file is no store of this version.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self._db = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        try:
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            self._db.execute("PRAGMA busy_timeout = 5000")
+            version = self._db.execute("PRAGMA user_version").fetchone()[0]
+            if version not in (0, _VERSION):
+                raise ConfigurationError(f"{path} has version {version} of the job store, expected {_VERSION}")
+            self._db.executescript(_SCHEMA)
+            self._db.execute(f"PRAGMA user_version = {_VERSION}")
+        except sqlite3.DatabaseError as error:
+            self._db.close()
+            raise ConfigurationError(f"{path} is no job store: {error}") from error
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._db.close()
+
+    def next_sequence(self) -> int:
+        """Returns the number for the next job."""
+        return int(self._db.execute("SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs").fetchone()[0])
+
+    def save(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> None:
+        """Writes a new or changed job, and an entry of its history.
+
+        :param author: the client or the part of the gateway that changed it.
+        :param method: the ISA-95 method, or what happened in the cell.
+        """
+        response = job.response
+        is_open = job.state not in FINAL or not response.collected
+        row = (job.state, job.cleared, is_open, response.ended, response.outcome, json.dumps(job.to_dict()))
+        self._db.execute("BEGIN IMMEDIATE")
+        try:
+            self._db.execute(
+                "INSERT INTO jobs (id, sequence, state, cleared, is_open, ended, outcome, document)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET state = excluded.state,"
+                " cleared = excluded.cleared, is_open = excluded.is_open, ended = excluded.ended,"
+                " outcome = excluded.outcome, document = excluded.document",
+                (job.id, job.sequence, *row),
+            )
+            if is_event:
+                self._db.execute(
+                    "INSERT INTO job_events (job, time, author, method, state, substate, comment)"
+                    " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                    (job.id, job.changed, author, method, job.state, job.substate, comment),
+                )
+        except sqlite3.Error:
+            self._db.execute("ROLLBACK")
+            raise
+        self._db.execute("COMMIT")
+
+    def get(self, job_id: str) -> Job | None:
+        """Returns a job, also a cleared one."""
+        row = self._db.execute("SELECT document FROM jobs WHERE id = ?", (job_id,)).fetchone()
+        return Job.from_dict(json.loads(row[0])) if row else None
+
+    def open_jobs(self) -> list[Job]:
+        """Returns the jobs that have not ended, or whose response is incomplete, in the order of their numbers."""
+        rows = self._db.execute("SELECT document FROM jobs WHERE is_open = 1 ORDER BY sequence")
+        return [Job.from_dict(json.loads(document)) for (document,) in rows]
+
+    def jobs(
+        self, states: Sequence[str] = (), *, cleared: bool = False, since: int = 0, limit: int = 1000
+    ) -> Iterator[Job]:
+        """Returns jobs, the newest first.
+
+        :param states: empty: all.
+        :param cleared: also those removed from the list.
+        :param since: only jobs with a higher number.
+        """
+        marks = ", ".join("?" for _ in states)
+        query = "SELECT document FROM jobs WHERE sequence > ?"
+        query += f" AND state IN ({marks})" if states else ""
+        query += "" if cleared else " AND cleared = 0"
+        rows = self._db.execute(f"{query} ORDER BY sequence DESC LIMIT ?", (since, *states, limit))
+        return (Job.from_dict(json.loads(document)) for (document,) in rows)
+
+    def counts(self) -> dict[str, int]:
+        """Returns how many jobs were in each outcome; those without one by their state."""
+        rows = self._db.execute(
+            "SELECT CASE outcome WHEN '' THEN state ELSE outcome END, COUNT(*) FROM jobs GROUP BY 1"
+        )
+        return dict(rows.fetchall())
+
+    def history(self, job_id: str) -> list[dict[str, Any]]:
+        """Returns the changes of a job's state, the oldest first."""
+        rows = self._db.execute(
+            "SELECT number, time, author, method, state, substate, comment FROM job_events WHERE job = ?"
+            " ORDER BY number",
+            (job_id,),
+        )
+        keys = ("number", "time", "author", "method", "state", "substate", "comment")
+        return [dict(zip(keys, row, strict=True)) for row in rows]
+
+    # -- the audit log -----------------------------------------------------------------------------------------
+
+    def audit(self, entry: Mapping[str, Any]) -> None:
+        """Writes an entry with the keys `time`, `user`, `way`, `action`, `object` and `outcome`."""
+        self._db.execute(
+            "INSERT INTO audit (time, user, way, action, object, outcome)"
+            " VALUES (:time, :user, :way, :action, :object, :outcome)",
+            entry,
+        )
+
+    def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]:
+        """Returns entries with a higher number, the oldest first."""
+        rows = self._db.execute(
+            "SELECT number, time, user, way, action, object, outcome FROM audit WHERE number > ?"
+            " ORDER BY number LIMIT ?",
+            (since, limit),
+        )
+        keys = ("number", "time", "user", "way", "action", "object", "outcome")
+        return [dict(zip(keys, row, strict=True)) for row in rows]

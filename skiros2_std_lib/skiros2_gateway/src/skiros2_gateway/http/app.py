@@ -1,0 +1,380 @@
+"""The HTTP interface (OpenAPI at `/openapi.json`, JSON everywhere).
+
+Authentication: `Authorization: Bearer TOKEN`, or the cookie that `POST /api/session` sets for a page. Roles: view
+reads, operate commands, maintain also reads the audit log. A command with the cookie needs the header `X-Gateway: 1`,
+which a page of another origin cannot send.
+
+Errors are problem details (RFC 9457, `application/problem+json`): `title`, `status`, `code`, `detail`, and for requests
+with wrong fields `problems`, a list of {code, where, message, expected, nearest}. A request with an error has changed
+nothing. Status: 401 no credentials, 403 role, 404 unknown, 409 not in this state, 413 too large, 422 wrong fields, 429
+too many requests (with `Retry-After`), 503 the cell does not answer.
+
+State and events:
+
+- `GET /api/state`: {event, jobs, counts, viewers, role, user, robots, ready, capacity}. `event` is the id of the last
+  event that it includes. `jobs` are the open jobs in the order of the queue, each as in the event `job`.
+- `GET /api/events?after=ID&kinds=job,robot`: server-sent events after that id (also from the header `Last-Event-ID`).
+  `data` of each is {id, kind, time, data}, its `id` that to resume after. Kinds: `job` (the whole job), `response` (a
+  complete response), `cell` (as in the state), `world` (a change of the world model: {revision, author, added, updated,
+  removed, related, unrelated}), and `reset`: events are missing, so read the state again.
+- `GET /api/world`: {revision, elements}: the world model as in events `world`; each element is {id, type, label,
+  properties: {name: [values]}, relations: [[predicate, object id], ...]}.
+
+Other parts of the gateway add their routes with `create_app(service, routers)`. Their functions take `CallerArg` (the
+authenticated caller) and `ServiceArg` (the model).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator, Sequence
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Body, Depends, FastAPI, Query, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, StreamingResponse
+from pydantic import BaseModel, ConfigDict
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
+from skiros2_gateway.core.access import Caller, Role
+from skiros2_gateway.core.job import Method, Order
+from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, field_problems
+from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
+
+log = logging.getLogger(__name__)
+
+#: The cookie of a page.
+COOKIE = "skiros2_gateway"
+#: The largest body of a request (bytes).
+MAX_BODY = 256 * 1024
+
+_STATUS: tuple[tuple[type[SkirosError], int], ...] = (
+    (Rejected, 422), (Denied, 403), (Unauthenticated, 401), (TooMany, 429), (UnknownName, 404), (Conflict, 409),
+    (Refused, 409), (TimedOut, 503), (WrongValue, 422),
+)  # fmt: skip
+
+
+def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: int = MAX_BODY) -> FastAPI:
+    """Returns the application.
+
+    :param routers: further routes.
+    :param max_body: the largest body of a request (bytes).
+    """
+    app = FastAPI(title="SkiROS2 gateway", version="1", docs_url=None, redoc_url=None)
+    app.state.service = service
+    app.include_router(_router)
+    for router in routers:
+        app.include_router(router)
+    app.add_exception_handler(SkirosError, _on_skiros_error)
+    app.add_exception_handler(RequestValidationError, _on_wrong_fields)
+    app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_middleware(_Limits, max_body=max_body)
+    return app
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+
+
+def problem(status: int, code: str, detail: str, **more: Any) -> JSONResponse:
+    """Returns an answer with problem details."""
+    data = {"title": code.replace("_", " "), "status": status, "code": code, "detail": detail, **more}
+    return JSONResponse(data, status, media_type="application/problem+json")
+
+
+async def _on_skiros_error(_: Request, error: Exception) -> Response:
+    assert isinstance(error, SkirosError)
+    status = next((status for kind, status in _STATUS if isinstance(error, kind)), 503)
+    more = {"problems": [each.to_dict() for each in error.problems]} if isinstance(error, Rejected) else {}
+    response = problem(status, error.code, str(error), **more)
+    if isinstance(error, TooMany):
+        response.headers["Retry-After"] = str(max(1, round(error.retry_after)))
+    if status == 401:
+        response.headers["WWW-Authenticate"] = "Bearer"
+    return response
+
+
+async def _on_wrong_fields(_: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    problems = field_problems(error.errors())
+    detail = "; ".join(str(each) for each in problems)
+    return problem(422, Rejected.code, detail, problems=[each.to_dict() for each in problems])
+
+
+async def _on_http_error(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return problem(error.status_code, "http_error", str(error.detail))
+
+
+class _TooLarge(Exception):
+    """The body is larger than allowed."""
+
+
+class _Limits:
+    """Refuses large bodies, and sets the headers that protect pages."""
+
+    def __init__(self, app: ASGIApp, max_body: int) -> None:
+        self._app = app
+        self._max_body = max_body
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        received, has_started = 0, False
+
+        async def limited() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > self._max_body:
+                raise _TooLarge
+            return message
+
+        async def guarded(message: Message) -> None:
+            nonlocal has_started
+            if message["type"] == "http.response.start":
+                has_started = True
+                message["headers"] = [*message["headers"], *_HEADERS]
+            await send(message)
+
+        try:
+            await self._app(scope, limited, guarded)
+        except _TooLarge:
+            if not has_started:
+                detail = f"the body has more than {self._max_body} bytes"
+                await problem(413, "too_large", detail)(scope, receive, send)
+
+
+_HEADERS = [
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cache-control", b"no-store"),
+]
+
+
+# -- authentication ----------------------------------------------------------------------------------------------------
+
+
+def service_of(request: Request) -> Service:
+    """Returns the service of the application."""
+    service = request.app.state.service
+    assert isinstance(service, Service)
+    return service
+
+
+def caller_of(request: Request) -> Caller:
+    """Returns the authenticated caller of a request.
+
+    :raises Unauthenticated: it has no valid credentials.
+    :raises TooMany: too many failures of this address.
+    """
+    address = request.client.host if request.client else ""
+    kind, _, token = request.headers.get("authorization", "").partition(" ")
+    access = service_of(request).access
+    if kind.lower() == "bearer":
+        return access.authenticate(token.strip(), "rest", address)
+    if COOKIE in request.cookies:
+        if request.method not in ("GET", "HEAD") and request.headers.get("x-gateway") != "1":
+            raise Unauthenticated("a command with the cookie needs the header X-Gateway: 1")
+        return access.authenticate(request.cookies[COOKIE], "browser", address)
+    return access.authenticate("", "rest", address)
+
+
+#: The authenticated caller as the argument of a route.
+CallerArg = Annotated[Caller, Depends(caller_of)]
+#: The service as the argument of a route.
+ServiceArg = Annotated[Service, Depends(service_of)]
+
+
+# -- the routes --------------------------------------------------------------------------------------------------------
+
+_router = APIRouter(prefix="/api")
+
+
+class _Comment(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    comment: str = ""
+
+
+class _Robots(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    robots: list[str] = []
+
+
+class _Goal(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    goal: str
+    quality: Literal["", "first", "best", "optimal"] = ""
+
+
+class _Query(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    query: str
+
+
+class _NewJob(Order):
+    start: bool = True
+    comment: str = ""
+
+
+@_router.get("/health")
+async def health(service: ServiceArg) -> dict[str, Any]:
+    """Whether the gateway runs. Needs no credentials."""
+    return {"status": "running", "stream": service.events.name}
+
+
+class _Session(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    token: str
+
+
+@_router.post("/session")
+async def login(request: Request, response: Response, body: _Session, service: ServiceArg) -> dict[str, str]:
+    """Sets the cookie of a page for a token."""
+    address = request.client.host if request.client else ""
+    caller = service.access.authenticate(body.token, "browser", address)
+    is_secure = request.url.scheme == "https"
+    response.set_cookie(COOKIE, body.token, httponly=True, samesite="strict", secure=is_secure, path="/")
+    return {"user": caller.user, "role": caller.role.name.lower()}
+
+
+@_router.delete("/session")
+async def logout(response: Response) -> dict[str, str]:
+    """Removes the cookie of a page."""
+    response.delete_cookie(COOKIE, path="/")
+    return {}
+
+
+@_router.get("/state")
+async def state(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
+    """The state of the cell: robots, queue, counters."""
+    return service.state(caller)
+
+
+@_router.get("/events")
+async def events(
+    request: Request, caller: CallerArg, service: ServiceArg, after: str = "", kinds: str = ""
+) -> StreamingResponse:
+    """Server-sent events after an id."""
+    service.view(caller)
+    wanted = frozenset(kind for kind in kinds.split(",") if kind)
+    stream = service.events.follow(request.headers.get("last-event-id", after), wanted)
+
+    async def lines() -> AsyncIterator[str]:
+        yield "retry: 1000\n\n"
+        async for event in stream:
+            yield f"id: {event.id}\nevent: {event.kind}\ndata: {event.json}\n\n"
+
+    return StreamingResponse(lines(), media_type="text/event-stream")
+
+
+@_router.get("/world")
+async def world(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
+    """The world model."""
+    service.view(caller)
+    return await service.control.cell.world()
+
+
+@_router.get("/jobs")
+async def jobs(
+    caller: CallerArg,
+    service: ServiceArg,
+    state: Annotated[list[str] | None, Query()] = None,
+    cleared: bool = False,
+    since: int = 0,
+    limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
+) -> dict[str, Any]:
+    """Jobs, the newest first; only those with a number above `since`."""
+    service.view(caller)
+    found = service.store.jobs(state or (), cleared=cleared, since=since, limit=limit)
+    return {"jobs": [job.to_dict() for job in found]}
+
+
+@_router.post("/jobs", status_code=201)
+async def put_job(caller: CallerArg, service: ServiceArg, body: _NewJob, response: Response) -> dict[str, Any]:
+    """Stores an order, and allows it to start unless `start` is false. 200 if the same order is known."""
+    data = body.model_dump(mode="json", exclude={"start", "comment"})
+    job, is_new = await service.put(caller, data, body.comment, start=body.start)
+    response.status_code = 201 if is_new else 200
+    return job.to_dict()
+
+
+@_router.get("/jobs/{job_id}")
+async def get_job(caller: CallerArg, service: ServiceArg, job_id: str) -> dict[str, Any]:
+    """A job with its response."""
+    service.view(caller)
+    return service.control.get(job_id).to_dict()
+
+
+@_router.put("/jobs/{job_id}")
+async def update_job(caller: CallerArg, service: ServiceArg, job_id: str, body: _NewJob) -> dict[str, Any]:
+    """Replaces the order of a job that has not started."""
+    data = body.model_dump(mode="json", exclude={"start", "comment"})
+    return (await service.update(caller, {**data, "id": job_id}, body.comment)).to_dict()
+
+
+@_router.post("/jobs/{job_id}/{method}")
+async def apply(
+    caller: CallerArg, service: ServiceArg, job_id: str, method: str, body: Annotated[_Comment | None, Body()] = None
+) -> dict[str, Any]:
+    """Applies start, revoke_start, pause, resume, stop, abort, cancel or clear."""
+    known = {each.name.lower(): each for each in Method}
+    if method not in known:
+        raise UnknownName(f"there is no method {method!r}; there are: {', '.join(known)}")
+    return service.apply(caller, known[method], job_id, body.comment if body else "").to_dict()
+
+
+@_router.get("/jobs/{job_id}/history")
+async def history(caller: CallerArg, service: ServiceArg, job_id: str) -> dict[str, Any]:
+    """The changes of a job's state, the oldest first."""
+    service.view(caller)
+    return {"history": service.store.history(service.control.get(job_id).id)}
+
+
+@_router.get("/work_masters")
+async def work_masters(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
+    """The work masters, each with the JSON Schema of its parameters."""
+    service.view(caller)
+    masters = service.control.masters.all.values()
+    return {"work_masters": [{**m.model_dump(mode="json"), "schema": m.parameters_schema()} for m in masters]}
+
+
+@_router.post("/robots/{action}")
+async def robots(caller: CallerArg, service: ServiceArg, action: str, body: _Robots) -> dict[str, Any]:
+    """Preempts, pauses or resumes all tasks of robots: actions stop, pause and resume."""
+    if action not in ROBOT_ACTIONS:
+        raise UnknownName(f"there is no action {action!r}; there are: {', '.join(ROBOT_ACTIONS)}")
+    return await service.command_robots(caller, action, body.robots)
+
+
+@_router.get("/skills")
+async def skills(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
+    """The skills of each robot: {robot: [{type, label, parameters}]}."""
+    service.view(caller)
+    return {"robots": await service.control.cell.skills()}
+
+
+@_router.post("/plan")
+async def plan(caller: CallerArg, service: ServiceArg, body: _Goal) -> dict[str, Any]:
+    """The plan for a goal, with its purpose and its simulated changes; nothing moves. See the action MakePlan."""
+    service.view(caller)
+    return await service.control.cell.plan(body.goal, body.quality)
+
+
+@_router.post("/world/query")
+async def query(caller: CallerArg, service: ServiceArg, body: _Query) -> dict[str, Any]:
+    """Answers a SPARQL query: {columns, rows}."""
+    service.view(caller)
+    return await service.control.cell.query(body.query)
+
+
+@_router.get("/audit")
+async def audit(
+    caller: CallerArg, service: ServiceArg, since: int = 0, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000
+) -> dict[str, Any]:
+    """The audit log, the oldest first; only entries with a number above `since`."""
+    service.view(caller, Role.MAINTAIN, "read the audit log")
+    return {"audit": service.store.audit_log(since, limit)}

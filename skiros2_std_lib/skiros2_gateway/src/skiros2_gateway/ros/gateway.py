@@ -1,0 +1,128 @@
+"""The gateway node: one asyncio loop in the main thread; threads of ROS hand over to it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import rospy
+import uvicorn
+from pydantic import ValidationError
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_gateway.core.access import Access, read_users
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job_control import JobControl
+from skiros2_gateway.core.problems import problems_of
+from skiros2_gateway.core.service import Service
+from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.core.store import JobStore
+from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
+from skiros2_gateway.http.app import create_app
+from skiros2_gateway.ros.ros_cell import RosCell
+
+log = logging.getLogger(__name__)
+
+#: Time for open requests at the end (s).
+_GRACE = 1.0
+
+
+def main() -> None:
+    """Serves until ROS shuts down.
+
+    :raises ConfigurationError: parameters or files have mistakes; the text names all.
+    """
+    asyncio.run(_serve(_settings()))
+
+
+def _settings() -> Settings:
+    found: dict[str, Any] = rospy.get_param("~", {}) or {}
+    try:
+        return Settings.model_validate({key: value for key, value in found.items() if key in Settings.model_fields})
+    except ValidationError as error:
+        raise ConfigurationError("; ".join(str(problem) for problem in problems_of(error))) from error
+
+
+async def _serve(settings: Settings) -> None:
+    loop, ended = asyncio.get_running_loop(), asyncio.Event()
+    is_down = threading.Event()
+
+    def end() -> None:
+        """In the shutdown's thread: waits until the loop has ended, while the node is still up."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended by itself
+            loop.call_soon_threadsafe(ended.set)
+            is_down.wait(2 * _GRACE + 3.0)
+
+    folder = settings.folder.expanduser()
+    folder.mkdir(parents=True, exist_ok=True)
+    masters = WorkMasters(read_work_masters(Path(settings.work_masters).expanduser()) if settings.work_masters else ())
+    users = read_users(settings.users_file)
+    store = JobStore(folder / "jobs.sqlite")
+    events = EventStream()
+    control = JobControl(store, masters, events)
+    service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
+    cell = RosCell(control, events, settings.jobs_at_once)
+    servers: list[tuple[_Server, asyncio.Task[None]]] = []
+    try:
+        control.start(cell)
+        rospy.on_shutdown(end)
+        if settings.http_port >= 0:
+            servers.append(await _start_http(service, settings))
+        await ended.wait()
+    finally:
+        for server, _ in servers:
+            server.should_exit = True
+        for _, task in servers:
+            await task
+        control.close()
+        cell.close()
+        store.close()
+        is_down.set()
+
+
+class _Server(uvicorn.Server):
+    """Leaves the signals to the node."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+async def _start_http(service: Service, settings: Settings) -> tuple[_Server, asyncio.Task[None]]:
+    """Starts the HTTP server.
+
+    :raises ConfigurationError: the address is in use, or the certificate cannot be read.
+    """
+    sock = socket.socket(socket.AF_INET6 if ":" in settings.host else socket.AF_INET)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        sock.bind((settings.host, settings.http_port))
+    except OSError as error:
+        raise ConfigurationError(f"http_port {settings.http_port} on {settings.host}: {error}") from error
+    tls = {"ssl_certfile": settings.certificate, "ssl_keyfile": settings.key} if settings.certificate else {}
+    config = uvicorn.Config(
+        create_app(service, max_body=settings.max_body),
+        log_config=None,
+        access_log=False,
+        timeout_graceful_shutdown=int(_GRACE),
+        limit_concurrency=1000,
+        h11_max_incomplete_event_size=32 * 1024,
+        **tls,
+    )
+    try:
+        config.load()
+    except OSError as error:
+        raise ConfigurationError(f"certificate {settings.certificate}, key {settings.key}: {error}") from error
+    server = _Server(config)
+    task = asyncio.get_running_loop().create_task(server.serve([sock]))
+    host, port = sock.getsockname()[:2]
+    address = f"{'https' if tls else 'http'}://{host}:{port}"
+    rospy.set_param("~address", address)
+    log.info("the gateway serves %s; users and tokens are in %s", address, settings.users_file)
+    return server, task

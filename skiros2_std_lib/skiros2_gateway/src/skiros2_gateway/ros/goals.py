@@ -1,0 +1,178 @@
+"""Sends goals with ids of the caller's choice to the action `achieve` of the task manager, and follows them.
+
+`actionlib.ActionClient` makes the ids itself, so this client publishes goals and reads the topics of the action. A goal
+with the id of a job can be found again after a restart of the gateway; the server ignores a second goal with its id.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import actionlib
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+
+from skiros2_common.ros.connections import ServerWatch
+from skiros2_common.ros.goal_server import ACTIVE
+from skiros2_gateway.core.cell import LOST, Ending, Goal, GoalListener, Progress
+from skiros2_msgs import msg as msgs
+from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
+
+log = logging.getLogger(__name__)
+
+#: A goal that the task manager does not list for this time after it was sent, or looked for, is unknown to it (s).
+UNKNOWN_AFTER = 5.0
+#: The same for a goal that it has listed before, and for the result of an ended goal (s).
+FORGOTTEN_AFTER = 2.0
+#: A task manager without status messages for this time is lost (s); roslaunch starts a killed one again before.
+SILENCE = 30.0
+#: A task manager that has been silent for this time gets no new goals (s); it sends five messages a second.
+NOT_READY_AFTER = 2.0
+
+_CHECK_PERIOD = 0.5  # s
+
+#: The outcome by the last status, where the result was lost.
+_OUTCOMES = {
+    GoalStatus.SUCCEEDED: msgs.AchieveResult.SUCCEEDED,
+    GoalStatus.PREEMPTED: msgs.AchieveResult.CANCELLED,
+    GoalStatus.RECALLED: msgs.AchieveResult.CANCELLED,
+    GoalStatus.ABORTED: msgs.AchieveResult.FAILED,
+    GoalStatus.REJECTED: msgs.AchieveResult.FAILED,
+}
+
+
+@dataclass
+class _Tracked:
+    """A goal that is followed.
+
+    :param since: when it was sent, looked for, or listed last (s, monotonic).
+    :param status: the last listed status; -1: never listed.
+    :param ended: when its end was listed (s, monotonic); 0: not yet.
+    """
+
+    since: float
+    status: int = -1
+    ended: float = 0.0
+    text: str = ""
+
+
+class AchieveGoals:
+    """Follows goals. Its methods are called in the thread of the loop; so is the listener.
+
+    :param changed: called in the thread of the loop if `is_ready` has changed.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, listener: GoalListener, changed: Callable[[], None]) -> None:
+        self._loop = loop
+        self._listener = listener
+        self._changed = changed
+        self._goals: dict[str, _Tracked] = {}
+        self._was_ready = False
+        self._last_status = 0.0  # s, monotonic
+        self._client = actionlib.ActionClient(ACHIEVE_ACTION, msgs.AchieveAction)
+        self._client.pub_goal.impl.set_queue_size(1000)
+        self._client.pub_cancel.impl.set_queue_size(1000)
+        self._watch = ServerWatch(self._client)
+        name = self._client.ns
+        self._subscribers = [
+            rospy.Subscriber(f"{name}/feedback", msgs.AchieveActionFeedback, self._hand_over(self._on_feedback)),
+            rospy.Subscriber(f"{name}/result", msgs.AchieveActionResult, self._hand_over(self._on_result)),
+            rospy.Subscriber(f"{name}/status", GoalStatusArray, self._hand_over(self._on_status)),
+        ]
+        self._timer = loop.call_later(_CHECK_PERIOD, self._check)
+
+    def close(self) -> None:
+        """Stops following. Goals continue in the task manager."""
+        self._timer.cancel()
+        for subscriber in self._subscribers:
+            subscriber.unregister()
+        self._client.stop()
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether a goal would reach the task manager, and its result this client."""
+        return time.monotonic() - self._last_status < NOT_READY_AFTER and self._watch.is_connected()
+
+    def send(self, goal: Goal) -> None:
+        """Sends a goal."""
+        self.follow(goal.id)
+        message = msgs.AchieveActionGoal()
+        message.header.stamp = message.goal_id.stamp = rospy.Time.now()
+        message.goal_id.id = goal.id
+        message.goal = msgs.AchieveGoal(rospy.get_name(), goal.text, goal.quality, 0.0, goal.priority, -1)
+        self._client.pub_goal.publish(message)
+
+    def follow(self, goal_id: str) -> None:
+        """Follows a goal that was sent before, perhaps by an earlier process."""
+        self._goals[goal_id] = _Tracked(time.monotonic())
+
+    def cancel(self, goal_id: str) -> None:
+        """Requests the cancellation of a goal."""
+        self._client.pub_cancel.publish(GoalID(rospy.Time(0), goal_id))
+
+    # -- in the thread of the loop -----------------------------------------------------------------------------
+
+    def _on_feedback(self, message: Any) -> None:
+        goal_id, feedback = message.status.goal_id.id, message.feedback
+        if goal_id in self._goals:
+            plan, steps = json.loads(feedback.plan or "[]"), json.loads(feedback.steps or "[]")
+            self._listener.goal_progress(goal_id, Progress(feedback.phase, feedback.message, plan, steps))
+
+    def _on_result(self, message: Any) -> None:
+        goal_id, result = message.status.goal_id.id, message.result
+        if self._goals.pop(goal_id, None) is not None:
+            steps, why = json.loads(result.done or "[]"), json.loads(result.explanations or "[]")
+            self._listener.goal_ended(goal_id, Ending(result.state, result.message, steps, why))
+
+    def _on_status(self, message: Any) -> None:
+        self._last_status = now = time.monotonic()
+        for status in message.status_list:
+            goal = self._goals.get(status.goal_id.id)
+            if goal is None:
+                continue
+            if status.status != goal.status and status.status == GoalStatus.ACTIVE:
+                self._listener.goal_accepted(status.goal_id.id)
+            goal.since, goal.status, goal.text = now, status.status, status.text
+            if status.status not in ACTIVE and not goal.ended:
+                goal.ended = now
+
+    def _check(self) -> None:
+        """Reports goals whose end will not be published, and whether the task manager is ready."""
+        now = time.monotonic()
+        silent = now - self._last_status
+        for goal_id, goal in list(self._goals.items()):
+            if goal.ended and now - goal.ended > FORGOTTEN_AFTER:
+                outcome = _OUTCOMES.get(goal.status, LOST)
+                text = f"{goal.text} (the gateway has not received the result)".strip()
+                self._end(goal_id, Ending(outcome, text))
+            elif silent > SILENCE and now - goal.since > SILENCE:
+                self._end(goal_id, Ending(LOST, f"the task manager has been silent for {SILENCE:g} s"))
+            elif silent < 1.0 and goal.status < 0 and now - goal.since > UNKNOWN_AFTER:
+                self._end(goal_id, Ending(LOST, "the task manager does not know the goal: it ended, or never arrived"))
+            elif silent < 1.0 and goal.status >= 0 and now - goal.since > FORGOTTEN_AFTER:
+                self._end(goal_id, Ending(LOST, "the task manager does not know the goal any more: it was restarted"))
+        if self.is_ready != self._was_ready:
+            self._was_ready = not self._was_ready
+            self._changed()
+        self._timer = self._loop.call_later(_CHECK_PERIOD, self._check)
+
+    def _end(self, goal_id: str, ending: Ending) -> None:
+        del self._goals[goal_id]
+        self._listener.goal_ended(goal_id, ending)
+
+    def _hand_over(self, handle: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Returns a callback for ROS threads that calls a method in the thread of the loop."""
+
+        def callback(message: Any) -> None:
+            if not self._loop.is_closed():
+                self._loop.call_soon_threadsafe(handle, message)
+
+        return callback
+
+

@@ -1,0 +1,368 @@
+"""The adapter of the port `Cell` over ROS: task manager, skill managers and world model."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import json
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import rospy
+
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut, UnknownName
+from skiros2_common.core.manager_names import matching_name
+from skiros2_common.core.names import nearest
+from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.problems import Problem
+from skiros2_gateway.core.robots import DISCONNECTED, first_stop
+from skiros2_gateway.core.twin import change_data, element_data
+from skiros2_gateway.ros.goals import AchieveGoals
+from skiros2_gateway.ros.robots import Robots
+from skiros2_msgs.msg import AchieveResult, MakePlanResult
+from skiros2_skill.client.manager import ManagerClient
+from skiros2_task.core.actions import condition_predicates
+from skiros2_task.core.goal_reader import GoalReader
+from skiros2_task.core.goal_text import GoalError
+from skiros2_task.core.world import WorldView
+from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
+from skiros2_task.ros.task_manager_interface import TaskManagerInterface
+from skiros2_world_model.core.history import changed_lines
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+#: How long calls of the platform's services may take (s).
+_TIMEOUT = 10.0
+#: Calls at once.
+_THREADS = 16
+
+#: The command of a skill manager for an action.
+_COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start"}
+
+
+class RosCell:
+    """Implements `Cell`. Call `close` at the end.
+
+    :param capacity: how many goals run at once; 0: as many as there are robots.
+    """
+
+    def __init__(self, listener: GoalListener, events: EventStream, capacity: int = 0) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._listener = listener
+        self._events = events
+        self._capacity = capacity
+        self._threads = ThreadPoolExecutor(_THREADS, "cell")
+        self._wm: WorldModelInterface | None = None
+        self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
+        self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
+        self._robots_of: dict[str, list[tuple[str, str]]] = {}  # (robot, skill) of each goal's running steps
+        self._paused: set[str] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._threads.submit(self._connect)
+
+    def _connect(self) -> None:
+        """Connects to the world model, which may start later. In a thread of its own."""
+        try:
+            wm = WorldModelInterface(rospy.get_name(), make_cache=True)
+        except (SkirosError, rospy.ROSInterruptException) as error:
+            log.debug("no connection to the world model: %s", error)
+            return
+        wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
+        self._wm = wm
+        self._in_loop(self._listener.cell_changed)
+
+    def close(self) -> None:
+        """Closes all connections. Goals continue."""
+        for task in self._tasks:
+            task.cancel()
+        self._goals.close()
+        self._robots.close()
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    # -- goals -------------------------------------------------------------------------------------------------
+
+    @property
+    def is_ready(self) -> bool:
+        return self._wm is not None and self._goals.is_ready
+
+    @property
+    def capacity(self) -> int:
+        connected = sum(robot.is_connected for robot in self._robots.robots.values())
+        return self._capacity or max(1, connected)
+
+    @property
+    def interrupt_priority(self) -> int:
+        return INTERRUPT_PRIORITY
+
+    async def problems(
+        self, goal: str, elements: Mapping[str, tuple[str, str]], robots: Sequence[str]
+    ) -> list[Problem]:
+        known = self._robots.robots
+        problems = []
+        for i, name in enumerate(robots):
+            if name not in known:
+                near = tuple(nearest(name, known) or known)
+                problems.append(Problem("unknown_name", f"robots.{i}", f"there is no robot {name}", nearest=near))
+        return problems + await self._in_thread(self._name_problems, goal, elements)
+
+    def start(self, goal: Goal) -> None:
+        if goal.robots:
+            self._spawn(self._start_restricted(goal))
+        else:
+            self._goals.send(goal)
+
+    def follow(self, goal: Goal) -> None:
+        self._goals.follow(goal.id)
+
+    def stop(self, goal_id: str) -> None:
+        self._goals.cancel(goal_id)
+
+    def pause(self, goal_id: str) -> None:
+        self._paused.add(goal_id)
+        self._command_tasks(goal_id, "pause")
+
+    def resume(self, goal_id: str) -> None:
+        self._paused.discard(goal_id)
+        self._command_tasks(goal_id, "resume")
+
+    async def _start_restricted(self, goal: Goal) -> None:
+        """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""
+        try:
+            plan = await self.plan(goal.text, goal.quality)
+        except SkirosError as error:
+            self._listener.goal_ended(goal.id, Ending(AchieveResult.FAILED, f"planning: {error}"))
+            return
+        others = sorted({step["robot"] for step in plan["plan"]} - set(goal.robots))
+        if others:
+            text = f"the plan uses {', '.join(others)}, allowed are {', '.join(goal.robots)}"
+            self._listener.goal_ended(goal.id, Ending(AchieveResult.FAILED, text))
+        else:
+            self._goals.send(goal)
+
+    def note_progress(self, goal_id: str, progress: Progress) -> None:
+        """Notes which robots run steps of a goal; pauses new steps of a paused goal, and reports stops."""
+        names = {step["number"]: step["label"] for step in progress.plan}
+        running = [(s["robot"], names.get(s["number"], "")) for s in progress.steps if s["state"] == "running"]
+        has_new = set(running) - set(self._robots_of.get(goal_id, []))
+        self._robots_of[goal_id] = running
+        if goal_id in self._paused and has_new:
+            self._command_tasks(goal_id, "pause")
+        self._report_stop(goal_id)
+
+    def note_end(self, goal_id: str) -> None:
+        """Forgets a goal that has ended."""
+        self._robots_of.pop(goal_id, None)
+        self._paused.discard(goal_id)
+
+    def _report_stop(self, goal_id: str) -> None:
+        robots = [robot for robot, _ in self._robots_of.get(goal_id, [])]
+        self._listener.goal_suspended(goal_id, first_stop(self._robots.robots, robots))
+
+    def _command_tasks(self, goal_id: str, action: str) -> None:
+        """Pauses or resumes the tasks of a goal's running steps."""
+        wanted = self._robots_of.get(goal_id, [])
+
+        def command() -> None:
+            for name, label in wanted:
+                client = self._robots.agents.get(name)
+                if client is None:
+                    continue
+                for number, message in client.progress.items():
+                    if any(node.label == label for node in message.progress):
+                        _send(client, _COMMANDS[action], number)
+
+        self._spawn(self._run(command, f"{action} job {goal_id}"))
+
+    async def _run(self, command: Callable[[], None], what: str) -> None:
+        try:
+            await self._in_thread(command)
+        except SkirosError as error:
+            log.error("%s: %s", what, error)
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        robots = [robot.to_dict() for _, robot in sorted(self._robots.robots.items())]
+        return {"robots": robots, "ready": self.is_ready, "capacity": self.capacity}
+
+    async def world(self) -> dict[str, Any]:
+        def read() -> dict[str, Any]:
+            wm = self._world_model
+            elements, snapshot = wm.get_scene()
+            return {"revision": wm.version, "snapshot": snapshot, "elements": [element_data(e) for e in elements]}
+
+        return await self._in_thread(read)
+
+    async def query(self, text: str) -> dict[str, Any]:
+        columns, rows = await self._in_thread(lambda: self._world_model.query_table(text))
+        return {"columns": columns, "rows": [[str(value) for value in row] for row in rows]}
+
+    async def skills(self) -> dict[str, list[dict[str, Any]]]:
+        def read() -> dict[str, list[dict[str, Any]]]:
+            return {
+                name: [
+                    {"type": s.type, "label": s.label, "parameters": [p.as_json() for p in s.parameters.values()]}
+                    for s in client.read_skills()
+                ]
+                for name, client in self._robots.agents.items()
+            }
+
+        return await self._in_thread(read)
+
+    async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
+        def make() -> Any:
+            client = TaskManagerInterface()
+            client.make_plan(goal, quality=quality)
+            return client.wait_for_result()
+
+        result: MakePlanResult = await self._in_thread(make, timeout=120.0)
+        return {
+            "state": result.state,
+            "message": result.message,
+            "plan": json.loads(result.plan or "[]"),
+            "makespan": result.makespan,
+            "why": json.loads(result.why) if result.why else None,
+            "preview": json.loads(result.preview) if result.preview else None,
+            "notes": list(result.notes),
+        }
+
+    async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
+        clients = self._robots.agents
+        names = [matching_name(name, clients) or name for name in robots] or sorted(clients)
+        for name in names:
+            if name not in clients:
+                raise UnknownName(f"no robot {name} is connected; there are: {', '.join(clients) or 'none'}")
+
+        def command() -> dict[str, Any]:
+            done = {}
+            for name in names:
+                tasks = clients[name].tasks
+                for number in tasks:
+                    _send(clients[name], _COMMANDS[action], number)
+                done[name] = len(tasks)
+            return done
+
+        return await self._in_thread(command)
+
+    async def collect(
+        self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
+    ) -> Collected:
+        return await self._in_thread(self._collect, robots, start, end, dict(quality))
+
+    # -- in threads of the pool --------------------------------------------------------------------------------
+
+    @property
+    def _world_model(self) -> WorldModelInterface:
+        if self._wm is None:
+            raise Refused("the world model has not answered yet")
+        return self._wm
+
+    def _name_problems(self, goal: str, elements: Mapping[str, tuple[str, str]]) -> list[Problem]:
+        wm, problems = self._world_model, []
+        world = WorldView(wm, list(self._robots.agents))
+        for field, (name, cls) in elements.items():
+            element = world.objects.get(name)
+            if element is None:
+                candidates = [e.id for e in world.objects.values() if not cls or world.is_subclass(e.type, cls)]
+                near = tuple(nearest(name, candidates) or candidates[:12])
+                text = f"there is no element {name!r}"
+                problems.append(Problem("unknown_name", field, text, f"the id of an element of class {cls}", near))
+            elif cls and not world.is_subclass(element.type, cls):
+                text = f"{name} is of class {element.type}"
+                problems.append(Problem("wrong_type", field, text, f"the id of an element of class {cls}"))
+        if not problems:
+            try:
+                GoalReader(world, condition_predicates(world.robots)).read(goal)
+            except GoalError as error:
+                problems.append(Problem("goal", "goal", str(error), "a goal text, see docs/planning.md"))
+        return problems
+
+    def _collect(
+        self, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
+    ) -> Collected:
+        wm, notes = self._world_model, []
+        values: dict[str, Any] = {}
+        changes: list[dict[str, Any]] = []
+        for key, (eid, prop) in quality.items():
+            element = wm.find_element(eid)
+            if element is None or not element.hasProperty(prop, not_none=True):
+                reason = "does not exist" if element is None else f"has no {prop}"
+                notes.append(f"quality data {key}: {eid} {reason}")
+            else:
+                values[key] = element.value_of(prop)
+        try:
+            for robot in robots:
+                for entry in wm.history("", start, end, robot):
+                    lines = changed_lines(entry)
+                    related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
+                    ids = sorted(related | set(entry.changes.records))
+                    changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
+        except SkirosError as error:
+            notes.append(f"the changes of the world model are unknown: {error}")
+        return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
+
+    # -- internals ---------------------------------------------------------------------------------------------
+
+    def _on_robot(self, name: str) -> None:
+        robot = self._robots.robots[name]
+        for goal_id, running in list(self._robots_of.items()):
+            if any(robot_name == name for robot_name, _ in running) and robot.state != DISCONNECTED:
+                self._report_stop(goal_id)
+        self._listener.cell_changed()
+
+    def _spawn(self, coroutine: Any) -> None:
+        task = self._loop.create_task(coroutine)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _in_thread(self, call: Callable[..., T], *arguments: Any, timeout: float = _TIMEOUT) -> T:
+        """Runs a blocking call.
+
+        :raises TimedOut: it takes longer; it continues in its thread.
+        """
+        future = self._loop.run_in_executor(self._threads, functools.partial(call, *arguments))
+        try:
+            return await asyncio.wait_for(asyncio.shield(future), timeout)
+        except TimeoutError:
+            raise TimedOut(f"the cell has not answered within {timeout:g} s") from None
+        except rospy.ServiceException as error:
+            raise Refused(str(error)) from error
+
+    def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(functools.partial(call, *arguments))
+
+
+class _PausingListener:
+    """Passes events of goals on, and keeps the cell's notes of their running steps."""
+
+    def __init__(self, cell: RosCell, listener: GoalListener) -> None:
+        self._cell = cell
+        self._listener = listener
+        self.cell_changed = listener.cell_changed
+        self.goal_accepted = listener.goal_accepted
+        self.goal_suspended = listener.goal_suspended
+
+    def goal_progress(self, goal_id: str, progress: Progress) -> None:
+        self._listener.goal_progress(goal_id, progress)
+        self._cell.note_progress(goal_id, progress)
+
+    def goal_ended(self, goal_id: str, ending: Ending) -> None:
+        self._cell.note_end(goal_id)
+        self._listener.goal_ended(goal_id, ending)
+
+
+def _send(client: ManagerClient, command: str, task: int) -> None:
+    """Sends a command to a task; one that has ended meanwhile is left alone."""
+    try:
+        client.command(command, task)
+    except SkirosError as error:
+        log.info("%s of task %d of %s: %s", command, task, client.name, error)
+
+

@@ -1,0 +1,94 @@
+"""A cell for tests of the gateway: it records the goals that are sent, and does what the test tells it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
+from skiros2_gateway.core.problems import Problem
+
+ROBOT = "/robot"
+STEP = {"number": 1, "skill": "skiros:Place", "label": "place", "robot": ROBOT, "arguments": {}, "start": 0.0}
+
+
+class StandInCell:
+    """Implements `Cell`. Goals run until the test ends them.
+
+    :param listener: receives what the test does.
+    """
+
+    def __init__(self, listener: GoalListener, capacity: int = 1) -> None:
+        self.listener = listener
+        self.capacity = capacity
+        self.is_ready = True
+        self.interrupt_priority = 100
+        self.sent: list[Goal] = []
+        self.followed: list[str] = []
+        self.stopped: list[str] = []
+        self.paused: set[str] = set()
+        self.elements = {"Tray-1": "demo:Tray", "Product-2": "skiros:Product"}
+        self.commands: list[tuple[str, list[str]]] = []
+        self.properties: dict[tuple[str, str], Any] = {}
+
+    def accept(self, goal_id: str) -> None:
+        self.listener.goal_accepted(goal_id)
+
+    def run(self, goal_id: str, robot: str = ROBOT) -> None:
+        step = {**STEP, "robot": robot}
+        self.listener.goal_progress(goal_id, Progress("running", "placing", [step], [{**step, "state": "running"}]))
+
+    def end(self, goal_id: str, outcome: str = "succeeded", message: str = "") -> None:
+        self.listener.goal_ended(goal_id, Ending(outcome, message, [{**STEP, "state": outcome, "message": ""}]))
+
+    async def problems(
+        self, goal: str, elements: Mapping[str, tuple[str, str]], robots: Sequence[str]
+    ) -> list[Problem]:
+        problems = [Problem("unknown_name", f"robots.{i}", r) for i, r in enumerate(robots) if r != ROBOT]
+        problems += [Problem("unknown_name", f, n) for f, (n, _) in elements.items() if n not in self.elements]
+        return problems + ([Problem("goal", "goal", "no goal")] if not goal.startswith("(") else [])
+
+    def start(self, goal: Goal) -> None:
+        self.sent.append(goal)
+
+    def follow(self, goal: Goal) -> None:
+        self.followed.append(goal.id)
+
+    def stop(self, goal_id: str) -> None:
+        self.stopped.append(goal_id)
+
+    def pause(self, goal_id: str) -> None:
+        self.paused.add(goal_id)
+
+    def resume(self, goal_id: str) -> None:
+        self.paused.discard(goal_id)
+
+    async def collect(
+        self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
+    ) -> Collected:
+        changes = [{"author": robot, "time": end, "elements": ["Product-2"], "lines": ["~"]} for robot in robots]
+        return Collected(changes, {key: self.properties.get(source) for key, source in quality.items()})
+
+    def state(self) -> dict[str, Any]:
+        robot = {"name": ROBOT, "state": "idle", "reason": "", "since": 0.0, "tasks": [], "counters": {}}
+        return {"robots": [robot], "ready": self.is_ready, "capacity": self.capacity}
+
+    async def world(self) -> dict[str, Any]:
+        content = {"label": "", "properties": {}, "relations": []}
+        return {"revision": 1, "elements": [{"id": e, "type": cls, **content} for e, cls in self.elements.items()]}
+
+    async def query(self, text: str) -> dict[str, Any]:
+        return {"columns": ["x"], "rows": [[eid] for eid in self.elements]}
+
+    async def skills(self) -> dict[str, list[dict[str, Any]]]:
+        return {ROBOT: [{"type": "skiros:Place", "label": "place", "parameters": []}]}
+
+    async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
+        return {"state": "planned", "message": "", "plan": [STEP], "makespan": 1.0, "why": None, "preview": None}
+
+    async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
+        if unknown := [robot for robot in robots if robot != ROBOT]:
+            raise UnknownName(f"no robot {unknown[0]}")
+        self.commands.append((action, list(robots)))
+        return {ROBOT: 1}

@@ -31,6 +31,10 @@ class Settings(BaseModel):
     http_port: int = Field(8765, ge=-1, le=65535)
     opcua_port: int = Field(-1, ge=-1, le=65535)
     mqtt: str = ""
+    mqtt_user: str = ""
+    mqtt_password_file: str = ""
+    mqtt_ca: str = ""
+    mqtt_prefix: str = "skiros2"
     certificate: str = ""
     key: str = ""
     jobs_at_once: int = Field(0, ge=0, le=1000)

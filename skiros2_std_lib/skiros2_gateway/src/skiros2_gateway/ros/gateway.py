@@ -25,6 +25,8 @@ from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.app import create_app
+from skiros2_gateway.mqtt.bridge import MqttBridge
+from skiros2_gateway.opcua.server import OpcuaServer
 from skiros2_gateway.ros.ros_cell import RosCell
 
 log = logging.getLogger(__name__)
@@ -68,22 +70,25 @@ async def _serve(settings: Settings) -> None:
     control = JobControl(store, masters, events)
     service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
     cell = RosCell(control, events, settings.jobs_at_once)
-    servers: list[tuple[_Server, asyncio.Task[None]]] = []
-    try:
+    async with contextlib.AsyncExitStack() as stack:
+        stack.callback(is_down.set)
+        stack.callback(store.close)
+        stack.callback(cell.close)
+        stack.callback(control.close)
         control.start(cell)
         rospy.on_shutdown(end)
         if settings.http_port >= 0:
-            servers.append(await _start_http(service, settings))
+            await _start_http(service, settings, stack)
+        if settings.opcua_port >= 0:
+            opcua = OpcuaServer(service, settings)
+            await opcua.start()
+            stack.push_async_callback(opcua.stop)
+            rospy.set_param("~opcua_address", opcua.address)
+        if settings.mqtt:
+            bridge = MqttBridge(service, settings)
+            bridge.start()
+            stack.push_async_callback(bridge.stop)
         await ended.wait()
-    finally:
-        for server, _ in servers:
-            server.should_exit = True
-        for _, task in servers:
-            await task
-        control.close()
-        cell.close()
-        store.close()
-        is_down.set()
 
 
 class _Server(uvicorn.Server):
@@ -94,8 +99,8 @@ class _Server(uvicorn.Server):
         yield
 
 
-async def _start_http(service: Service, settings: Settings) -> tuple[_Server, asyncio.Task[None]]:
-    """Starts the HTTP server.
+async def _start_http(service: Service, settings: Settings, stack: contextlib.AsyncExitStack) -> None:
+    """Starts the HTTP server, which ends with the stack.
 
     :raises ConfigurationError: the address is in use, or the certificate cannot be read.
     """
@@ -110,6 +115,7 @@ async def _start_http(service: Service, settings: Settings) -> tuple[_Server, as
         create_app(service, max_body=settings.max_body),
         log_config=None,
         access_log=False,
+        lifespan="off",
         timeout_graceful_shutdown=int(_GRACE),
         limit_concurrency=1000,
         h11_max_incomplete_event_size=32 * 1024,
@@ -121,8 +127,13 @@ async def _start_http(service: Service, settings: Settings) -> tuple[_Server, as
         raise ConfigurationError(f"certificate {settings.certificate}, key {settings.key}: {error}") from error
     server = _Server(config)
     task = asyncio.get_running_loop().create_task(server.serve([sock]))
+
+    async def stop() -> None:
+        server.should_exit = True
+        await task
+
+    stack.push_async_callback(stop)
     host, port = sock.getsockname()[:2]
     address = f"{'https' if tls else 'http'}://{host}:{port}"
     rospy.set_param("~address", address)
     log.info("the gateway serves %s; users and tokens are in %s", address, settings.users_file)
-    return server, task

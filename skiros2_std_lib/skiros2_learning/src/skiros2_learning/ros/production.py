@@ -46,6 +46,7 @@ def produce(scenario: Scenario, number: int, result: Evaluation, study: Path, fo
         skills = rospy.ServiceProxy(f"{_ROBOT}/get_skills", ResourceGetDescriptions)
         system.wait_for(lambda: _is_offered(skills), f"the skill manager {_ROBOT}")
         skills()  # returns when all skills are loaded
+        system.wait_for_recorder(_ROBOT, f"{_ROBOT}/monitor")
         wmi = WorldModelInterface(rospy.get_name())
         date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         (applied,) = apply_result(wmi, scenario, number, result, date, str(study))

@@ -39,9 +39,8 @@ setup(
         (folder, [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob(pattern)) if path.is_file()])
         for folder, pattern in SHARED.items()
     ],
-    install_requires=requirements("core"),
+    install_requires=[*requirements("core"), *requirements("planner")],
     extras_require={
-        "planning": requirements("planner"),
         "sim": requirements("sim"),
         "learning": [*requirements("sim"), *requirements("learning")],
         "bags": requirements("run"),

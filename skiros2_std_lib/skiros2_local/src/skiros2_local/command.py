@@ -62,7 +62,7 @@ def _try() -> int:
 
         return OK if Tour(sys.stdout).run() else REFUSED
     except ModuleNotFoundError as error:
-        sys.stderr.write(f"skiros2: {error}; install what is missing with: pip install 'skiros2[planning]'\n")
+        sys.stderr.write(f"skiros2: {error}; install what is missing with: pip install skiros2\n")
     except SkirosError as error:
         sys.stderr.write(f"skiros2: {error}\n")
     except KeyboardInterrupt:

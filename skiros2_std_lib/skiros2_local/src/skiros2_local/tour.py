@@ -28,7 +28,7 @@ SKILLS = (
 #: Longest wait for a goal or a state of it (s).
 _TIMEOUT = 120.0
 #: Time from the start of a motion to a disturbance (s).
-_MIDWAY = 1.0
+_MIDWAY = 0.5
 _PERIOD = 0.05
 
 CONTAINER_STATE = "skiros:ContainerState"

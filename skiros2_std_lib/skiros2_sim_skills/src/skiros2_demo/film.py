@@ -45,17 +45,17 @@ class Moment:
     """One picture of the film.
 
     :param time: on the monotonic clock (s).
-    :param cell: picture of the cell.
     :param tree: of the task that runs, or ran last.
     :param steps: of the plan, with their states.
     :param event: the last disturbance; "" for none.
+    :param cell: picture of the cell.
     """
 
     time: float
-    cell: Image.Image
     tree: Sequence[Line]
     steps: Sequence[Step]
     event: str
+    cell: Image.Image
 
 
 class Film:
@@ -126,8 +126,8 @@ class Film:
         try:
             while True:
                 ended = self._ended.wait(self._period)
-                now, cell, steps = time.monotonic(), self._camera(), [step for _, step in sorted(self._steps.items())]
-                self._moments.append(Moment(now, cell, self._tree, steps, self._event))
+                now, steps = time.monotonic(), [step for _, step in sorted(self._steps.items())]
+                self._moments.append(Moment(now, self._tree, steps, self._event, self._camera()))
                 if ended:
                     return
         except SkirosError as error:

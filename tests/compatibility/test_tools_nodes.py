@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from compatibility.rules import rule
+from support.programs import PATIENCE
 from support.ros import wait_until
 
 _DATA = """
@@ -60,11 +61,11 @@ def test_messages_reach_rosout(ros_master):
         [sys.executable, "-c", _LOG], env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
-        wait_until(lambda: [m for m in heard if "[ready]" in m.msg], timeout=30.0, what="the connection to rosout")
+        wait_until(lambda: [m for m in heard if "[ready]" in m.msg], what="the connection to rosout")
         program.stdin.write("\n")
         program.stdin.flush()
-        wait_until(lambda: [m for m in heard if "detail" in m.msg], timeout=30.0, what="the last message")
-        shown, _ = program.communicate("\n", timeout=30)
+        wait_until(lambda: [m for m in heard if "detail" in m.msg], what="the last message")
+        shown, _ = program.communicate("\n", timeout=PATIENCE)
     finally:
         program.kill()
         program.wait()

@@ -11,20 +11,26 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import rospkg
 import rospy
 import uvicorn
+from fastapi import APIRouter
 from pydantic import ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.core.access import Access, read_users
+from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job_control import JobControl
+from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.problems import problems_of
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.app import create_app
+from skiros2_gateway.http.live import live_router, page_router
+from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
 
 log = logging.getLogger(__name__)
@@ -68,22 +74,34 @@ async def _serve(settings: Settings) -> None:
     control = JobControl(store, masters, events)
     service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
     cell = RosCell(control, events, settings.jobs_at_once)
+    view = LiveView()
+    live = LiveRos(cell, view)
+    following = asyncio.get_running_loop().create_task(view.follow(service))
+    bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
+    routers = [live_router(view, live, bags), page_router(_page_folder())]
     servers: list[tuple[_Server, asyncio.Task[None]]] = []
     try:
         control.start(cell)
         rospy.on_shutdown(end)
         if settings.http_port >= 0:
-            servers.append(await _start_http(service, settings))
+            servers.append(await _start_http(service, settings, routers))
         await ended.wait()
     finally:
         for server, _ in servers:
             server.should_exit = True
         for _, task in servers:
             await task
+        following.cancel()
+        live.close()
         control.close()
         cell.close()
         store.close()
         is_down.set()
+
+
+def _page_folder() -> Path:
+    """Returns the folder of the page's files; it does not exist if the page was not built."""
+    return Path(rospkg.RosPack().get_path("skiros2_gateway")) / "page"
 
 
 class _Server(uvicorn.Server):
@@ -94,7 +112,9 @@ class _Server(uvicorn.Server):
         yield
 
 
-async def _start_http(service: Service, settings: Settings) -> tuple[_Server, asyncio.Task[None]]:
+async def _start_http(
+    service: Service, settings: Settings, routers: list[APIRouter]
+) -> tuple[_Server, asyncio.Task[None]]:
     """Starts the HTTP server.
 
     :raises ConfigurationError: the address is in use, or the certificate cannot be read.
@@ -107,7 +127,7 @@ async def _start_http(service: Service, settings: Settings) -> tuple[_Server, as
         raise ConfigurationError(f"http_port {settings.http_port} on {settings.host}: {error}") from error
     tls = {"ssl_certfile": settings.certificate, "ssl_keyfile": settings.key} if settings.certificate else {}
     config = uvicorn.Config(
-        create_app(service, max_body=settings.max_body),
+        create_app(service, routers, max_body=settings.max_body),
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=int(_GRACE),

@@ -187,6 +187,23 @@ class RosCell:
 
     # -- reading -----------------------------------------------------------------------------------------------
 
+    @property
+    def robots(self) -> Robots:
+        """The robots, with the clients of their managers."""
+        return self._robots
+
+    @property
+    def world_model(self) -> WorldModelInterface | None:
+        """The client with a replica of the scene; None before the world model has answered."""
+        return self._wm
+
+    async def in_thread(self, call: Callable[..., T], *arguments: Any) -> T:
+        """Runs a blocking call; raises like it.
+
+        :raises TimedOut: it takes longer than 10 s.
+        """
+        return await self._in_thread(call, *arguments)
+
     def state(self) -> dict[str, Any]:
         robots = [robot.to_dict() for _, robot in sorted(self._robots.robots.items())]
         return {"robots": robots, "ready": self.is_ready, "capacity": self.capacity}
@@ -364,5 +381,3 @@ def _send(client: ManagerClient, command: str, task: int) -> None:
         client.command(command, task)
     except SkirosError as error:
         log.info("%s of task %d of %s: %s", command, task, client.name, error)
-
-

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import copy
 import random
 from typing import Any
 
@@ -35,7 +36,7 @@ def test_a_viewer_has_the_document_after_any_changes(seed: int) -> None:
 
 async def _follow_random_changes(rng: random.Random) -> None:
     view = LiveView()
-    document = merge_patch({}, view.snapshot()["document"])  # a copy
+    document = copy.deepcopy(view.snapshot()["document"])
     patches = view.stream.follow(view.stream.last_id)
     for _ in range(100):
         for _ in range(20):

@@ -27,18 +27,22 @@ from optuna.samplers import BaseSampler, NSGAIISampler, RandomSampler, TPESample
 from optuna.trial import Trial  # noqa: E402
 
 from skiros2_learning.core.evaluation import evaluate, seed_of  # noqa: E402
+from skiros2_learning.core.policy import Policy, learn_variations  # noqa: E402
 from skiros2_learning.core.prior_sampler import Normal, PriorSampler  # noqa: E402
 from skiros2_learning.core.scenario import Scenario, load_scenario  # noqa: E402
 from skiros2_learning.core.study import LearningStudy  # noqa: E402
-from skiros2_learning.core.variables import Gaussian  # noqa: E402
+from skiros2_learning.core.variables import Gaussian, Value  # noqa: E402
 from skiros2_learning.core.workers import Runner  # noqa: E402
 from skiros2_learning.local.insertion import default_configuration  # noqa: E402
+from skiros2_sim.core import bullet  # noqa: E402
 from skiros2_sim.core.scene_reader import load_scene  # noqa: E402
 from skiros2_sim.core.world import World  # noqa: E402
 from support import known_functions as known  # noqa: E402
 
 Row = dict[str, Any]
 SCENARIOS = ROOT / "skiros2_std_lib/skiros2_learning/scenarios"
+#: Commands of PyBullet to motors.
+_MOTORS = ("setJointMotorControlArray", "setJointMotorControl2")
 #: Standard deviation of priors on known functions, relative to the ranges; the good ones are off by half of it.
 _SPREAD = 0.1
 
@@ -47,7 +51,7 @@ def main(arguments: Sequence[str]) -> int:
     """Runs the program. Returns 0."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="few seeds and evaluations: a few minutes")
-    parser.add_argument("--parts", default="functions,push,insertion,speed", help="default: %(default)s")
+    parser.add_argument("--parts", default="functions,push,insertion,variations,speed", help="default: %(default)s")
     parser.add_argument("--json", type=Path, default=ROOT / "build/learning.json", help="where the figures go")
     options = parser.parse_args(arguments)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
@@ -55,6 +59,7 @@ def main(arguments: Sequence[str]) -> int:
         "functions": functions,
         "push": lambda short: scenario_rows("push.yaml", 12 if short else 60, 1 if short else 3),
         "insertion": lambda short: scenario_rows("insertion.yaml", 8 if short else 30, 1 if short else 3),
+        "variations": variations,
         "speed": speed,
     }
     found: dict[str, list[Row]] = {}
@@ -203,28 +208,55 @@ def _scenario_row(optimiser: str, studies: Sequence[LearningStudy], corner: tupl
     }
 
 
+# -- variations --------------------------------------------------------------------------------------------------------
+
+
+def variations(short: bool) -> list[Row]:
+    """Success of the push at goals that were not learned: with predicted parameters, and with the best ones of the
+    nearest goal that was learned."""
+    scenario = load_scenario(SCENARIOS / "push.yaml").derived(evaluations=10 if short else 30, initial=6)
+    (feature,) = scenario.variations
+    rates: dict[str, list[float]] = {"predicted": [], "of the nearest goal": []}
+    with tempfile.TemporaryDirectory() as folder:
+        studies = learn_variations(scenario, Path(folder), 2 if short else 4, lambda study: Runner(study, 2).run())
+        policy = Policy(studies)
+        for goal in (0.52, 0.56, 0.6, 0.64):
+            unseen = {feature.name: goal}
+            near = min(studies, key=lambda each: abs(each.scenario.variation[feature.name] - goal))
+            plan = scenario.derived(variation=unseen, repetitions=3 if short else 10, max_failures=10)
+            for name, chosen in (
+                ("predicted", policy.predict(unseen).configuration),
+                ("of the nearest goal", near.result(near.ranked()[0]).configuration),
+            ):
+                rates[name].append(evaluate(plan, chosen, seed_of(plan, 0)).success_rate)
+    row = {"learned goals": len(studies), "evaluations of each": scenario.evaluations, "unseen goals": 4}
+    return [
+        shown({**row, "parameters": name, "success": statistics.fmean(found), "worst": min(found)})
+        for name, found in rates.items()
+    ]
+
+
 # -- speed -------------------------------------------------------------------------------------------------------------
 
 
 def speed(short: bool) -> list[Row]:
-    """Evaluations per second and core beside bare PyBullet, speed-up of two processes, the optimiser's own time."""
+    """Executions per second and core, beside the same motions in bare PyBullet; speed-up of two processes; the
+    optimiser's own time."""
     scenario = load_scenario(SCENARIOS / "push.yaml").derived(repetitions=2 if short else 8)
     middle = {each.name: each.prior.mean for each in scenario.variables if isinstance(each.prior, Gaussian)}
+    evaluate(scenario, middle, 1)  # reads the ontologies, which is done once per process
     begin = time.thread_time()
     result = evaluate(scenario, middle, 1)
     ours = time.thread_time() - begin
-    steps = round(sum(each.duration for each in result.repetitions) * scenario.simulation.step_rate)
-    with World(load_scene(scenario.scene, scenario.scene.parent), rate=scenario.simulation.step_rate) as world:
-        begin = time.thread_time()
-        for _ in range(steps):
-            world.bullet.stepSimulation()
-        bare = time.thread_time() - begin
     count = len(result.repetitions)
+    bare = min(_bare(scenario, middle) for _ in range(3)) * count
     rows = [shown({"executions per second and core": count / ours, "CPU time relative to bare PyBullet": ours / bare})]
     times = {}
     with tempfile.TemporaryDirectory() as folder:
         for workers in (1, 2):
-            changed = scenario.derived(optimiser="random", evaluations=6 if short else 24, initial=2, repetitions=3)
+            changed = scenario.derived(
+                optimiser="random", evaluations=6 if short else 60, initial=2, repetitions=3, max_failures=3
+            )
             study = LearningStudy.create(changed, Path(folder) / str(workers))
             begin = time.perf_counter()
             Runner(study, workers).run()
@@ -242,6 +274,33 @@ def speed(short: bool) -> list[Row]:
     part = last / (ours / count * 3)
     rows.append(shown({"evaluations before": len(asked), "sampler (s)": last, "part of an evaluation of 3": part}))
     return rows
+
+
+def _bare(scenario: Scenario, configuration: dict[str, Value]) -> float:
+    """CPU time (s) of one execution in bare PyBullet: the robot is loaded, and its motors get the same commands."""
+    calls: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = []
+    commands = {name: getattr(bullet.pybullet, name) for name in ("stepSimulation", *_MOTORS)}
+
+    def recording(command: Callable[..., Any]) -> Callable[..., Any]:
+        def record(*arguments: Any, **named: Any) -> Any:
+            calls.append((command, arguments, {k: v for k, v in named.items() if k != "physicsClientId"}))
+            return command(*arguments, **named)
+
+        return record
+
+    try:
+        for name, command in commands.items():
+            setattr(bullet.pybullet, name, recording(command))
+        evaluate(scenario.derived(repetitions=1), configuration, 1)
+    finally:
+        for name, command in commands.items():
+            setattr(bullet.pybullet, name, command)
+    scene = load_scene(scenario.scene, scenario.scene.parent)
+    begin = time.thread_time()
+    with World(scene, rate=scenario.simulation.step_rate, visuals=False) as world:
+        for command, arguments, named in calls:
+            command(*arguments, **named, physicsClientId=world.bullet.id)
+    return time.thread_time() - begin
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from skiros2_gui.learning.widgets.tab import LearningTab
 from skiros2_learning.core.evaluation import evaluate
 from skiros2_learning.core.scenario import parse_scenario
 from skiros2_learning.core.study import LearningStudy
-from skiros2_skill.core.runtime.learned_parameters import learned_values
+from skiros2_skill.core.engine.learned_parameters import learned_values
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window
 

@@ -14,7 +14,7 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import world_editor
 from support.ros import Ros
 
-SECONDS = 20
+SECONDS = 8
 
 
 @pytest.mark.timeout(SECONDS + 120)

@@ -14,21 +14,12 @@ from skiros2_learning.core.evaluation import evaluate
 from skiros2_learning.core.scenario import Scenario, ScenarioError, parse_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Samples
+from support.learning_scenarios import scenario_text
 
-TEXT = """
-scenario: bowl
-execution: support.learning_tasks:bowl
-settings: {best: {x: BEST, y: 0.4, z: 0.6}}
-variables:
-  x: {type: real, range: [0, 1]}
-  y: {type: real, range: [0, 1]}
-  z: {type: real, range: [0, 1]}
-objectives:
-  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
-budget: {evaluations: 40, initial: 10}
-repetitions: 1
-seed: 5
-"""
+TEXT = scenario_text(
+    "bowl", "bowl", "xyz", evaluations=40, initial=10, repetitions=1, seed=5,
+    settings="{best: {x: BEST, y: 0.4, z: 0.6}}",
+)  # fmt: skip
 
 
 def scenario(best: float = 0.3, text: str = TEXT, seed: int = 5) -> Scenario:

@@ -6,13 +6,18 @@ from pathlib import Path
 
 import pytest
 
+from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.scenario import load_scenario
+from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.testing import SkillBench
 
-PUSH = load_scenario(Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml")
+SCENARIOS = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios"
+PUSH, INSERTION = load_scenario(SCENARIOS / "push.yaml"), load_scenario(SCENARIOS / "insertion.yaml")
 VALUES = {"Push.StartX": -0.01, "Push.StartY": -0.07, "Push.GoalX": 0.01, "Push.GoalY": -0.05}
 RESULT = Evaluation(dict(VALUES), 17, {"goal": 1.05, "force": 20.0}, {}, 1.0)
 
@@ -61,3 +66,76 @@ def test_a_broken_result_and_an_unknown_set_are_refused(bench: SkillBench) -> No
         apply_result(bench.wmi, PUSH, 3, Evaluation(dict(VALUES), 1, error="crash"), "2026-01-01")
     with pytest.raises(UnknownName, match="there is no parameter set 'skiros:Product-6'; there are: none"):
         remove_set(bench.wmi, "skiros:Product-6")
+
+
+class Insert(SkillDescription):
+    """A task with a search."""
+
+    def createDescription(self) -> None:
+        self.addParam("Radius", 0.5, ParamTypes.Optional)  # of something else than the search
+
+
+class insert(SkillBase):
+    """Searches, and searches again with its own force."""
+
+    def createDescription(self) -> None:
+        self.setDescription(Insert(), "insert")
+
+    def expand(self, skill) -> None:
+        skill(self.skill("SpiralSearch", ""), self.skill("SpiralSearch", "", specify={"Force": 2.0}))
+
+
+class SpiralSearch(SkillDescription):
+    """Has the parameters of the search of an insertion."""
+
+    def createDescription(self) -> None:
+        self.addParam("Surface", Element("skiros:Location"), ParamTypes.Inferred)
+        for key, default in (("Force", 5.0), ("Radius", 0.005), ("PathVelocity", 0.01), ("PathDistance", 0.001)):
+            self.addParam(key, default, ParamTypes.Optional, minimum=0.0, maximum=10.0)
+        self.addParam("SearchTime", 15.0, ParamTypes.Optional)
+
+
+LEARNED = {"Force": 6.5, "Radius": 0.007, "PathVelocity": 0.03, "PathDistance": 0.002}
+
+
+def searches(bench: SkillBench) -> list[dict[str, float]]:
+    """Runs the task. Returns the parameters of both searches."""
+    nodes = bench.command("Insert").run().nodes()
+    return [{key: node.params[key].value for key in LEARNED} for node in nodes if node.type == "skiros:SpiralSearch"]
+
+
+@pytest.fixture
+def inserting() -> SkillBench:
+    bench = SkillBench()
+    bench.add("skiros:LargeBox", "Bench")
+    bench.load(insert)
+    bench.stand_in(SpiralSearch)
+    return bench
+
+
+def learned(**changes: object) -> Evaluation:
+    values = {f"SpiralSearch.{key}": value for key, value in {**LEARNED, **changes}.items()}
+    return Evaluation(values, 1, {"success": 1.0, "force": 20.0}, {}, 1.0)
+
+
+def test_a_skill_inside_of_a_compound_takes_learned_values_in_place_of_defaults(inserting: SkillBench) -> None:
+    before = searches(inserting)
+    assert before[0]["Force"] == 5.0
+    (added,) = apply_result(inserting.wmi, INSERTION, 3, learned(), "2026-01-01")
+    assert searches(inserting) == [LEARNED, {**LEARNED, "Force": 2.0}]  # what the tree specifies stays
+    remove_set(inserting.wmi, added.id)
+    assert searches(inserting) == before
+
+
+def test_a_skill_inside_of_a_compound_takes_values_for_its_kind_of_task_only(inserting: SkillBench) -> None:
+    (added,) = apply_result(inserting.wmi, INSERTION, 3, learned(), "2026-01-01")
+    for kind, force in (("skiros:Product", 5.0), ("skiros:Container", 6.5)):
+        added.setProperty("skiros:AppliesTo", [f"Surface={kind}"])
+        inserting.wmi.update_element_properties(added)
+        assert searches(inserting)[0]["Force"] == force, kind
+
+
+def test_a_learned_value_that_the_skill_does_not_allow_fails_it_with_the_reason(inserting: SkillBench) -> None:
+    apply_result(inserting.wmi, INSERTION, 3, learned(Force=50.0), "2026-01-01T12:00:00")
+    task = inserting.command("Insert").run()
+    assert "parameter 'Force': expected 0 to 10, got 50" in task.why

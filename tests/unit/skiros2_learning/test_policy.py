@@ -15,26 +15,17 @@ from skiros2_learning.core.scenario import Scenario, ScenarioError, load_scenari
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.local.episode import Episode, check_scenario
 from skiros2_skill.testing import FakeClock
+from support.learning_scenarios import scenario_text
 from support.learning_tasks import moving_optimum
 
 pytestmark = pytest.mark.timeout(300)
 
 PUSH = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml"
 
-TEXT = """
-scenario: moving_bowl
-execution: support.learning_tasks:moving_bowl
-variables:
-  x: {type: real, range: [0, 1]}
-  y: {type: real, range: [0, 1]}
-objectives:
-  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
-variations:
-  f: {range: [0, 1]}
-budget: {evaluations: 9, initial: 5}
-repetitions: 1
-seed: 2
-"""
+TEXT = scenario_text(
+    "moving_bowl", "moving_bowl", "xy", evaluations=9, initial=5, repetitions=1, seed=2,
+    variations="{f: {range: [0, 1]}}",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +103,7 @@ def test_features_that_do_not_fit_are_reported(folder: Path) -> None:
 
 def test_a_scenario_without_variations_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Refused, match="has no variations"):
-        learn_variations(scenario(TEXT.replace("variations:\n  f: {range: [0, 1]}\n", "")), tmp_path, 2, print)
+        learn_variations(scenario(TEXT.replace("variations: {f: {range: [0, 1]}}\n", "")), tmp_path, 2, print)
 
 
 def test_the_command_line_learns_variations_and_predicts_and_checks_another_one(

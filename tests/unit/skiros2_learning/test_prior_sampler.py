@@ -122,3 +122,11 @@ def test_failed_trials_are_avoided_and_running_ones_differ() -> None:
     assert study.best_value < -0.4
     space = {"x": optuna.distributions.FloatDistribution(0.0, 1.0)}
     assert study.ask(space).params != study.ask(space).params
+
+
+def test_the_first_trials_cover_the_range_evenly() -> None:
+    study = optuna.create_study(sampler=PriorSampler(n_startup_trials=20, seed=1))
+    study.optimize(lambda trial: trial.suggest_float("x", 0.0, 1.0) + trial.suggest_float("y", 0.0, 1.0), n_trials=20)
+    for key in "xy":  # the first trial is drawn before the variables are known
+        cells = {int(20 * trial.params[key]) for trial in study.trials[1:]}
+        assert len(cells) == 19

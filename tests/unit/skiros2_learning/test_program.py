@@ -9,18 +9,11 @@ import pytest
 import yaml
 
 from skiros2_learning.command_line.program import main
+from support.learning_scenarios import scenario_text
 
-TEXT = """
-scenario: parabola
-execution: support.learning_tasks:parabola
-variables:
-  x: {type: real, range: [0, 1], prior: {mean: 0.3, std: 0.1}}
-objectives:
-  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
-budget: {evaluations: 12, initial: 3}
-repetitions: 2
-seed: 3
-"""
+TEXT = scenario_text("parabola", "parabola", evaluations=12, initial=3).replace(
+    "range: [0, 1]", "range: [0, 1], prior: {mean: 0.3, std: 0.1}"
+)
 
 
 @pytest.fixture

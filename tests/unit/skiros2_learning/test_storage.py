@@ -13,26 +13,17 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_learning.command_line.program import main
 from skiros2_learning.core import study as study_module
 from skiros2_learning.core.evaluation import Evaluation, evaluate
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.storage import JOURNAL_FILE, StorageFailed
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
+from support.learning_scenarios import scenario_text
 from support.postgres import Postgres, find_programs, postgres
 
-TEXT = """
-scenario: NAME
-execution: support.learning_tasks:parabola
-settings: {folder: FOLDER}
-variables:
-  x: {type: real, range: [0, 1]}
-objectives:
-  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
-budget: {evaluations: 8, initial: 3}
-repetitions: 2
-seed: 3
-"""
+TEXT = scenario_text("NAME", "parabola", evaluations=8, initial=3, settings="{folder: FOLDER}")
 _MAIN = "import sys; from skiros2_learning.command_line.program import main; sys.exit(main())"
 
 
@@ -103,10 +94,12 @@ def test_an_entry_that_was_written_in_part_is_removed(scenario: Scenario, tmp_pa
     assert LearningStudy.open(tmp_path / "study").running_count == 1
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(file: Path, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_one_line(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "taken").touch()
-    _, error = learn("run", str(file), "--study", str(tmp_path / "taken/study")).communicate(timeout=120)
-    assert error == f"learn: {tmp_path / 'taken/study'}: Not a directory\n"
+    assert main(["run", str(file), "--study", str(tmp_path / "taken/study")]) == 1
+    assert capsys.readouterr().err == f"learn: {tmp_path / 'taken/study'}: Not a directory\n"
 
 
 def test_a_resumed_study_does_not_draw_the_same_configurations_again(scenario: Scenario, tmp_path: Path) -> None:
@@ -224,9 +217,10 @@ def test_the_evaluation_of_a_dead_run_is_repeated(
         ("oracel://x", "Can't load plugin: sqlalchemy.dialects:oracel"),
     ],
 )
-def test_a_database_that_cannot_be_opened_is_one_line(file: Path, tmp_path: Path, url: str, text: str) -> None:
-    run = learn("run", str(file), "--study", str(tmp_path / "study"), "--storage", url)
-    _, error = run.communicate(timeout=120)
-    assert run.returncode == 1
+def test_a_database_that_cannot_be_opened_is_one_line(
+    file: Path, tmp_path: Path, url: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", str(file), "--study", str(tmp_path / "study"), "--storage", url]) == 1
+    error = capsys.readouterr().err
     assert text.lower() in error.lower()
     assert error.count("\n") == 1

@@ -13,22 +13,12 @@ from skiros2_learning.core.evaluation import Evaluation, evaluate
 from skiros2_learning.core.scenario import Scenario, parse_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
+from support.learning_scenarios import scenario_text
 
-TEXT = """
-scenario: parabola
-execution: support.learning_tasks:EXECUTION
-settings: {folder: FOLDER}
-variables:
-  x: {type: real, range: [0, 1]}
-objectives:
-  cost: {sense: minimise, rewards: [{reward: signal, series: value}]}
-constraints:
-  - {name: small, reward: signal, series: value, at_most: 0.1}
-budget: {evaluations: 6, initial: 3}
-repetitions: 2
-seed: 3
-timeout: 60
-"""
+TEXT = scenario_text(
+    "parabola", "EXECUTION", evaluations=6, initial=3, settings="{folder: FOLDER}", timeout="60",
+    constraints="[{name: small, reward: signal, series: value, at_most: 0.1}]",
+)  # fmt: skip
 
 
 def scenario(folder: Path, execution: str = "parabola", timeout: str = "60") -> Scenario:
@@ -49,6 +39,11 @@ def test_an_evaluation_depends_on_configuration_and_seed_only(tmp_path: Path) ->
     assert first.objectives["cost"] == pytest.approx(0.01, abs=0.005)
     assert first.success_rate == 1.0
     assert first.violations["small"] == pytest.approx(-0.09, abs=0.005)
+
+
+def test_programs_for_optuna_find_the_objectives_by_name(tmp_path: Path) -> None:
+    LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    assert LearningStudy.open(tmp_path / "study").optuna.metric_names == ["cost"]
 
 
 def test_an_execution_that_raises_or_gives_no_number_is_a_result_with_a_reason(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from support.simulated_cell import at
 
 pytestmark = pytest.mark.timeout(300)  # sixty views are rendered and registered for the first tests
 
-SEEDS = 20
+SEEDS = 8
 
 
 class Run(NamedTuple):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from skiros2_common.core.errors import MissingPackage, SkirosError
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_skill.core.runtime.learned_parameters import PARAMETER_SET
+from skiros2_skill.core.engine.learned_parameters import PARAMETER_SET
 
 if TYPE_CHECKING:
     from skiros2_learning.core.study import LearningStudy

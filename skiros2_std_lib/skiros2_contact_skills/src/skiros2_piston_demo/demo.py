@@ -79,10 +79,10 @@ class PistonDemo(Demo):
         self.prepare_pictures(simulation, scene)
 
     def is_midway(self, steps: list[Step]) -> bool:
-        inserting = any(name_of(step) == "insert_piston" and step["state"] == "running" for step in steps)
+        running = {name_of(step) for step in steps if step["state"] == "running"}
         if self._forces is not None:
-            self._forces.record(inserting)
-        return inserting
+            self._forces.record("insert_piston" in running)
+        return "insert_part" in running
 
     def check_truth(self, simulation: Simulation, product: Thing, tray: Thing) -> list[Finding]:
         rim = composed(simulation.pose_of(self._block.id), self._rim)

@@ -6,6 +6,7 @@ import argparse
 import queue
 import sys
 import time
+import xmlrpc.client
 from pathlib import Path
 from random import Random
 from typing import Any, TextIO
@@ -30,6 +31,8 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 #: Maximum delay of the recorder (s).
 RECORDER_LAG = 1.0
+#: Name of the recorder's node.
+_RECORDER = "/recorder"
 
 
 class System(PrivateSystem):
@@ -56,6 +59,20 @@ class System(PrivateSystem):
         command = ["rosrun", "skiros2_bags", "record", "--force", "--no-check", "-o", str(self.bag), "--robots", robot]
         self.start("recorder", command)
         self.wait_for(lambda: "recording to" in self.log("recorder").read_text(errors="replace"), "the recorder")
+
+    def wait_for_recorder(self, node: str, topic: str) -> None:
+        """Waits until the recorder is connected to a publisher. Needs an initialised node.
+
+        :param node, topic: of the publisher.
+        :raises TimedOut: it is not connected in time.
+        """
+        asked = xmlrpc.client.ServerProxy(rospy.get_master().lookupNode(node)[2])
+
+        def is_connected() -> bool:
+            connections: Any = asked.getBusInfo(rospy.get_name())
+            return any(each[1] == _RECORDER and each[4] == topic and each[5] for each in connections[2])
+
+        self.wait_for(is_connected, f"the recorder of {topic}")
 
     def stop_recording(self) -> None:
         """Stops the recorder, which completes the bag."""

@@ -15,10 +15,11 @@ START, PARAMETER, INFERENCE, PRE, HOLD = "start", "parameter", "inference", "pre
 EXECUTE, POST, EXCEPTION, PREEMPT, STOP = "execute", "post", "exception", "preempt", "stop"
 STAGES = (START, PARAMETER, INFERENCE, PRE, HOLD, EXECUTE, POST, EXCEPTION, PREEMPT, STOP)
 
-#: The sources of a parameter's value: the client that started the task, `specify` in a tree, the declared default, an
-#: ancestor (which may hold a sibling's output), the conditions, the skill's own code. The values are stored data.
-GIVEN, SPECIFIED, DEFAULT, PULLED, INFERRED, CHANGED, UNSET = (
-    "given", "fixed", "default", "above", "inferred", "changed", "unset",
+#: The sources of a parameter's value: the client that started the task, `specify` in a tree, the declared default, a
+#: parameter set of the world model, an ancestor (which may hold a sibling's output), the conditions, the skill's own
+#: code. The values are stored data.
+GIVEN, SPECIFIED, DEFAULT, LEARNED, PULLED, INFERRED, CHANGED, UNSET = (
+    "given", "fixed", "default", "learned", "above", "inferred", "changed", "unset",
 )  # fmt: skip
 
 #: The number of elements that a text lists before it says how many more there are.
@@ -150,7 +151,7 @@ class Provenance:
     """The source of a parameter's value.
 
     :param value: as text; "" if unset.
-    :param source: `GIVEN`, `SPECIFIED`, `DEFAULT`, `PULLED`, `INFERRED`, `CHANGED` or `UNSET`.
+    :param source: `GIVEN`, `SPECIFIED`, `DEFAULT`, `LEARNED`, `PULLED`, `INFERRED`, `CHANGED` or `UNSET`.
     :param by: for `PULLED` the node that set it, for `INFERRED` the conditions on it, for `CHANGED` the descendant that
         changed it, [] when the skill's own code did.
     """

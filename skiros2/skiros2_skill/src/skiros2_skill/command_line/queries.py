@@ -20,7 +20,7 @@ from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_skill.client.description import REQUIRED, Parameter, Skill, did_you_mean, find_skill
 from skiros2_skill.client.manager import ManagerClient
-from skiros2_skill.core.runtime.learned_parameters import has_learned_values
+from skiros2_skill.core.engine.learned_parameters import has_learned_values
 from skiros2_world_model.command_line.program import connect
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 

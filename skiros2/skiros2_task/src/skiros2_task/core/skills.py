@@ -18,7 +18,7 @@ from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import PARAM_TYPE_CODES, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.runtime.learned_parameters import HAS_PARAMETER, PARAMETER_SET, SKILL_TYPE
+from skiros2_skill.core.engine.learned_parameters import HAS_PARAMETER, PARAMETER_SET, SKILL_TYPE
 
 log = logging.getLogger(__name__)
 

@@ -53,6 +53,7 @@ class WorldModel:
     :param journal: records every change; the world model recovers from it if the journal says so. None: no journal.
     :param initial: contexts and the files to load them from, when the world model does not recover.
     :param store: the triple store that answers queries; None: one in memory.
+    :param knowledge_base: the ontologies, in place of those of the folders; its store has no context.
     :param blank_on_error: logs and skips an initial file, or an ontology of the workspace, that is refused.
     :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
     """
@@ -66,8 +67,9 @@ class WorldModel:
         initial: Iterable[tuple[str, str]] = (),
         store: TripleStore | None = None,
         blank_on_error: bool = False,
+        knowledge_base: KnowledgeBase | None = None,
     ) -> None:
-        self.knowledge_base = KnowledgeBase(ontologies, workspace, store, blank_on_error)
+        self.knowledge_base = knowledge_base or KnowledgeBase(ontologies, workspace, store, blank_on_error)
         self.lock = self.knowledge_base.lock
         self.reasoning = Reasoning()
         self._workspace = workspace

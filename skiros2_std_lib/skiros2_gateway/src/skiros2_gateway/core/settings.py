@@ -32,6 +32,10 @@ class Settings(BaseModel):
     http_port: int = Field(8765, ge=-1, le=65535)
     opcua_port: int = Field(-1, ge=-1, le=65535)
     mqtt: str = ""
+    mqtt_user: str = ""
+    mqtt_password_file: str = ""
+    mqtt_ca: str = ""
+    mqtt_prefix: str = "skiros2"
     certificate: str = ""
     key: str = ""
     bags: str = ""

@@ -104,11 +104,8 @@ async def _on_wrong_fields(_: Request, error: Exception) -> Response:
 
 async def _on_http_error(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return problem(error.status_code, "http_error", str(error.detail))
-
-
-class _TooLarge(Exception):
-    """The body is larger than allowed."""
+    code = "too_large" if error.status_code == 413 else "http_error"
+    return problem(error.status_code, code, str(error.detail))
 
 
 class _Limits:
@@ -122,29 +119,22 @@ class _Limits:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        received, has_started = 0, False
+        received = 0
 
         async def limited() -> Message:
             nonlocal received
             message = await receive()
             received += len(message.get("body", b""))
             if received > self._max_body:
-                raise _TooLarge
+                raise HTTPException(413, f"the body has more than {self._max_body} bytes")
             return message
 
         async def guarded(message: Message) -> None:
-            nonlocal has_started
             if message["type"] == "http.response.start":
-                has_started = True
                 message["headers"] = [*message["headers"], *_HEADERS]
             await send(message)
 
-        try:
-            await self._app(scope, limited, guarded)
-        except _TooLarge:
-            if not has_started:
-                detail = f"the body has more than {self._max_body} bytes"
-                await problem(413, "too_large", detail)(scope, receive, send)
+        await self._app(scope, limited, guarded)
 
 
 _HEADERS = [

@@ -30,6 +30,8 @@ from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.app import create_app
 from skiros2_gateway.http.live import live_router, page_router
+from skiros2_gateway.mqtt.bridge import MqttBridge
+from skiros2_gateway.opcua.server import OpcuaServer
 from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
 
@@ -74,34 +76,38 @@ async def _serve(settings: Settings) -> None:
     control = JobControl(store, masters, events)
     service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
     cell = RosCell(control, events, settings.jobs_at_once)
-    view = LiveView()
-    live = LiveRos(cell, view)
-    following = asyncio.get_running_loop().create_task(view.follow(service))
-    bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
-    routers = [live_router(view, live, bags), page_router(_page_folder())]
-    servers: list[tuple[_Server, asyncio.Task[None]]] = []
-    try:
+    async with contextlib.AsyncExitStack() as stack:
+        stack.callback(is_down.set)
+        stack.callback(store.close)
+        stack.callback(cell.close)
+        stack.callback(control.close)
         control.start(cell)
         rospy.on_shutdown(end)
         if settings.http_port >= 0:
-            servers.append(await _start_http(service, settings, routers))
+            await _start_http(service, settings, _live_view(service, cell, settings, stack), stack)
+        if settings.opcua_port >= 0:
+            opcua = OpcuaServer(service, settings)
+            await opcua.start()
+            stack.push_async_callback(opcua.stop)
+            rospy.set_param("~opcua_address", opcua.address)
+        if settings.mqtt:
+            bridge = MqttBridge(service, settings)
+            bridge.start()
+            stack.push_async_callback(bridge.stop)
         await ended.wait()
-    finally:
-        for server, _ in servers:
-            server.should_exit = True
-        for _, task in servers:
-            await task
-        following.cancel()
-        live.close()
-        control.close()
-        cell.close()
-        store.close()
-        is_down.set()
 
 
-def _page_folder() -> Path:
-    """Returns the folder of the page's files; it does not exist if the page was not built."""
-    return Path(rospkg.RosPack().get_path("skiros2_gateway")) / "page"
+def _live_view(
+    service: Service, cell: RosCell, settings: Settings, stack: contextlib.AsyncExitStack
+) -> list[APIRouter]:
+    """Starts the live view, which ends with the stack. Returns its routes and those of the page."""
+    view = LiveView()
+    live = LiveRos(cell, view)
+    stack.callback(live.close)
+    stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
+    bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
+    page = Path(rospkg.RosPack().get_path("skiros2_gateway")) / "page"  # missing if it was not built
+    return [live_router(view, live, bags), page_router(page)]
 
 
 class _Server(uvicorn.Server):
@@ -113,9 +119,9 @@ class _Server(uvicorn.Server):
 
 
 async def _start_http(
-    service: Service, settings: Settings, routers: list[APIRouter]
-) -> tuple[_Server, asyncio.Task[None]]:
-    """Starts the HTTP server.
+    service: Service, settings: Settings, routers: list[APIRouter], stack: contextlib.AsyncExitStack
+) -> None:
+    """Starts the HTTP server, which ends with the stack.
 
     :raises ConfigurationError: the address is in use, or the certificate cannot be read.
     """
@@ -130,6 +136,7 @@ async def _start_http(
         create_app(service, routers, max_body=settings.max_body),
         log_config=None,
         access_log=False,
+        lifespan="off",
         timeout_graceful_shutdown=int(_GRACE),
         limit_concurrency=1000,
         h11_max_incomplete_event_size=32 * 1024,
@@ -141,8 +148,13 @@ async def _start_http(
         raise ConfigurationError(f"certificate {settings.certificate}, key {settings.key}: {error}") from error
     server = _Server(config)
     task = asyncio.get_running_loop().create_task(server.serve([sock]))
+
+    async def stop() -> None:
+        server.should_exit = True
+        await task
+
+    stack.push_async_callback(stop)
     host, port = sock.getsockname()[:2]
     address = f"{'https' if tls else 'http'}://{host}:{port}"
     rospy.set_param("~address", address)
     log.info("the gateway serves %s; users and tokens are in %s", address, settings.users_file)
-    return server, task

@@ -28,8 +28,6 @@ from skiros2_learning.core.workers import Runner
 from skiros2_learning.local.insertion import ARM_FORCE, DEPTH, default_configuration
 from skiros2_learning.ros.production import produce
 
-#: Configurations that are confirmed, and executions of each. The best of many results is optimistic: it had luck.
-_CANDIDATES, _CONFIRMATIONS = 4, 8
 #: Executions of the chosen configuration, with draws that nothing has used before.
 _TRIES = 10
 #: Success rate of these for a proof.
@@ -47,6 +45,8 @@ class Demo:
     :param scenario: name of the file.
     :param cold, guided: evaluations of the short form, without and with priors.
     :param repetitions: executions of each.
+    :param candidates: best configurations that are run again; the best of many results is optimistic: it had luck.
+    :param confirmations: executions of each of these.
     """
 
     name: str
@@ -55,10 +55,17 @@ class Demo:
     cold: int
     guided: int
     repetitions: int
+    candidates: int
+    confirmations: int
 
 
-PUSH = Demo("push", "a push across a table", "push.yaml", cold=60, guided=30, repetitions=3)
-INSERTION = Demo("insertion-learning", "the search of a bore", "insertion.yaml", cold=30, guided=14, repetitions=3)
+PUSH = Demo(
+    "push", "a push across a table", "push.yaml", cold=100, guided=30, repetitions=3, candidates=4, confirmations=8
+)
+INSERTION = Demo(
+    "insertion-learning", "the search of a bore", "insertion.yaml",
+    cold=24, guided=10, repetitions=2, candidates=3, confirmations=5,
+)  # fmt: skip
 
 
 def main(demo: Demo, arguments: Sequence[str] | None = None) -> int:
@@ -90,8 +97,8 @@ class _Run:
         shutil.rmtree(self._folder, ignore_errors=True)
         cold = self._learn("without_priors", False, self._options.cold)
         guided = self._learn("with_priors", True, self._options.guided)
-        best = [guided.result(number).configuration for number in guided.ranked()[:_CANDIDATES]]
-        confirmed = self._repeat("confirmed", best, _CONFIRMATIONS, _CONFIRMATION_SEED)
+        best = [guided.result(number).configuration for number in guided.ranked()[: self._demo.candidates]]
+        confirmed = self._repeat("confirmed", best, self._demo.confirmations, _CONFIRMATION_SEED)
         number = confirmed.ranked()[0]
         chosen = confirmed.result(number)
         findings, pictures = (self._insertion if self._demo is INSERTION else self._push)(confirmed, number, chosen)
@@ -100,7 +107,7 @@ class _Run:
             "",
             f"without priors: {_summary(cold)}",
             f"with priors:    {_summary(guided)}",
-            f"chosen of the best {len(best)}, each run {_CONFIRMATIONS} times again: {describe(chosen)}",
+            f"chosen of the best {len(best)}, each run {self._demo.confirmations} times again: {describe(chosen)}",
             *(f"  {'✓' if each.holds else '✗'} {each.text}" for each in findings),
             f"report: {report}",
             f"{time.monotonic() - begin:.0f} s",

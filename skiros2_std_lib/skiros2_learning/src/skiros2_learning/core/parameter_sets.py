@@ -9,7 +9,7 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.scenario import Scenario
-from skiros2_skill.core.runtime.learned_parameters import (
+from skiros2_skill.core.engine.learned_parameters import (
     APPLIES_TO,
     HAS_PARAMETER,
     PARAMETER_SET,

@@ -126,10 +126,15 @@ class Policy:
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
             self._objective = fit_surrogate(kind, inputs, self._values, random)
             self._success = fit_surrogate(kind, inputs, rates, random)
+            self._violations = [
+                (fit_surrogate(kind, inputs, violations, random), float(np.abs(violations).max()) or 1.0)
+                for name in (each.name for each in self.scenario.constraints)
+                for violations in [np.array([result.violations[name] for result in results])]
+            ]
 
     def predict(self, variation: Mapping[str, float]) -> Prediction:
         """Returns the parameters with the best confidence bound of the first objective: the predicted mean, worse by a
-        standard deviation.
+        standard deviation. If no candidate satisfies the constraints by that bound, those that violate them least.
 
         :param variation: a value for each feature.
         :raises WrongValue: a feature is missing, unknown or out of its range; the text names all problems.
@@ -153,8 +158,14 @@ class Policy:
         return best
 
     def _bound(self, context: Array, points: Array) -> Array:
-        mean, deviation = self._objective.predict(self._inputs(context, points))
+        inputs = self._inputs(context, points)
+        mean, deviation = self._objective.predict(inputs)
         bound: Array = mean - deviation
+        lowest = float(bound.min())
+        for surrogate, scale in self._violations:
+            mean, deviation = surrogate.predict(inputs)
+            violated = np.maximum(mean + deviation, 0.0) / scale
+            bound = np.where(violated > 0.0, np.minimum(bound, lowest) - violated, bound)
         return bound
 
     def _inputs(self, context: Array, points: Array) -> Array:

@@ -8,8 +8,8 @@ It needs Optuna, NumPy, SciPy and scikit-learn, and of this project only `search
 What it combines:
 
 - Variables may be real, integer, ordinal (categorical with numbers only) and categorical.
-- The first trials are drawn from the prior. Then a surrogate is fitted: a Gaussian process (Matérn 5/2, one length
-  scale for each variable), or a random forest with many observations or with categorical variables.
+- The first trials cover the prior evenly, as a Latin hypercube. Then a surrogate is fitted: a Gaussian process (Matérn
+  5/2, one length scale for each variable), or a random forest with many observations or with categorical variables.
 - The next trial maximises the expected improvement, multiplied by the prior to the power of beta/n after n trials
   (Hvarfner et al., "πBO: Augmenting Acquisition Functions with User Beliefs for Bayesian Optimization", ICLR 2022): a
   good prior helps early, a misleading one is forgotten.
@@ -57,7 +57,7 @@ class PriorSampler(BaseSampler):
     """See the module.
 
     :param priors: by name of the variable; others are uniform.
-    :param n_startup_trials: trials that are drawn from the prior.
+    :param n_startup_trials: trials that cover the prior before the first surrogate.
     :param beta: strength of the prior; a tenth of the number of trials is a good value.
     :param surrogate: "auto" selects by number of observations and types of variables.
     :param seed: of all random numbers; None for another one each time.
@@ -106,7 +106,10 @@ class PriorSampler(BaseSampler):
         complete = [each for each in trials if each.state is TrialState.COMPLETE]
         random = np.random.default_rng([self._seed, trial.number])
         space = SearchSpace(search_space, self._priors)
-        if trial.number < self._startup or len(complete) < 2:
+        if trial.number < self._startup:
+            start = np.random.default_rng(self._seed)
+            return space.values(space.covering(self._startup, start)[trial.number])
+        if len(complete) < 2:
             return space.values(space.from_prior(1, random)[0])
         ended = [each for each in trials if each.state.is_finished()]
         running = [each for each in trials if each.state is TrialState.RUNNING]

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from scipy.stats.qmc import LatinHypercube
 
 Array = npt.NDArray[np.float64]
 
@@ -117,25 +118,36 @@ class SearchSpace:
 
     def from_prior(self, count: int, random: np.random.Generator) -> Array:
         """Draws points from the prior, each variable on its own, on a grid of values."""
+        return self.quantiles(random.random((count, self.dimensions)))
+
+    def covering(self, count: int, random: np.random.Generator) -> Array:
+        """Draws points that cover the prior evenly: a Latin hypercube of its quantiles."""
+        return self.quantiles(LatinHypercube(self.dimensions, seed=random).random(count))
+
+    def quantiles(self, parts: Array) -> Array:
+        """Returns the points at quantiles of the prior, each variable on its own.
+
+        :param parts: 0 to 1, shape (n, d).
+        """
         columns = []
         for i, distribution in enumerate(self._distributions.values()):
-            prior = self._priors[i]
-            if prior is None:
-                columns.append(self.uniform(count, random)[:, i])
-                continue
-            grid, logs = self._table(i, distribution, prior)
+            grid, logs = self._table(i, distribution, self._priors[i])
             weights = np.exp(logs)
-            drawn = random.choice(grid, size=count, p=weights / weights.sum())
+            ends = np.cumsum(weights / weights.sum())
+            cell = np.minimum(np.searchsorted(ends, parts[:, i], side="right"), len(grid) - 1)
+            drawn = grid[cell]
             if isinstance(distribution, FloatDistribution):  # between the points of the grid
-                drawn = np.clip(drawn + random.uniform(-0.5, 0.5, count) * (grid[1] - grid[0]), 0.0, 1.0)
+                within = (parts[:, i] - ends[cell]) * weights.sum() / weights[cell] + 0.5
+                drawn = np.clip(drawn + within * (grid[1] - grid[0]), 0.0, 1.0)
             columns.append(drawn)
         return self.rounded(np.column_stack(columns))
 
-    def _table(self, index: int, distribution: BaseDistribution, prior: Prior) -> tuple[Array, Array]:
+    def _table(self, index: int, distribution: BaseDistribution, prior: Prior | None) -> tuple[Array, Array]:
         """Returns points of one variable that cover its range, and the logarithms of the density, 0 at its maximum."""
         if index not in self._tables:
             grid = _grid(distribution)
-            logs = np.array([prior.log_density(_from_unit(distribution, float(x))) for x in grid])
+            values = [_from_unit(distribution, float(x)) for x in grid] if prior is not None else []
+            logs = np.array([prior.log_density(x) for x in values]) if prior is not None else np.zeros(len(grid))
             self._tables[index] = grid, logs - logs.max()
         return self._tables[index]
 

@@ -22,6 +22,7 @@ from typing import TypeVar
 import optuna
 import yaml
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.exceptions import ExperimentalWarning
 from optuna.samplers import BaseSampler
 from optuna.storages import RDBStorage
 from optuna.study import StudyDirection
@@ -90,6 +91,10 @@ class LearningStudy:
             )
             if self.optuna.directions != directions:
                 raise ConfigurationError(f"study {scenario.name!r}: the stored one has other objectives")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ExperimentalWarning)
+                if self.optuna.metric_names is None:  # dashboards show the names
+                    self.optuna.set_metric_names([objective.name for objective in scenario.objectives])
             if storage:
                 self._check_scenario()
                 sampler.reseed_rng()  # other processes have the same seed

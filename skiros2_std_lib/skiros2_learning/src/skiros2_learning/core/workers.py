@@ -9,24 +9,20 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import os
 import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
-from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_common.tools.output import STDOUT, discard
 from skiros2_learning.core.evaluation import Evaluation, Execution, evaluate
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.storage import StorageFailed
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Value
+from skiros2_learning.core.worker_process import work
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +51,7 @@ class Worker:
     def __init__(self, scenario: Scenario) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, other = context.Pipe()
-        self.process = context.Process(target=_work, args=(other, scenario), daemon=True)
+        self.process = context.Process(target=work, args=(other, scenario), daemon=True)
         self.process.start()
         other.close()
         self.job: Job | None = None
@@ -222,25 +218,3 @@ class OneByOne:
                 self._report(number, result)
         finally:
             study.release()
-
-
-def _work(connection: Connection, scenario: Scenario) -> None:
-    """The main function of a process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the coordinator decides
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    logging.disable(logging.WARNING)  # of skills that fail: the result has the reason
-    discard(STDOUT)  # the physics engine's
-    threadpool_limits(1)  # the processes use all cores already
-    parent = os.getppid()
-    while True:
-        try:
-            configuration, seed = connection.recv()
-        except (EOFError, OSError):
-            return
-        try:
-            result = evaluate(scenario, configuration, seed)
-        except FOREIGN_ERRORS as error:
-            result = Evaluation(configuration, seed, error=f"{type(error).__name__}: {error}")
-        if os.getppid() != parent:
-            return
-        connection.send(result)

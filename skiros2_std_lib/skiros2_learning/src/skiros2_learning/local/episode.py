@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Mapping
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,9 @@ from skiros2_learning.core.scenario import Scenario, Step
 from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import Value
 from skiros2_learning.local.drivers import LocalDrivers
+from skiros2_learning.local.knowledge import fresh_world_model
 from skiros2_learning.local.recorder import Recorder
-from skiros2_sim.core.scene_reader import SceneTree, load_scene, read_scene
+from skiros2_sim.core.scene_reader import SceneTree, read_scene
 from skiros2_sim.core.world import World
 from skiros2_sim_skills.core.devices import posture
 from skiros2_skill.testing import BenchTask, FakeClock, SkillBench
@@ -62,30 +64,26 @@ class Episode:
         self._scenario = scenario
         self._period = 1.0 / scenario.simulation.tick_rate
         random = np.random.default_rng([seed, index])
-        self.bench = SkillBench(scenario.scene, clock=clock, period=self._period)
-        try:
+        with ExitStack() as stack:
+            wmi = stack.enter_context(fresh_world_model(scenario.scene))
+            self.bench = stack.enter_context(SkillBench(wmi=wmi, clock=clock, period=self._period))
+            self.bench.library.on_load = lambda library, classes: None  # `learn check` has checked the skills
             self.bench.import_libraries(*scenario.libraries)
-            workspace = scenario.scene.parent
             if scenario.variation:
                 self._vary()
-                scene = read_scene(self.bench.wmi.get_scene_elements(), self.bench.wmi.is_subclass, (workspace,))
-            else:
-                scene = load_scene(scenario.scene, workspace)
+            scene = read_scene(wmi.get_scene_elements(), wmi.is_subclass, (scenario.scene.parent,))
             self.draw: Draw = draw(scene, scenario.randomisation, random)
-            self.world = World(
-                self.draw.scene,
-                seed=int(random.integers(2**31)),
-                rate=scenario.simulation.step_rate,
-                sensor=scenario.randomisation.sensor,
+            self.world = stack.enter_context(
+                World(
+                    self.draw.scene,
+                    seed=int(random.integers(2**31)),
+                    rate=scenario.simulation.step_rate,
+                    sensor=scenario.randomisation.sensor,
+                    visuals=False,
+                )
             )
-        except SkirosError:
-            self.bench.close()
-            raise
-        try:
             self._prepare()
-        except SkirosError:
-            self.close()
-            raise
+            self._exit = stack.pop_all()
 
     def __enter__(self) -> Episode:
         return self
@@ -95,8 +93,7 @@ class Episode:
 
     def close(self) -> None:
         """Ends the world."""
-        self.bench.close()
-        self.world.close()
+        self._exit.close()
 
     def run(self, configuration: Mapping[str, Value]) -> EpisodeRecord:
         """Runs the task until it ends or its time is over.

@@ -16,7 +16,7 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_learning.core.scenario import Step
 from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import KINDS
-from skiros2_skill.core.runtime.learned_parameters import HAS_PARAMETER
+from skiros2_skill.core.engine.learned_parameters import HAS_PARAMETER
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.testing import plan

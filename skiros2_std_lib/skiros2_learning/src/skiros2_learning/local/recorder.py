@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
-
-import numpy as np
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_model_port import WorldModelPort
@@ -82,7 +81,7 @@ class Recorder:
             self._poses[label].append(pose)
         for name in self._series:
             since = [*self._now[name], self._measure(name)]
-            self._values[name].append(float(np.mean(since)) if name.endswith(".power") else max(since))
+            self._values[name].append(math.fsum(since) / len(since) if name.endswith(".power") else max(since))
             self._now[name] = []
         for pair in self._pairs:
             self._clearances[pair].append(self._distance(*pair))
@@ -94,9 +93,9 @@ class Recorder:
     def _measure(self, name: str) -> float:
         arm, quantity = self._arms[name], name.rpartition(".")[2]
         if quantity == "power":
-            return float(np.abs(np.array(arm.efforts()) * np.array(arm.velocities())).sum())
+            return math.fsum(abs(e * v) for e, v in zip(arm.efforts(), arm.velocities(), strict=True))
         wrench = arm.measured_wrench() if quantity.startswith("measured_") else arm.wrench()
-        return float(np.linalg.norm(wrench[:3] if quantity.endswith("force") else wrench[3:]))
+        return math.hypot(*(wrench[:3] if quantity.endswith("force") else wrench[3:]))
 
     def _distance(self, label: str, other: str) -> float:
         (body, link), (body_2, link_2) = (self._handle(self._ids[each]) for each in (label, other))

@@ -20,7 +20,7 @@ from skiros2_learning.core.scenario import Scenario
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_runs.core.states import SUCCESS
 from skiros2_sim_skills.core.places import pose_in_scene
-from skiros2_skill.core.runtime.learned_parameters import VALUE
+from skiros2_skill.core.engine.learned_parameters import VALUE
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 _ROBOT = "/pusher"
@@ -46,6 +46,7 @@ def produce(scenario: Scenario, number: int, result: Evaluation, study: Path, fo
         skills = rospy.ServiceProxy(f"{_ROBOT}/get_skills", ResourceGetDescriptions)
         system.wait_for(lambda: _is_offered(skills), f"the skill manager {_ROBOT}")
         skills()  # returns when all skills are loaded
+        system.wait_for_recorder(_ROBOT, f"{_ROBOT}/monitor")
         wmi = WorldModelInterface(rospy.get_name())
         date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         (applied,) = apply_result(wmi, scenario, number, result, date, str(study))

@@ -49,6 +49,8 @@ class Arm:
         #: The links after the last joint: their contacts produce the wrench.
         self._hand = frozenset(_links_after(bullet, body, self._indices[-1]))
         self._is_torque_driven = False
+        #: The wrench of the last step, once it is read.
+        self._wrench: Wrench | None = None
         #: The last measured wrench of a silent sensor, and the number of steps since.
         self._last_wrench: Wrench | None = None
         self._silent_steps = 0
@@ -95,6 +97,11 @@ class Arm:
         Like a wrist sensor without the weight and inertia of the hand: the sum of all contact forces of the last
         step. The forces of two fingers on a held object cancel out, except for its weight.
         """
+        if self._wrench is None:
+            self._wrench = self._contact_wrench()
+        return self._wrench
+
+    def _contact_wrench(self) -> Wrench:
         # In contacts of two bodies the requested one is first; in contacts within the robot the hand may be second.
         pressed = [
             _exerted(contact, contact[3] in self._hand)
@@ -130,6 +137,7 @@ class Arm:
 
     def after_step(self) -> None:
         """Called by the world after each step."""
+        self._wrench = None
         if self.sensor is not None:
             self.sensor.after_step()
         if self._last_wrench is not None:

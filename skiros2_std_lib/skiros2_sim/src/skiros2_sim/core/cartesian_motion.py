@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.arm_kinematics import ArmKinematics, between, distances
+from skiros2_sim.core.arm_kinematics import ArmKinematics, Line, distances
 from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.contacts import PartContacts
 from skiros2_sim.core.impedance import MAX_STIFFNESS, checked
@@ -56,7 +56,7 @@ class CartesianPath:
         speed: float,
         angular_speed: float,
     ) -> None:
-        self._from, self._to = start, target
+        self._line = Line(start, target)
         self._length, self._angle = distances(start, target)
         self._positions = positions
         self._rate, self._ramp = self._profile(joints, speed, angular_speed)
@@ -85,10 +85,10 @@ class CartesianPath:
             )
         length, angle = distances(first, last)
         cells = max(1, math.ceil(length / _STEP), math.ceil(angle / _TURN_STEP))
-        solved = [start]
+        line, solved = Line(first, last), [start]
         for k in range(1, cells + 1):
             yield
-            found = kinematics.inverse(between(first, last, k / cells), solved[-1], restarts=0)
+            found = kinematics.inverse(line.at(k / cells), solved[-1], restarts=0)
             jumps = np.abs(found.positions - solved[-1])
             if not found.converged or float(jumps.max()) > _LARGEST_JUMP:
                 reason = _at_limits(kinematics, joints, found.positions) or "the arm would have to change its posture"
@@ -106,13 +106,21 @@ class CartesianPath:
 
     def at(self, time: float, speed: float = 1.0) -> PathPoint:
         """Returns the target `time` seconds after the start; `speed` is the rate of time, for the velocities."""
+        positions, velocities = self.joints_at(time, speed)
+        s = self._along(time)[0]
+        return PathPoint(self._line.at(s), positions, velocities, (1 - s) * self._length)
+
+    def tool_at(self, time: float) -> Pose:
+        """Returns the tool pose of `at`."""
+        return self._line.at(self._along(time)[0])
+
+    def joints_at(self, time: float, speed: float = 1.0) -> tuple[Array, Array]:
+        """Returns the joint positions and velocities of `at`."""
         s, rate = self._along(time)
         cells = len(self._positions) - 1
         i = min(int(s * cells), cells - 1)
         before, step = self._positions[i], self._positions[i + 1] - self._positions[i]
-        positions = before + (s * cells - i) * step
-        tool = between(self._from, self._to, s)
-        return PathPoint(tool, positions, step * cells * rate * speed, (1 - s) * self._length)
+        return before + (s * cells - i) * step, step * cells * rate * speed
 
     def _along(self, time: float) -> tuple[float, float]:
         """Returns the completed fraction of the path, and its rate (1/s)."""
@@ -272,7 +280,8 @@ class CartesianMotion:
         self._wrench += (np.array(self._arm.wrench()) - self._wrench) * min(1.0, dt / _FELT_OVER)
         self._spent += dt
         if self._final_outcome is None:
-            self._final_outcome = self._force_exceeded() or self._check_progress(dt)
+            tool = self._arm.tool_pose()
+            self._final_outcome = self._force_exceeded(tool) or self._check_progress(tool, dt)
         if self._final_outcome is None:
             self._go_on(dt)
         elif self._final_outcome.state is State.PREEMPTED and self._speed > 0.0:
@@ -281,7 +290,7 @@ class CartesianMotion:
         elif self._final_outcome.code in _RAN_INTO and self._presses():
             self._retreat_time += dt
             self._time = max(0.0, self._time - dt)
-            self._command(self._path.at(self._time, 0.0))
+            self._command(0.0)
         else:
             self.outcome = self._final_outcome
 
@@ -306,7 +315,7 @@ class CartesianMotion:
         # the initial force must not prevent a retreat from a contact
         self._initial_forces = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
         # contact force is measured relative to the weight of a carried object, in the map
-        self._carried = np.array(rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3]))
+        self._carried = rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3])
         self._contacts.restart()
         self._controller.switch(self._goal.controller or self._controller.active)
         self._controller.carry()
@@ -318,7 +327,7 @@ class CartesianMotion:
 
     def _go_on(self, dt: float) -> None:
         self._time += self._speed * dt
-        self._command(self._path.at(self._time, self._speed))
+        self._command(self._speed)
 
     def _presses(self) -> bool:
         """Whether to retreat farther. A compliant arm yields by itself."""
@@ -326,19 +335,23 @@ class CartesianMotion:
             return False
         return sum(self._contacts.new().values()) > _PRESSED
 
-    def _command(self, point: PathPoint) -> None:
+    def _command(self, speed: float) -> None:
         if self._controller.compliant:
+            point = self._path.at(self._time, speed)
             self._controller.draw(point.tool, point.positions, point.velocities)
         else:
-            self._controller.follow(point.positions, point.velocities)
+            self._controller.follow(*self._path.joints_at(self._time, speed))
 
-    def _force_exceeded(self) -> Outcome | None:
-        """Returns the outcome if a force limit or the requested contact force is reached."""
+    def _force_exceeded(self, tool: Pose) -> Outcome | None:
+        """Returns the outcome if a force limit or the requested contact force is reached.
+
+        :param tool: its pose in the map.
+        """
         if self._controller.stop is not None:
             return self._stop(State.ABORTED, FORCE_LIMIT, f"{self._controller.stop}{self._contacts.describe()}")
-        force, torque = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
-        in_map = np.array(rotated(self._arm.tool_pose().orientation, self._wrench[:3].tolist()))
-        contact = float(np.linalg.norm(in_map - self._carried))
+        wrench = self._wrench.tolist()
+        force, torque = math.hypot(*wrench[:3]), math.hypot(*wrench[3:])
+        contact = math.dist(rotated(tool.orientation, wrench[:3]), self._carried)
         if 0.0 < self._goal.contact_force <= contact:
             return self._stop(State.SUCCEEDED, SUCCESSFUL, f"contact of {contact:.1f} N{self._contacts.describe()}")
         for felt, at_first, limit, what in (
@@ -350,11 +363,11 @@ class CartesianMotion:
                 return self._stop(State.ABORTED, FORCE_LIMIT, text)
         return None
 
-    def _check_progress(self, dt: float) -> Outcome | None:
+    def _check_progress(self, tool: Pose, dt: float) -> Outcome | None:
         """Returns the outcome if the tool has arrived, is blocked, or the timeout has passed."""
-        pose = self._controller.tool_pose()
+        pose = composed(inverted(self._controller.robot.pose()), tool)
         if not self._controller.compliant:
-            behind, turned_behind = distances(pose, self._path.at(self._time).tool)
+            behind, turned_behind = distances(pose, self._path.tool_at(self._time))
             if behind > _BEHIND or turned_behind > _TURNED_BEHIND:
                 text = f"the tool is {behind:.3f} m and {turned_behind:.3f} rad behind{self._contacts.describe()}"
                 return self._stop(State.ABORTED, BLOCKED, text)

@@ -16,7 +16,7 @@ from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.robot_model import BASE_LINK, DRIVES, TILT, ArmModel, RobotModel, upright
 from skiros2_sim.core.scene_spec import RobotSpec
 from skiros2_sim.core.wrist_sensor import SensorModel
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Quaternion, Vector, angle_between
 
 #: Maximum force (N) and torque (Nm) of the base drives: a person can stop the base.
 _DRIVE_FORCE = 600.0
@@ -36,10 +36,11 @@ class Robot:
     """A robot.
 
     :param model: its merged model.
+    :param visuals: whether it can be seen, by cameras or in a window.
     :raises ConfigurationError: PyBullet does not load the model.
     """
 
-    def __init__(self, bullet: Bullet, spec: RobotSpec, model: RobotModel) -> None:
+    def __init__(self, bullet: Bullet, spec: RobotSpec, model: RobotModel, visuals: bool = True) -> None:
         self.id = spec.id
         self.name = spec.name
         self.spec = spec
@@ -47,7 +48,8 @@ class Robot:
         #: The URDF of the whole robot, with full paths of meshes.
         self.urdf = model.urdf
         self._bullet = bullet
-        self.body = _load(bullet, spec, model)
+        self.body = _load(bullet, spec, model, visuals)
+        self._root_inverse = _root_inverse(bullet, self.body)
         #: Index of each link by name; -1 for the first link.
         self.links: dict[str, int] = {bullet.getBodyInfo(self.body)[0].decode(): -1}
         #: The moving joints by name, without the base drives.
@@ -99,7 +101,8 @@ class Robot:
         """Returns the pose of a link frame in the map."""
         index = self.links[name]
         if index < 0:
-            return root_pose(self._bullet, self.body)
+            centre = self._bullet.getBasePositionAndOrientation(self.body)
+            return Pose(*self._bullet.multiplyTransforms(*centre, *self._root_inverse))
         state = self._bullet.getLinkState(self.body, index, computeForwardKinematics=1)
         return Pose(state[4], state[5])
 
@@ -209,10 +212,15 @@ class Robot:
 
 def root_pose(bullet: Bullet, body: int) -> Pose:
     """Returns the pose of the root frame of a body; PyBullet returns that of its centre of mass."""
-    position, orientation = bullet.getBasePositionAndOrientation(body)
+    centre = bullet.getBasePositionAndOrientation(body)
+    return Pose(*bullet.multiplyTransforms(*centre, *_root_inverse(bullet, body)))
+
+
+def _root_inverse(bullet: Bullet, body: int) -> tuple[Vector, Quaternion]:
+    """Returns the pose of the root frame in the frame of its centre of mass; it is constant."""
     inner = bullet.getDynamicsInfo(body, -1)
-    back = bullet.invertTransform(inner[3], inner[4])
-    return Pose(*bullet.multiplyTransforms(position, orientation, *back))
+    found: tuple[Vector, Quaternion] = bullet.invertTransform(inner[3], inner[4])
+    return found
 
 
 def place_root(bullet: Bullet, body: int, pose: Pose) -> None:
@@ -222,17 +230,21 @@ def place_root(bullet: Bullet, body: int, pose: Pose) -> None:
     bullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool, exact_cylinders: bool = False) -> int:
+def load_urdf(
+    bullet: Bullet, text: str, pose: Pose, fixed: bool, exact_cylinders: bool = False, visuals: bool = True
+) -> int:
     """Loads a URDF. Returns the body id.
 
     :param exact_cylinders: whether cylinders collide as such, and not as a mesh with a margin of 1 mm.
-
+    :param visuals: whether the body can be seen; its meshes are not read otherwise, which takes most of the time.
     :raises ConfigurationError: PyBullet does not load it.
     """
     # Links of one chain do not collide with each other; an arm collides with the base and with other arms.
     collisions = bullet.URDF_USE_SELF_COLLISION | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
     if exact_cylinders:
         collisions |= bullet.URDF_USE_IMPLICIT_CYLINDER
+    if not visuals:
+        collisions |= bullet.URDF_IGNORE_VISUAL_SHAPES
     with tempfile.TemporaryDirectory(prefix="skiros2_sim_") as folder:
         file = Path(folder, "model.urdf")
         file.write_text(text, encoding="utf-8")
@@ -249,8 +261,8 @@ def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool, exact_cylinder
     return body
 
 
-def _load(bullet: Bullet, spec: RobotSpec, model: RobotModel) -> int:
+def _load(bullet: Bullet, spec: RobotSpec, model: RobotModel, visuals: bool) -> int:
     try:
-        return load_urdf(bullet, model.urdf, model.pose, True)
+        return load_urdf(bullet, model.urdf, model.pose, True, visuals=visuals)
     except ConfigurationError as error:
         raise ConfigurationError(f"{spec.id}: {error}") from None

@@ -5,11 +5,12 @@ Written here, since `yourdfpy` would install 26 packages for it.
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import re
 import xml.etree.ElementTree as xml
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,9 +49,10 @@ def find_model(name: str, folders: Sequence[str | Path] = ()) -> Path:
     raise ConfigurationError(f"model {name} does not exist (searched: {searched})")
 
 
-def mesh_of(urdf: Path, name: str) -> Path:
+def mesh_of(urdf: Path, name: str, folders: Callable[[str], list[Path]]) -> Path:
     """Returns the file of a mesh that a URDF names.
 
+    :param folders: returns the folders of a ROS package.
     :raises ConfigurationError: it does not exist, or is of another type than `URDF_MESHES`.
     """
     plain = name.removeprefix("file://")
@@ -58,7 +60,7 @@ def mesh_of(urdf: Path, name: str) -> Path:
     if name.startswith(_PACKAGE):
         # PyBullet's data use package://meshes/... for files beside the URDF.
         package, _, rest = name.removeprefix(_PACKAGE).partition("/")
-        places = [*(folder / rest for folder in _package_folders(package)), urdf.parent / package / rest]
+        places = [*(folder / rest for folder in folders(package)), urdf.parent / package / rest]
     for place in places:
         if place.is_file():
             if place.suffix.lower() not in URDF_MESHES:
@@ -138,8 +140,9 @@ def read_urdf(path: Path, prefix: str = "") -> Urdf:
     if top.tag != "robot":
         raise ConfigurationError(f"{path}: not a URDF: expected <robot>, got <{top.tag}>")
     parts = [part for part in top if part.tag in ("link", "joint", "material")]
+    folders = functools.cache(_package_folders)
     for part in parts:
-        _check_part(part, path)
+        _check_part(part, path, folders)
         _rename(part, prefix)
     urdf = Urdf(top.get("name", path.stem), "", parts, {})
     urdf.root = _root(urdf, path)
@@ -219,7 +222,7 @@ def joint(
     return made
 
 
-def _check_part(part: xml.Element, path: Path) -> None:
+def _check_part(part: xml.Element, path: Path, folders: Callable[[str], list[Path]]) -> None:
     """Checks numbers and sizes, and replaces mesh names by full paths."""
     where = f"{path}: {part.tag} {part.get('name')}"
     if not part.get("name"):
@@ -239,7 +242,7 @@ def _check_part(part: xml.Element, path: Path) -> None:
             if len(values) != 1 or not 0 <= values[0] < math.inf:
                 raise ConfigurationError(f"{where}: expected a mass of 0 or more, got {node.get('value')!r}")
         if node.tag == "mesh":
-            node.set("filename", str(mesh_of(path, node.get("filename", ""))))
+            node.set("filename", str(mesh_of(path, node.get("filename", ""), folders)))
     if part.tag == "joint" and part.get("type") not in _JOINTS:
         raise ConfigurationError(f"{where}: expected one of {', '.join(_JOINTS)}, got {part.get('type')!r}")
 

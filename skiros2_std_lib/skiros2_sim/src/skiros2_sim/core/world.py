@@ -37,15 +37,14 @@ class World:
 
     :param seed: of all random numbers; the same seed and steps give bit-identical runs.
     :param gui: whether to show PyBullet's window.
-    :param position_noise: maximum offset of movable bodies at the start, in x and y (m).
-    :param yaw_noise: maximum rotation of movable bodies at the start (rad).
+    :param position_noise, yaw_noise: maximum offset in x and y (m), and rotation (rad), of movable bodies at the start.
     :param rate: steps per second; 1000 for scenes with tight fits and stiff contacts.
     :param sensor: errors of the force/torque sensors at the wrists.
+    :param visuals: whether robots can be seen, by cameras or in a window; without, a world is built faster.
     :raises WrongValue: the seed is negative, a noise is not finite, or the rate is out of range.
     :raises Refused: no window can be opened.
 
-    `problems` lists what could not be simulated as described. `reset` creates all bodies, robots, arms and grippers
-    again: look them up again.
+    `problems` lists what could not be simulated as described. After `reset`, look bodies, robots and arms up again.
     """
 
     def __init__(
@@ -57,11 +56,12 @@ class World:
         yaw_noise: float = 0.0,
         rate: int = RATE,
         sensor: SensorModel = EXACT,
+        visuals: bool = True,
     ) -> None:
         self.scene = scene
         self.rate = _check_rate(rate)
         self.dt = 1.0 / rate
-        self._sensor = sensor
+        self._sensor, self._visuals = sensor, visuals
         self._noise = (*finite((position_noise, yaw_noise), 2, "noise of the world"),)
         self._seed = _check_seed(seed)
         self.bullet = Bullet(gui)
@@ -269,7 +269,7 @@ class World:
         model = merge_models(spec, self.scene.models)
         self.problems += model.problems
         try:
-            robot = Robot(self.bullet, spec, model)
+            robot = Robot(self.bullet, spec, model, self._visuals)
         except ConfigurationError as error:
             self.problems.append(Problem(spec.id, f"omitted: {error}"))
             return

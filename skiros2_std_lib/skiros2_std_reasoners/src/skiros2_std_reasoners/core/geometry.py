@@ -22,11 +22,11 @@ IDENTITY = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 def normalized(q: Sequence[float]) -> Quaternion:
     """Returns the unit quaternion; the identity for a zero quaternion."""
-    length = math.sqrt(sum(c * c for c in q))
+    x, y, z, w = q
+    length = math.sqrt(x * x + y * y + z * z + w * w)
     if length < 1e-12:
         return IDENTITY.orientation
-    x, y, z, w = (c / length for c in q)
-    return x, y, z, w
+    return x / length, y / length, z / length, w / length
 
 
 def multiplied(a: Sequence[float], b: Sequence[float]) -> Quaternion:

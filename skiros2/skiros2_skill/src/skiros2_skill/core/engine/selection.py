@@ -8,12 +8,15 @@ from functools import partial
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import FOREIGN_ERRORS, OutOfLimits, SkirosError
 from skiros2_common.core.explanation import (
+    DEFAULT,
     EXCEPTION,
     INFERENCE,
     INFERRED,
+    LEARNED,
     PARAMETER,
     PRE,
     START,
+    UNSET,
 )
 from skiros2_common.core.limits import NO_LIMITS
 from skiros2_common.core.names import ANY_TYPE
@@ -32,6 +35,7 @@ from skiros2_skill.core.engine.blackboard import (
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
 from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, check_conditions
 from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
+from skiros2_skill.core.engine.learned_parameters import learned_values
 from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -88,7 +92,7 @@ def select_implementation(
         slots: list[Slot] = []
         try:
             params, slots = make_slots(node, implementation.declared.params)
-            _find_params(node, slots, params, conditions, wmi, revisions, blackboard)
+            _find_params(node, slots, params, conditions, wmi, revisions, blackboard, implementation.type)
             failure = take(node, implementation, params, slots, wmi)
             if failure is None:
                 return None
@@ -126,10 +130,13 @@ def _find_params(
     wmi: WorldModelPort,
     revisions: Revisions | None,
     blackboard: Blackboard,
+    stype: str,
 ) -> None:
-    """Sets the parameters that are not specified: pulls them from the blackboard and infers the others.
+    """Sets the parameters that are not specified: pulls them from the blackboard, infers elements, and takes learned
+    values.
 
     :param conditions: the pre-conditions.
+    :param stype: type of the skill.
     :raises SkirosError: a parameter cannot be set, or a pre-condition is unsatisfied.
     """
     blackboard.pull(node, slots, is_start=True)
@@ -142,12 +149,28 @@ def _find_params(
     unset = [s for s in elements if s.param.paramType is not ParamTypes.Optional and not s.param.is_bound()]
     if unset:
         _infer(node, unset, params, conditions, wmi, blackboard)
+    _take_learned(slots, stype, wmi)
     outside = out_of_limits(params)
     if outside:
         raise Rejected(PARAMETER, outside, Failure(PARAMETER, OutOfLimits.CODE, outside))
     failure = check_conditions(PRE, conditions, params, wmi, node.evaluated)
     if failure is not None:
         raise Rejected(PRE, failure.message, failure)
+
+
+def _take_learned(slots: list[Slot], stype: str, wmi: WorldModelPort) -> None:
+    """Replaces defaults by learned values, and sets parameters without a value to them.
+
+    :raises WrongType: a learned value is not of the declared type.
+    """
+    open_slots = [slot for slot in slots if not slot.is_element and slot.provenance in (DEFAULT, UNSET)]
+    if not open_slots:
+        return
+    learned = learned_values(stype, {slot.param.key: slot.param.current for slot in slots}, wmi)
+    for slot in open_slots:
+        if slot.param.key in learned:
+            slot.param.current = slot.param.checked(learned[slot.param.key])
+            slot.provenance = LEARNED
 
 
 def out_of_limits(params: ParamHandler) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dis
+import functools
 import inspect
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -45,7 +46,7 @@ class Described:
         self.cls = cls
         self.skill = self.instance(ReadOnlyWorldModel(wmi))
         #: Whether it may declare parameters at run time.
-        self.is_open = any(_may_declare(name, method) for name, method in _hooks(cls))
+        self.is_open = any(_may_declare(name, method.__code__) for name, method in _hooks(cls))
 
     def instance(self, wmi: WorldModelPort) -> Any:
         """Creates an instance with its description."""
@@ -157,10 +158,11 @@ def _hooks(cls: type) -> Iterator[tuple[str, FunctionType]]:
                 yield name, method
 
 
-def _may_declare(name: str, method: FunctionType) -> bool:
+@functools.cache
+def _may_declare(name: str, method: CodeType) -> bool:
     """Whether a method may add a parameter: itself or, in a start hook, through a function that gets the skill."""
     loaded = ("LOAD_FAST", "LOAD_DEREF", "LOAD_CLOSURE")
-    for code in _codes(method.__code__):
+    for code in _codes(method):
         if "addParam" in code.co_names:
             return True
         before: dis.Instruction | None = None
@@ -173,8 +175,8 @@ def _may_declare(name: str, method: FunctionType) -> bool:
     return False
 
 
-def _first_argument(method: FunctionType) -> str:
-    return method.__code__.co_varnames[0] if method.__code__.co_argcount else ""
+def _first_argument(method: CodeType) -> str:
+    return method.co_varnames[0] if method.co_argcount else ""
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:

@@ -24,9 +24,9 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import format_values
 from skiros2_skill.core.engine.executor import Executor, preview_start
+from skiros2_skill.core.engine.learned_parameters import learned_values
 from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
-from skiros2_skill.core.runtime.learned_parameters import learned_values
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.node import Root

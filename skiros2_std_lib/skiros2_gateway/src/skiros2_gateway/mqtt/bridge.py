@@ -1,0 +1,222 @@
+"""MQTT: jobs in, states and responses out.
+
+Topics below the prefix (`skiros2` by default):
+
+- `job/in/METHOD`: a command as JSON: {token, order, comment} for store, store_and_start and update, {token, id,
+  comment} for start, revoke_start, pause, resume, stop, abort, cancel and clear. `request`, if given, is
+  repeated in the answer. A retained command is refused: a broker would send it again after each connection.
+- `job/answer`: {request, id, ok} and `job` (its state), or `error` (the problem details as of REST).
+- `job/ID/state`, retained: {state, substate, changed}; `job/ID/response`, retained: the complete response. Both are
+  removed when the job is cleared.
+- `cell`, retained: robots and queue. `world/ID`, retained: an element of the world model; removed with the element.
+- `status`, retained: `online`; `offline` as the last will.
+
+The token of a user with the role operate is part of each command: a broker does not say who has sent a message. Use
+TLS to the broker, and its own access rules, where others may read the topic.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import ssl
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion
+
+from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
+from skiros2_gateway.core.events import Event
+from skiros2_gateway.core.job import Method
+from skiros2_gateway.core.problems import Problem, Rejected
+from skiros2_gateway.core.service import Service
+from skiros2_gateway.core.settings import Settings
+
+log = logging.getLogger(__name__)
+
+#: Delivered at least once; commands are idempotent by the job id.
+_QOS = 1
+_MAX_QUEUED = 10_000
+_ORDERS = {"store": Method.STORE, "store_and_start": Method.STORE_AND_START, "update": Method.UPDATE}
+_METHODS = {m.name.lower(): m for m in Method if m.name.lower() not in _ORDERS}
+
+
+class MqttBridge:
+    """The client of a broker. To be used in the gateway's loop; paho's thread hands over to it.
+
+    It connects, and connects again, in the background.
+    """
+
+    def __init__(self, service: Service, settings: Settings) -> None:
+        """
+        :raises ConfigurationError: a file of the settings cannot be read, or the port is no number.
+        """
+        self._service = service
+        self._prefix = settings.mqtt_prefix.strip("/")
+        self._max_body = settings.max_body
+        self._loop = asyncio.get_running_loop()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._elements: set[str] = set()
+        host, _, port = settings.mqtt.partition(":")
+        if port and not port.isdigit():
+            raise ConfigurationError(f"mqtt {settings.mqtt!r}, expected HOST or HOST:PORT")
+        self._client = paho.Client(CallbackAPIVersion.VERSION2, client_id="", protocol=paho.MQTTv311)
+        self._client.max_queued_messages_set(_MAX_QUEUED)
+        self._client.will_set(self._topic("status"), "offline", _QOS, retain=True)
+        try:
+            if settings.mqtt_user:
+                file = Path(settings.mqtt_password_file).expanduser()
+                self._client.username_pw_set(settings.mqtt_user, file.read_text().strip())
+            if settings.mqtt_ca:
+                self._client.tls_set(settings.mqtt_ca, tls_version=ssl.PROTOCOL_TLS_CLIENT)
+        except (OSError, ValueError, ssl.SSLError) as error:
+            raise ConfigurationError(f"mqtt: {error}") from error
+        self._client.on_connect = lambda *_: self._in_loop(self._on_connect)
+        self._client.on_message = lambda _, __, message: self._in_loop(self._on_message, message)
+        self._address = (host, int(port) if port else (8883 if settings.mqtt_ca else 1883))
+
+    def start(self) -> None:
+        """Starts to connect."""
+        self._client.reconnect_delay_set(1, 5)
+        self._client.connect_async(*self._address, keepalive=10)
+        self._client.loop_start()
+        self._spawn(self._follow())
+
+    async def stop(self) -> None:
+        """Says `offline` and disconnects."""
+        for task in self._tasks:
+            task.cancel()
+        farewell = self._client.publish(self._topic("status"), "offline", _QOS, retain=True)
+        if self._client.is_connected():
+            await asyncio.to_thread(farewell.wait_for_publish, 1.0)
+        self._client.disconnect()
+        await asyncio.to_thread(self._client.loop_stop)
+
+    # -- in ----------------------------------------------------------------------------------------------------
+
+    def _on_connect(self) -> None:
+        log.info("connected to the MQTT broker %s:%d", *self._address)
+        self._client.subscribe(self._topic("job/in/+"), _QOS)
+        self._publish("status", "online")
+        self._spawn(self._publish_all())
+
+    def _on_message(self, message: paho.MQTTMessage) -> None:
+        self._spawn(self._command(message.topic.rpartition("/")[2], message.payload, message.retain))
+
+    async def _command(self, method: str, payload: bytes, is_retained: bool) -> None:
+        data: dict[str, Any] = {}
+        try:
+            data = self._read(payload, is_retained)
+            job = await self._apply(method, data)
+            answer: dict[str, Any] = {"ok": True, "job": {"state": job.state, "substate": job.substate}, "id": job.id}
+        except SkirosError as error:
+            problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
+            answer = {"ok": False, "error": {"code": error.code, "detail": str(error), "problems": problems}}
+        self._publish("job/answer", {"request": data.get("request", ""), **answer}, retain=False)
+
+    def _read(self, payload: bytes, is_retained: bool) -> dict[str, Any]:
+        """
+        :raises Rejected: the message is no command.
+        """
+        try:
+            data = json.loads(payload) if len(payload) <= self._max_body else None
+        except (ValueError, RecursionError) as error:  # the latter of deep nesting
+            raise Rejected([Problem("wrong_value", "", f"the message is no JSON: {error}")]) from None
+        if not isinstance(data, dict):
+            raise Rejected([Problem("wrong_type", "", f"expected a JSON object of at most {self._max_body} bytes")])
+        if is_retained:
+            raise Rejected([Problem("wrong_value", "", "the command is retained", "a command that is not retained")])
+        return data
+
+    async def _apply(self, method: str, data: dict[str, Any]) -> Any:
+        caller = self._service.access.authenticate(str(data.get("token", "")), "mqtt", "mqtt")
+        comment = str(data.get("comment", ""))
+        if method == "update":
+            return await self._service.update(caller, data.get("order"), comment)
+        if method in _ORDERS:
+            start = _ORDERS[method] is Method.STORE_AND_START
+            return (await self._service.put(caller, data.get("order"), comment, start=start))[0]
+        if method in _METHODS:
+            return self._service.apply(caller, _METHODS[method], str(data.get("id", "")), comment)
+        raise UnknownName(f"there is no method {method!r}; there are: {', '.join([*_ORDERS, *_METHODS])}")
+
+    # -- out ---------------------------------------------------------------------------------------------------
+
+    async def _follow(self) -> None:
+        async for event in self._service.events.follow():
+            if event.kind == "reset":
+                await self._publish_all()
+            else:
+                self._on_event(event)
+
+    def _on_event(self, event: Event) -> None:
+        data = event.data
+        if event.kind == "job":
+            self._publish_job(data)
+        elif event.kind == "response":
+            self._publish(f"job/{data['job']}/response", data)
+        elif event.kind == "cell":
+            self._publish_cell()
+        elif event.kind == "world":
+            for element in data["changed"]:
+                self._publish_element(element)
+            for eid in data["removed"]:
+                self._elements.discard(eid)
+                self._publish(f"world/{eid}", None)
+
+    async def _publish_all(self) -> None:
+        """Publishes the state, after a connection or where events are missing."""
+        for job in self._service.control.open_jobs:
+            self._publish_job(job.to_dict())
+        try:
+            self._publish_cell()
+            elements = (await self._service.control.cell.world())["elements"]
+        except SkirosError as error:
+            log.debug("the world model is not published yet: %s", error)
+            return
+        for eid in self._elements - {element["id"] for element in elements}:
+            self._publish(f"world/{eid}", None)
+        self._elements.clear()
+        for element in elements:
+            self._publish_element(element)
+
+    def _publish_job(self, job: dict[str, Any]) -> None:
+        state = {"state": job["state"], "substate": job["substate"], "changed": job["changed"]}
+        self._publish(f"job/{job['id']}/state", None if job["cleared"] else state)
+        if job["cleared"]:
+            self._publish(f"job/{job['id']}/response", None)
+
+    def _publish_cell(self) -> None:
+        queue = [{"id": job.id, "state": job.state.value} for job in self._service.control.open_jobs]
+        self._publish("cell", {**self._service.control.cell.state(), "queue": queue})
+
+    def _publish_element(self, element: dict[str, Any]) -> None:
+        self._elements.add(element["id"])
+        self._publish(f"world/{element['id']}", element)
+
+    def _publish(self, topic: str, data: Any, *, retain: bool = True) -> None:
+        """Publishes JSON data or text; None removes what is retained."""
+        payload = data if isinstance(data, str) else b"" if data is None else json.dumps(data, default=str)
+        self._client.publish(self._topic(topic), payload, _QOS, retain)
+
+    # -- internals ---------------------------------------------------------------------------------------------
+
+    def _topic(self, name: str) -> str:
+        return f"{self._prefix}/{name}"
+
+    def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(call, *arguments)
+
+    def _spawn(self, work: Any) -> None:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._on_done)
+
+    def _on_done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            log.error("MQTT: an internal error", exc_info=error)

@@ -1,0 +1,148 @@
+"""Translates job orders, states and responses between the gateway and the structures of OPC UA."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from typing import Any
+
+from asyncua import ua
+
+from skiros2_gateway.core.job import Job, State, Substate
+from skiros2_gateway.core.problems import Problem, Rejected
+from skiros2_gateway.core.work_masters import WorkMaster
+
+#: The parameter of an order that has the goal text, where no work master is named.
+GOAL_PARAMETER = "Goal"
+#: The parameter of an order with the wanted plan quality.
+QUALITY_PARAMETER = "PlanQuality"
+
+
+def order_data(order: Any) -> dict[str, Any]:
+    """Returns the JSON data of an order.
+
+    :raises Rejected: it is no job order, or has parts that the gateway does not know.
+    """
+    if type(order).__name__ != "ISA95JobOrderDataType":
+        raise Rejected([Problem("wrong_type", "JobOrder", "the argument is no job order", "an ISA95JobOrderDataType")])
+    parameters = {str(p.ID): _plain(p.Value) for p in order.JobOrderParameters or []}
+    masters = [str(master.ID) for master in order.WorkMasterID or []]
+    if len(masters) > 1:
+        raise Rejected([Problem("wrong_value", "WorkMasterID", f"{len(masters)} work masters", "one at most")])
+    data: dict[str, Any] = {
+        "id": order.JobOrderID,
+        "description": "\n".join(text.Text or "" for text in order.Description or []),
+        "priority": order.Priority or 0,
+        "robots": [str(equipment.ID) for equipment in order.EquipmentRequirements or []],
+        "quality": parameters.pop(QUALITY_PARAMETER, ""),
+        "earliest_start": _iso(order.StartTime),
+        "due": _iso(order.EndTime),
+    }
+    if masters:
+        data["work_master"] = masters[0]
+    else:
+        data["goal"] = parameters.pop(GOAL_PARAMETER, "")
+    return {**data, "parameters": parameters}
+
+
+def job_order(job: Job) -> Any:
+    """Returns the order of a job as a structure."""
+    order, make = job.order, ua.ISA95JobOrderDataType()
+    make.JobOrderID = job.id
+    make.Description = [ua.LocalizedText(order.description)]
+    if order.work_master:
+        make.WorkMasterID = [ua.ISA95WorkMasterDataType(ID=order.work_master)]
+    make.StartTime, make.EndTime = order.earliest_start, order.due
+    make.Priority = order.priority
+    values = {**order.parameters, **({GOAL_PARAMETER: order.goal} if order.goal else {})}
+    make.JobOrderParameters = [parameter(key, value) for key, value in values.items()]
+    make.EquipmentRequirements = [ua.ISA95EquipmentDataType(ID=robot) for robot in job.robots]
+    return make
+
+
+def job_states(job: Job) -> list[Any]:
+    """Returns the state of a job, and its sub-state if it has one."""
+    states = [_state(job.state.value, job.state.number)]
+    if job.substate is not Substate.NONE:
+        states.append(_state(job.substate.value, job.substate.number))
+    return states
+
+
+def job_order_and_state(job: Job) -> Any:
+    """Returns an entry of the list of job orders."""
+    return ua.ISA95JobOrderAndStateDataType(JobOrder=job_order(job), State=job_states(job))
+
+
+def job_response(job: Job) -> Any:
+    """Returns the response of a job. Lists are JSON texts."""
+    response, make = job.response, ua.ISA95JobResponseDataType()
+    make.JobResponseID = f"response of {job.id}"
+    make.JobOrderID = job.id
+    make.Description = ua.LocalizedText(response.message)
+    make.StartTime, make.EndTime = _time(response.started), _time(response.ended)
+    make.JobState = job_states(job)
+    texts = {"Outcome": response.outcome, "Message": response.message, "Phase": response.phase}
+    lists = {
+        "Plan": response.plan, "Steps": response.steps, "Changes": response.changes, "Notes": response.notes,
+        "Explanations": response.explanations,
+    }  # fmt: skip
+    values = {**texts, **{key: json.dumps(value) for key, value in lists.items()}, **response.quality}
+    make.JobResponseData = [parameter(key, value) for key, value in values.items()]
+    make.EquipmentActuals = [ua.ISA95EquipmentDataType(ID=robot) for robot in response.robots]
+    return make
+
+
+def work_master(master: WorkMaster) -> Any:
+    """Returns a work master with its parameters; their values are the defaults, or their types."""
+    make = ua.ISA95WorkMasterDataType()
+    make.ID, make.Description = master.id, ua.LocalizedText(master.description)
+    make.Parameters = [
+        parameter(p.id, p.default if p.default is not None else p.type, p.description) for p in master.parameters
+    ]
+    return make
+
+
+def parameter(key: str, value: Any, description: str = "") -> Any:
+    """Returns a parameter."""
+    plain = value if isinstance(value, bool | int | float | str) else json.dumps(value)
+    texts = [ua.LocalizedText(description)] if description else []
+    return ua.ISA95ParameterDataType(ID=key, Value=ua.Variant(plain), Description=texts)
+
+
+def wanted_states(states: Any) -> list[str]:
+    """Returns the names of states, from their texts or numbers.
+
+    :raises Rejected: a state is unknown.
+    """
+    names, problems = [], []
+    known = {state.number: state.value for state in State}
+    for state in states or []:
+        name = state.StateText.Text if state.StateText is not None and state.StateText.Text else None
+        name = name or known.get(state.StateNumber, "")
+        if name in known.values():
+            names.append(name)
+        else:
+            expected = f"one of {', '.join(known.values())}"
+            problems.append(Problem("unknown_name", "JobOrderState", f"there is no state {name!r}", expected))
+    if problems:
+        raise Rejected(problems)
+    return names
+
+
+def _state(text: str, number: int) -> Any:
+    return ua.ISA95StateDataType(BrowsePath=ua.RelativePath(), StateText=ua.LocalizedText(text), StateNumber=number)
+
+
+def _plain(value: Any) -> Any:
+    return value.Value if isinstance(value, ua.Variant) else value
+
+
+def _iso(time: datetime | None) -> str | None:
+    """Returns a time of OPC UA, which is UTC; the smallest time stands for none."""
+    if time is None or time.year < 1970:
+        return None
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).isoformat()
+
+
+def _time(seconds: float | None) -> datetime | None:
+    return datetime.fromtimestamp(seconds, UTC) if seconds is not None else None

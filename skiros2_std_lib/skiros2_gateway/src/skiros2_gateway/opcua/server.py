@@ -1,0 +1,308 @@
+"""The OPC UA server: Job Control, robots and the scene as nodes."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import logging
+import socket
+from collections.abc import Callable, Coroutine
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any
+
+from asyncua import Server, ua
+from asyncua.crypto.cert_gen import setup_self_signed_certificate
+from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
+from skiros2_gateway.core.access import Caller
+from skiros2_gateway.core.job import Method
+from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
+from skiros2_gateway.core.service import Service
+from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.opcua.model import JobTypes, build_types
+from skiros2_gateway.opcua.orders import (
+    job_order_and_state,
+    job_response,
+    order_data,
+    wanted_states,
+    work_master,
+)
+from skiros2_gateway.opcua.twin import Twin
+
+log = logging.getLogger(__name__)
+# asyncua logs each node of its address space and each request
+logging.getLogger("asyncua").setLevel(logging.WARNING)
+
+APPLICATION = "urn:skiros2:gateway"
+
+#: The bits of `ReturnStatus`.
+UNKNOWN_JOB, INVALID_STATE, NOT_ACCEPTED = 1, 2, 4
+
+_caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
+
+#: How long changes of jobs are gathered before the lists are written (s).
+_LIST_PERIOD = 0.1
+#: How many of the newest responses are in the list.
+_RESPONSES = 100
+
+
+class _SessionUser(User):
+    """A user of a session. Never an administrator: no client changes the address space."""
+
+    def __init__(self, caller: Caller) -> None:
+        super().__init__(UserRole.User, caller.user)
+        self.caller = caller
+
+
+class _Users:
+    """asyncua's user manager: the token is the password; or the user has a certificate."""
+
+    def __init__(self, service: Service) -> None:
+        self._access = service.access
+
+    def get_user(
+        self, _: Any, username: str | None = None, password: str | None = None, certificate: Any = None
+    ) -> _SessionUser | None:
+        try:
+            if username is not None:
+                caller = self._access.authenticate(password or "", "opcua", "opcua")
+                return _SessionUser(caller) if caller.user == username else None
+            if certificate is not None:
+                return _SessionUser(self._access.authenticate_certificate(certificate, "opcua", "opcua"))
+        except (Unauthenticated, TooMany) as error:
+            log.info("session of %s refused: %s", username or "a certificate", error)
+        return None
+
+
+class _Rules(SimpleRoleRuleset):
+    """Notes whose request is processed: the request and the methods that it calls run in one task."""
+
+    def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
+        _caller.set(getattr(user, "caller", None))
+        return bool(super().check_validity(user, action_type_id, body))
+
+
+class OpcuaServer:
+    """The server. To be used in the gateway's loop."""
+
+    def __init__(self, service: Service, settings: Settings) -> None:
+        self._service = service
+        self._settings = settings
+        self._server = Server(user_manager=_Users(service))
+        self._types: JobTypes
+        self._nodes: dict[str, Any] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+        self._has_changes = asyncio.Event()
+        #: Its address, once it has started.
+        self.address = ""
+
+    async def start(self) -> None:
+        """Starts to serve.
+
+        :raises ConfigurationError: the port is in use, or the certificate cannot be read.
+        """
+        settings, server = self._settings, self._server
+        await server.init()
+        port = settings.opcua_port or _free_port(settings.host)
+        self.address = f"opc.tcp://{_host(settings.host)}:{port}/skiros2/"
+        server.set_endpoint(self.address)
+        server.set_server_name("SkiROS2 gateway")
+        await server.set_application_uri(APPLICATION)
+        await self._secure()
+        self._types = await build_types(server)
+        await self._add_objects()
+        try:
+            await server.start()
+        except OSError as error:
+            raise ConfigurationError(f"opcua_port {port} on {settings.host}: {error}") from error
+        log.info("the gateway serves %s", self.address)
+        self._tasks = [self._spawn(self._follow()), self._spawn(self._write_lists())]
+
+    async def stop(self) -> None:
+        """Stops serving."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._server.stop()
+
+    async def _secure(self) -> None:
+        """Sets security policies, certificate and ways to log in; anonymous users have none."""
+        folder, server = self._settings.folder.expanduser(), self._server
+        certificate, key = Path(self._settings.certificate), Path(self._settings.key)
+        if not self._settings.certificate:
+            certificate, key = folder / "opcua_certificate.der", folder / "opcua_key.pem"
+            usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
+            await setup_self_signed_certificate(
+                key, certificate, APPLICATION, socket.gethostname(), usage, {"organizationName": "SkiROS2"}
+            )
+            key.chmod(0o600)
+        try:
+            await server.load_certificate(certificate)
+            await server.load_private_key(key)
+        except (OSError, ValueError) as error:
+            raise ConfigurationError(f"certificate {certificate}, key {key}: {error}") from error
+        policies = [
+            ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+            ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+        ]
+        if self._settings.is_local:
+            policies.append(ua.SecurityPolicyType.NoSecurity)
+        server.set_security_policy(policies, permission_ruleset=_Rules())
+        server.set_identity_tokens([ua.UserNameIdentityToken, ua.X509IdentityToken])
+
+    # -- nodes -------------------------------------------------------------------------------------------------
+
+    async def _add_objects(self) -> None:
+        server, index = self._server, self._types.index
+        for name, kind in (("JobOrderReceiver", self._types.receiver), ("JobResponseProvider", self._types.provider)):
+            place = ua.NodeId(name, index), f"{index}:{name}"
+            made = await server.nodes.objects.add_object(*place, kind.nodeid)
+            for node in await made.get_children():
+                self._nodes[(await node.read_browse_name()).Name] = node
+        for method in Method:
+            takes_order = method in (Method.STORE, Method.STORE_AND_START, Method.UPDATE)
+            self._link(method, self._on_order(method) if takes_order else self._on_method(method))
+        self._link("RequestJobResponseByJobOrderID", self._response_by_id)
+        self._link("RequestJobResponseByJobOrderState", self._responses_by_state)
+        masters = [work_master(master) for master in self._service.control.masters.all.values()]
+        await self._write("WorkMaster", masters)
+        self._twin = Twin(server, self._service)
+        await self._twin.start()
+
+    def _link(self, name: str, call: Callable[..., Coroutine[Any, Any, list[ua.Variant]]]) -> None:
+        async def linked(_: ua.NodeId, *arguments: ua.Variant) -> Any:
+            try:
+                return await call(*(argument.Value for argument in arguments))
+            except TypeError as error:
+                log.info("%s: %s", name, error)
+                return ua.StatusCode(ua.StatusCodes.BadInvalidArgument)
+            except (Denied, Unauthenticated):
+                return ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
+            except TooMany:
+                return ua.StatusCode(ua.StatusCodes.BadTooManyOperations)
+
+        self._server.link_method(self._nodes[name], linked)
+
+    async def _write(self, name: str, value: list[Any]) -> None:
+        if name in self._nodes:
+            await self._nodes[name].write_value(ua.Variant(value, ua.VariantType.ExtensionObject, is_array=True))
+
+    # -- methods -----------------------------------------------------------------------------------------------
+
+    def _on_order(self, method: Method) -> Callable[..., Coroutine[Any, Any, list[ua.Variant]]]:
+        async def call(order: Any, comment: Any = None) -> list[ua.Variant]:
+            try:
+                caller = _current_caller()
+                if method is Method.UPDATE:
+                    await self._service.update(caller, order_data(order), _text(comment))
+                else:
+                    start = method is Method.STORE_AND_START
+                    await self._service.put(caller, order_data(order), _text(comment), start=start)
+            except SkirosError as error:
+                return _status(method, error)
+            return [ua.Variant(0, ua.VariantType.UInt64)]
+
+        return call
+
+    def _on_method(self, method: Method) -> Callable[..., Coroutine[Any, Any, list[ua.Variant]]]:
+        async def call(job_id: Any, comment: Any = None) -> list[ua.Variant]:
+            try:
+                self._service.apply(_current_caller(), method, str(job_id), _text(comment))
+            except SkirosError as error:
+                return _status(method, error)
+            return [ua.Variant(0, ua.VariantType.UInt64)]
+
+        return call
+
+    async def _response_by_id(self, job_id: Any) -> list[ua.Variant]:
+        self._service.view(_current_caller())
+        try:
+            response, status = job_response(self._service.control.get(str(job_id))), 0
+        except UnknownName:
+            response, status = ua.ISA95JobResponseDataType(), UNKNOWN_JOB
+        return [ua.Variant(response), ua.Variant(status, ua.VariantType.UInt64)]
+
+    async def _responses_by_state(self, states: Any) -> list[ua.Variant]:
+        self._service.view(_current_caller())
+        try:
+            names = wanted_states(states)
+        except SkirosError as error:
+            return [_objects([]), *_status("RequestJobResponseByJobOrderState", error)]
+        jobs = self._service.store.jobs(names, limit=_RESPONSES)
+        return [_objects([job_response(job) for job in jobs]), ua.Variant(0, ua.VariantType.UInt64)]
+
+    # -- changes -----------------------------------------------------------------------------------------------
+
+    async def _follow(self) -> None:
+        self._has_changes.set()
+        last = self._service.events.last_id
+        await self._twin.read_all()
+        async for event in self._service.events.follow(last):
+            if event.kind in ("job", "reset"):
+                self._has_changes.set()
+            await self._twin.on_event(event)
+
+    async def _write_lists(self) -> None:
+        while True:
+            await self._has_changes.wait()
+            self._has_changes.clear()
+            await self._write("JobOrderList", [job_order_and_state(job) for job in self._service.control.open_jobs])
+            ended = self._service.store.jobs(("Ended", "Aborted"), limit=_RESPONSES)
+            await self._write("JobOrderResponseList", [job_response(job) for job in ended])
+            await asyncio.sleep(_LIST_PERIOD)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        async def guarded() -> None:
+            try:
+                await work
+            except Exception:
+                log.exception("the OPC UA server does not follow the gateway any more")
+
+        return asyncio.get_running_loop().create_task(guarded())
+
+
+def _current_caller() -> Caller:
+    caller = _caller.get()
+    if caller is None:
+        raise Unauthenticated("the session has no user")
+    return caller
+
+
+def _status(action: str, error: SkirosError) -> list[ua.Variant]:
+    """Returns the status of a refused call.
+
+    :raises Denied, TooMany: they have status codes of OPC UA.
+    """
+    if isinstance(error, Denied | TooMany | Unauthenticated):
+        raise error
+    log.info("%s: %s", action, error)
+    status = {"unknown_name": UNKNOWN_JOB, "refused": INVALID_STATE}.get(error.code, NOT_ACCEPTED)
+    return [ua.Variant(status, ua.VariantType.UInt64)]
+
+
+def _objects(values: list[Any]) -> ua.Variant:
+    return ua.Variant(values, ua.VariantType.ExtensionObject, is_array=True)
+
+
+def _text(comment: Any) -> str:
+    """Returns a comment: a list of localised texts."""
+    texts = comment if isinstance(comment, list) else [comment]
+    return " ".join(str(getattr(text, "Text", text)) for text in texts if text is not None)
+
+
+def _host(host: str) -> str:
+    with contextlib.suppress(ValueError):
+        return f"[{host}]" if ipaddress.ip_address(host).version == 6 else host
+    return host
+
+
+def _free_port(host: str) -> int:
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.bind((host, 0))
+        return int(probe.getsockname()[1])
+
+

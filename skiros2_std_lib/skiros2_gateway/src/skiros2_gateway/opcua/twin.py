@@ -1,0 +1,146 @@
+"""Robots and the elements of the world model as nodes: a digital twin that clients can browse and subscribe to.
+
+Objects/Cell has `Ready`, `QueueLength` and `Robots`, with an object for each robot. Objects/World has an object for
+each element, with a variable for each property and `Relations` (texts `predicate object`). The node id of an element is
+the text `World/ID`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+from asyncua import Node, Server, ua
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_gateway.core.events import Event
+from skiros2_gateway.core.service import Service
+
+log = logging.getLogger(__name__)
+
+NAMESPACE = "urn:skiros2:cell"
+#: After how many elements other tasks of the loop get their turn.
+_CHUNK = 20
+
+
+class Twin:
+    """The nodes. To be used in the gateway's loop."""
+
+    def __init__(self, server: Server, service: Service) -> None:
+        self._server = server
+        self._service = service
+        self._index = 0
+        self._folders: dict[str, Node] = {}
+        self._objects: dict[str, dict[str, Node]] = {}  # variables by key, of each object by its path
+        self._relations: dict[str, set[str]] = {}  # of each element by its path
+        self._is_stale = True
+
+    async def start(self) -> None:
+        """Adds the folders."""
+        self._index = await self._server.register_namespace(NAMESPACE)
+        for name in ("Cell", "World"):
+            self._folders[name] = await self._server.nodes.objects.add_folder(self._id(name), f"{self._index}:{name}")
+        robots = await self._folders["Cell"].add_folder(self._id("Cell/Robots"), f"{self._index}:Robots")
+        self._folders["Robots"] = robots
+
+    async def on_event(self, event: Event) -> None:
+        """Follows the gateway's events."""
+        if event.kind == "reset":
+            self._is_stale = True
+        if self._is_stale and event.kind in ("cell", "world", "reset"):
+            await self.read_all()
+        elif event.kind == "cell":
+            await self._show_cell(event.data)
+        elif event.kind == "world":
+            for element in event.data["changed"]:
+                await self._show_element(element)
+            for eid in event.data["removed"]:
+                await self._remove(f"World/{eid}")
+            await self._relate(event.data["related"], event.data["unrelated"])
+        if event.kind == "job":
+            await self._show("Cell", self._folders["Cell"], {"QueueLength": len(self._service.control.open_jobs)})
+
+    async def read_all(self) -> None:
+        """Shows the whole cell, if it answers; otherwise after the next event."""
+        try:
+            world = await self._service.control.cell.world()
+        except SkirosError as error:
+            log.debug("the world model is not shown yet: %s", error)
+            return
+        self._is_stale = False
+        await self._show_cell(self._service.control.cell.state())
+        known = {path for path in self._objects if path.startswith("World/")}
+        for i, element in enumerate(world["elements"]):
+            known.discard(f"World/{element['id']}")
+            self._relations[f"World/{element['id']}"] = {f"{name} {end}" for name, end in element["relations"]}
+            await self._show_element(element)
+            if i % _CHUNK == 0:
+                await asyncio.sleep(0)
+        for path in known:
+            await self._remove(path)
+
+    async def _show_cell(self, state: dict[str, Any]) -> None:
+        await self._show("Cell", self._folders["Cell"], {"Ready": state["ready"], "Capacity": state["capacity"]})
+        for robot in state["robots"]:
+            path = f"Cell/Robots/{robot['name'].lstrip('/')}"
+            node = await self._object(path, self._folders["Robots"], robot["name"].lstrip("/"))
+            values = {"State": robot["state"], "Reason": robot["reason"], **robot["counters"]}
+            await self._show(path, node, values)
+
+    async def _show_element(self, element: dict[str, Any]) -> None:
+        path = f"World/{element['id']}"
+        node = await self._object(path, self._folders["World"], element["label"] or element["id"])
+        relations = sorted(self._relations.get(path, ()))
+        values = {key: value[0] if len(value) == 1 else value for key, value in element["properties"].items() if value}
+        await self._show(path, node, {"Type": element["type"], **values, "Relations": relations})
+
+    async def _relate(self, added: list[list[str]], removed: list[list[str]]) -> None:
+        for subject, name, end in removed:
+            self._relations.setdefault(f"World/{subject}", set()).discard(f"{name} {end}")
+        for subject, name, end in added:
+            self._relations.setdefault(f"World/{subject}", set()).add(f"{name} {end}")
+        for path in {f"World/{subject}" for subject, _, _ in added + removed} & self._objects.keys():
+            await self._show(path, self._server.get_node(self._id(path)), {"Relations": sorted(self._relations[path])})
+
+    async def _object(self, path: str, parent: Node, name: str) -> Node:
+        if path not in self._objects:
+            await parent.add_object(self._id(path), f"{self._index}:{name}")
+            self._objects[path] = {}
+        return self._server.get_node(self._id(path))
+
+    async def _show(self, path: str, node: Node, values: dict[str, Any]) -> None:
+        """Writes variables of an object; adds those that it lacks."""
+        variables = self._objects.setdefault(path, {})
+        for key, value in values.items():
+            variant = _variant(value)
+            variable = variables.get(key)
+            try:
+                if variable is None:
+                    made = await node.add_variable(self._id(f"{path}/{key}"), f"{self._index}:{key}", variant)
+                    variables[key] = made
+                else:
+                    await variable.write_value(variant)
+            except ua.UaStatusCodeError as error:  # such as another type than before
+                log.warning("OPC UA variable %s/%s: %s", path, key, error)
+
+    async def _remove(self, path: str) -> None:
+        self._relations.pop(path, None)
+        if self._objects.pop(path, None) is not None:
+            await self._server.delete_nodes([self._server.get_node(self._id(path))], recursive=True)
+
+    def _id(self, path: str) -> ua.NodeId:
+        return ua.NodeId(path, self._index)
+
+
+def _variant(value: Any) -> ua.Variant:
+    if isinstance(value, list):
+        kind = ua.VariantType.String
+        if value and all(isinstance(each, float | int) and not isinstance(each, bool) for each in value):
+            return ua.Variant([float(each) for each in value], ua.VariantType.Double, is_array=True)
+        return ua.Variant([str(each) for each in value], kind, is_array=True)
+    if isinstance(value, bool):
+        return ua.Variant(value, ua.VariantType.Boolean)
+    if isinstance(value, int | float):
+        return ua.Variant(float(value), ua.VariantType.Double)
+    return ua.Variant("" if value is None else str(value), ua.VariantType.String)

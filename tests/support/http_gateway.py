@@ -1,0 +1,48 @@
+"""The gateway's HTTP server in the test's own loop, called by curl."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import uvicorn
+
+from skiros2_gateway.core.service import Service
+from skiros2_gateway.http.app import create_app
+
+
+@asynccontextmanager
+async def served(service: Service, max_body: int = 10_000) -> AsyncIterator[str]:
+    """Serves until the block ends; yields the address."""
+    app = create_app(service, max_body=max_body)
+    config = uvicorn.Config(app, log_config=None, lifespan="off", timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    sock = socket.socket()
+    sock.bind(("127.0.0.1", 0))
+    config.load()
+    server.lifespan = config.lifespan_class(config)
+    await server.startup([sock])
+    try:
+        yield f"http://127.0.0.1:{sock.getsockname()[1]}"
+    finally:
+        server.should_exit = True
+        server.force_exit = True
+        await server.shutdown([sock])
+
+
+async def curl(address: str, path: str, *options: str, token: str = "", body: Any = None) -> tuple[int, Any]:
+    """Returns the status and the JSON answer of a request."""
+    command = ["curl", "-sS", "-m", "20", "-w", "\n%{http_code}", *options, address + path]
+    if token:
+        command += ["-H", f"Authorization: Bearer {token}"]
+    if body is not None:
+        text = body if isinstance(body, str) else json.dumps(body)
+        command += ["-H", "Content-Type: application/json", "--data-binary", text]
+    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    out, _ = await process.communicate()
+    text, _, status = out.decode().rpartition("\n")
+    return int(status), json.loads(text) if text.startswith(("{", "[")) else text

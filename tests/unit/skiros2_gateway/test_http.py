@@ -1,0 +1,151 @@
+"""REST: curl against the served application, with a stand-in for the cell."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from skiros2_gateway.core.events import EventStream
+from support.http_gateway import curl, served
+from unit.skiros2_gateway.conftest import TOKENS
+
+Run = Callable[..., None]
+ORDER = {"id": "a", "goal": "(at robot home)"}
+
+pytestmark = pytest.mark.skipif(shutil.which("curl") is None, reason="needs Debian's curl")
+
+
+def test_job_is_sent_queried_and_stopped(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            token = TOKENS["operate"]
+            status, job = await curl(address, "/api/jobs", token=token, body=ORDER)
+            assert (status, job["state"]) == (201, "AllowedToStart")
+            assert (await curl(address, "/api/jobs", token=token, body=ORDER))[0] == 200
+            gateway.cell.run("a")
+            assert (await curl(address, "/api/jobs/a", token=token))[1]["response"]["steps"][0]["robot"] == "/robot"
+            assert (await curl(address, "/api/jobs/a/stop", "-X", "POST", token=token))[0] == 200
+            gateway.cell.end("a", "cancelled")
+            state = (await curl(address, "/api/state", token=token))[1]
+            assert (state["jobs"], state["counts"], state["role"]) == ([], {"cancelled": 1}, "operate")
+            listed = (await curl(address, "/api/jobs?state=Ended", token=token))[1]["jobs"]
+            assert [each["id"] for each in listed] == ["a"]
+            status, answer = await curl(address, "/api/jobs/a/stop", "-X", "POST", token=token)
+            assert (status, answer["code"]) == (409, "refused")
+
+    in_gateway(test)
+
+
+def test_only_roles_may_command(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            assert (await curl(address, "/api/health"))[0] == 200
+            assert (await curl(address, "/api/state"))[0] == 401
+            assert (await curl(address, "/api/jobs", token="guess", body=ORDER))[0] == 401
+            assert (await curl(address, "/api/jobs", token=TOKENS["view"], body=ORDER))[0] == 403
+            assert (await curl(address, "/api/audit", token=TOKENS["operate"]))[0] == 403
+            status, answer = await curl(address, "/api/audit", token=TOKENS["maintain"])
+            denied = [(entry["user"], entry["action"], entry["object"]) for entry in answer["audit"]]
+            assert (status, denied) == (200, [("view", "StoreAndStart", "a"), ("operate", "read the audit log", "")])
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+def test_cookie_commands_only_with_the_header(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        jar = str(gateway.path.parent / "cookies")
+        async with served(gateway.service) as address:
+            login = {"token": TOKENS["operate"]}
+            assert (await curl(address, "/api/session", "-c", jar, body=login))[1]["role"] == "operate"
+            assert (await curl(address, "/api/state", "-b", jar))[0] == 200
+            assert (await curl(address, "/api/jobs", "-b", jar, body=ORDER))[0] == 401
+            assert (await curl(address, "/api/jobs", "-b", jar, "-H", "X-Gateway: 1", body=ORDER))[0] == 201
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status", "code"),
+    [
+        ("/api/jobs", {"id": "", "goal": 3, "x": 1}, 422, "rejected"),
+        ("/api/jobs", "{", 422, "rejected"),
+        ("/api/jobs", {**ORDER, "description": "x" * 20_000}, 413, "too_large"),
+        ("/api/jobs/b/start", {}, 404, "unknown_name"),
+        ("/api/jobs/b/jump", {}, 404, "unknown_name"),
+        ("/api/robots/stop", {"robots": ["/other"]}, 404, "unknown_name"),
+        ("/api/nothing", {}, 404, "http_error"),
+    ],
+)
+def test_wrong_request_is_answered_with_problem_details(
+    in_gateway: Run, path: str, body: Any, status: int, code: str
+) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            answer = await curl(address, path, token=TOKENS["operate"], body=body)
+            assert (answer[0], answer[1]["code"]) == (status, code)
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+def test_too_many_requests_are_refused(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            answers = [await curl(address, "/api/state", token=TOKENS["view"]) for _ in range(4)]
+            assert [status for status, _ in answers][-1] == 429
+
+    in_gateway(test, rate=0.1)
+
+
+def test_events_are_resumed_after_a_lost_connection(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            await gateway.put("a")
+            before = gateway.events.last_id
+            gateway.cell.accept("a")
+            await gateway.put("b")
+            options = ("-N", "-m", "30", "-H", f"Authorization: Bearer {TOKENS['view']}")
+            process = await asyncio.create_subprocess_exec(
+                "curl", "-s", *options, f"{address}/api/events?after={before}&kinds=job", stdout=asyncio.subprocess.PIPE
+            )
+            assert process.stdout is not None
+            seen = []
+            while len(seen) < 3:
+                line = (await process.stdout.readline()).decode()
+                assert line, f"the stream has ended after {seen}"
+                if line.startswith("data: "):
+                    event = json.loads(line.removeprefix("data: "))
+                    seen.append((event["data"]["id"], event["data"]["state"]))
+                    if len(seen) == 2:
+                        gateway.cell.end("a")
+            process.kill()
+            await process.wait()
+            assert seen == [("a", "Running"), ("b", "AllowedToStart"), ("a", "Ended")]
+
+    in_gateway(test)
+
+
+def test_viewer_that_missed_events_is_told_to_read_the_state() -> None:
+    async def first_kind(after: str) -> str:
+        events = EventStream()
+        events.publish("job", {})
+        async for event in events.follow(after or events.last_id):
+            return event.kind
+        raise AssertionError
+
+    assert asyncio.run(first_kind("other-12")) == "reset"
+
+
+def test_interface_is_described_by_openapi(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            paths = (await curl(address, "/openapi.json"))[1]["paths"]
+            assert {"/api/jobs", "/api/jobs/{job_id}/{method}", "/api/state", "/api/events"} <= paths.keys()
+
+    in_gateway(test)

@@ -1,0 +1,213 @@
+"""OPC UA: asyncua's client and its command-line programs against the server, with a stand-in for the cell."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import sys
+from collections.abc import Callable, Coroutine, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from asyncua import Client, Node, ua
+
+from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.opcua.model import NAMESPACE
+from skiros2_gateway.opcua.server import INVALID_STATE, NOT_ACCEPTED, UNKNOWN_JOB, OpcuaServer
+from unit.skiros2_gateway.conftest import TOKENS, Gateway
+
+Run = Callable[[Callable[[Any], Coroutine[Any, Any, None]]], None]
+PROGRAMS = Path(sys.executable).parent
+NO_COMMENT = ua.Variant([], ua.VariantType.LocalizedText, is_array=True)
+PROVIDER = "JobResponseProvider"
+
+
+@pytest.fixture(scope="module")
+def in_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """Runs coroutine functions with a gateway that has an OPC UA server at `address`; one for all tests, it is slow."""
+    folder = tmp_path_factory.mktemp("opcua")
+    with asyncio.Runner() as runner:
+
+        async def start() -> tuple[Any, OpcuaServer]:
+            gateway = Gateway(folder / "jobs.sqlite", capacity=100)
+            server = OpcuaServer(gateway.service, Settings(folder=folder, opcua_port=0))
+            await server.start()
+            gateway.address = server.address
+            return gateway, server
+
+        gateway, server = runner.run(start())
+        yield lambda test: runner.run(asyncio.wait_for(test(gateway), 60.0))
+        runner.run(server.stop())
+
+
+class Mes(Client):  # type: ignore[misc]
+    """A client that knows the structures of the server."""
+
+    def __init__(self, address: str, user: str = "operate", password: str = "") -> None:
+        super().__init__(address, timeout=10)
+        self.set_user(user)
+        self.set_password(password or TOKENS[user])
+
+    async def load(self) -> Mes:
+        await self.load_data_type_definitions()
+        self.index = await self.get_namespace_index(NAMESPACE)
+        return self
+
+    async def object(self, name: str) -> Node:
+        return await self.nodes.objects.get_child(f"{self.index}:{name}")
+
+    async def call(self, method: str, *arguments: Any, of: str = "JobOrderReceiver") -> Any:
+        return await (await self.object(of)).call_method(f"{self.index}:{method}", *arguments)
+
+
+def order(job_id: str, **parameters: Any) -> Any:
+    made = ua.ISA95JobOrderDataType(JobOrderID=job_id, Priority=3)
+    master = parameters.pop("master", "")
+    made.WorkMasterID = [ua.ISA95WorkMasterDataType(ID=master)] if master else None
+    parameters = parameters or {"Goal": "(at robot home)"}
+    made.JobOrderParameters = [
+        ua.ISA95ParameterDataType(ID=key, Value=ua.Variant(value)) for key, value in parameters.items()
+    ]
+    made.EquipmentRequirements = [ua.ISA95EquipmentDataType(ID="/robot")]
+    return made
+
+
+async def program(name: str, address: str, *arguments: str, user: str = "operate", password: str = "") -> str:
+    """Runs a program of asyncua to its end; returns its output."""
+    login = ("--user", user, "--password", password or TOKENS.get(user, ""))
+    process = await asyncio.create_subprocess_exec(
+        str(PROGRAMS / name), "-u", address, *login, *arguments,
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
+    )  # fmt: skip
+    return (await process.communicate())[0].decode()
+
+
+def test_job_is_stored_started_and_its_response_requested(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address) as mes:
+            await mes.load()
+            assert await mes.call("Store", order("j1", master="place", Tray="Tray-1"), NO_COMMENT) == 0
+            assert gateway.state("j1") == "NotAllowedToStart/Ready"
+            assert gateway.job("j1").robots == ("/robot",)
+            assert await mes.call("Start", "j1", [ua.LocalizedText("go")]) == 0
+            gateway.cell.run("j1")
+            assert await mes.call("Pause", "j1", NO_COMMENT) == 0
+            assert await mes.call("Resume", "j1", NO_COMMENT) == 0
+            gateway.cell.end("j1")
+            await gateway.collected("j1")
+            response, status = await mes.call("RequestJobResponseByJobOrderID", "j1", of=PROVIDER)
+            values = {each.ID: each.Value.Value for each in response.JobResponseData}
+            assert (status, response.JobOrderID, values["Outcome"]) == (0, "j1", "succeeded")
+            assert [state.StateText.Text for state in response.JobState] == ["Ended", "Closed"]
+            assert [actual.ID for actual in response.EquipmentActuals] == ["/robot"]
+            ended = ua.ISA95StateDataType(StateNumber=5)
+            found, status = await mes.call("RequestJobResponseByJobOrderState", [ended], of=PROVIDER)
+            assert (status, "j1" in [each.JobOrderID for each in found]) == (0, True)
+            assert [e["comment"] for e in gateway.store.history("j1") if e["method"] == "Start"] == ["go"]
+
+    in_server(test)
+
+
+def test_refused_call_returns_its_status_and_changes_nothing(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address) as mes:
+            await mes.load()
+            assert await mes.call("Start", "unknown", NO_COMMENT) == UNKNOWN_JOB
+            assert await mes.call("Store", order("j2", master="plaice"), NO_COMMENT) == NOT_ACCEPTED
+            assert await mes.call("Store", order("j2"), NO_COMMENT) == 0
+            assert await mes.call("Pause", "j2", NO_COMMENT) == INVALID_STATE
+            for arguments in itertools.chain([()], [(1, 2, 3, 4)], [(5, NO_COMMENT)]):
+                try:
+                    assert await mes.call("Store", *arguments) == NOT_ACCEPTED
+                except ua.UaStatusCodeError as error:
+                    assert error.code in (ua.StatusCodes.BadInvalidArgument, ua.StatusCodes.BadArgumentsMissing)
+            assert gateway.state("j2") == "NotAllowedToStart/Ready"
+
+    in_server(test)
+
+
+def test_list_of_job_orders_is_published(in_server: Run) -> None:
+    class Changes:
+        def __init__(self) -> None:
+            self.values: asyncio.Queue[Any] = asyncio.Queue()
+
+        def datachange_notification(self, node: Node, value: Any, data: Any) -> None:
+            self.values.put_nowait([(each.JobOrder.JobOrderID, each.State[0].StateText.Text) for each in value])
+
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address, "view") as mes:
+            await mes.load()
+            changes = Changes()
+            subscription = await mes.create_subscription(20, changes)
+            receiver = await mes.object("JobOrderReceiver")
+            await subscription.subscribe_data_change(await receiver.get_child(f"{mes.index}:JobOrderList"))
+            await gateway.put("j3")
+            gateway.cell.accept("j3")
+            while ("j3", "Running") not in await changes.values.get():
+                pass
+
+    in_server(test)
+
+
+def test_only_known_users_with_the_role_may_call(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        address = gateway.address
+        for user, password in (("operate", "wrong"), ("view", TOKENS["operate"])):
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await Mes(address, user, password).connect()
+            assert refused.value.code == ua.StatusCodes.BadUserAccessDenied
+        async with Mes(address, "view") as viewer:
+            await viewer.load()
+            try:
+                await viewer.call("Store", order("j4"), NO_COMMENT)
+                raise AssertionError("a viewer has stored a job")
+            except ua.UaStatusCodeError as error:
+                assert error.code == ua.StatusCodes.BadUserAccessDenied
+            try:
+                await viewer.nodes.objects.add_folder(2, "mine")
+                raise AssertionError("a client has added a node")
+            except ua.UaStatusCodeError as error:
+                assert error.code == ua.StatusCodes.BadUserAccessDenied
+        assert "j4" not in [job.id for job in gateway.store.jobs()]
+
+    in_server(test)
+
+
+def test_command_line_programs_browse_call_and_read(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        address = gateway.address
+        await gateway.put("j5", start=False)
+        called, read = await asyncio.gather(
+            program("uacall", address, "-n", "ns=2;s=JobOrderReceiver", "-m", "2:Start", "-t", "string", "j5"),
+            program("uaread", address, "-n", "ns=3;s=Cell/Robots/robot/State"),
+        )
+        assert gateway.state("j5") == "AllowedToStart/Loaded", called
+        assert "idle" in read
+
+    in_server(test)
+
+
+def test_scene_is_a_twin_that_follows_changes(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address, "view") as mes:
+            index = await mes.get_namespace_index("urn:skiros2:cell")
+            kind = mes.get_node(ua.NodeId("World/Tray-1/Type", index))
+            while True:
+                try:
+                    assert await kind.read_value() == "demo:Tray"
+                    break
+                except ua.UaStatusCodeError:
+                    await asyncio.sleep(0.01)
+            tray = {"id": "Tray-1", "type": "demo:Tray", "label": "", "relations": [], "properties": {"Is": ["Full"]}}
+            change = {"changed": [tray], "removed": ["Product-2"], "unrelated": []}
+            gateway.events.publish("world", {**change, "related": [["Tray-1", "contain", "Product-3"]]})
+            relations = mes.get_node(ua.NodeId("World/Tray-1/Relations", index))
+            while await relations.read_value() != ["contain Product-3"]:
+                await asyncio.sleep(0.01)
+            assert await mes.get_node(ua.NodeId("World/Tray-1/Is", index)).read_value() == "Full"
+            names = [name.Name for name in [await n.read_browse_name() for n in await mes.get_node(
+                ua.NodeId("World", index)).get_children()]]  # fmt: skip
+            assert "Tray-1" in names and "Product-2" not in names
+
+    in_server(test)

@@ -5,7 +5,7 @@ The document is JSON data; its members are tables, objects by key:
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
 - `goals`: {phase, message, start, plan, steps}; `plan` as in the feedback of the action Achieve, `steps` by number:
   {state, message, began, ended} (s since the epoch).
-- `jobs` as in the event `job`; `cell`: robots, ready and capacity, as in `GET /api/state`.
+- `jobs` as in the event `job`, without plan, steps and changes; `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_gateway.core.scene_view`.
 - `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
 - `signals`: {name, unit, robot, value, low, high, time, problem}; `low` and `high` since the previous patch.
@@ -31,6 +31,7 @@ from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.progress import NodeMessage
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.values import NodeStatus
 
 #: What can be done with a task.
 TASK_ACTIONS = ("stop", "pause", "resume", "step")
@@ -43,14 +44,17 @@ _KEPT = 250
 #: The trees, goals and ended jobs in the document.
 _MAX_TREES, _MAX_GOALS, _MAX_JOBS = 6, 20, 50
 
+#: The parts of a job's response in the document; `goals` has its plan and steps.
+_RESPONSE = ("started", "ended", "outcome", "message", "robots", "quality")
+
 _TABLES = ("runs", "trees", "goals", "jobs", "cell", "elements", "frames", "bodies", "signals")
 
 
 class LiveCell(Protocol):
     """The cell as viewers use it. Methods raise `SkirosError` if the cell refuses or does not answer."""
 
-    async def inspect(self, robot: str, task: int, node: int) -> dict[str, Any]:
-        """Returns the parameters and conditions of a node as of `NodeStatus.to_dict`."""
+    async def inspect(self, robot: str, task: int, node: int) -> NodeStatus:
+        """Returns the parameters and conditions of a node."""
 
     async def why(self, robot: str, task: int) -> dict[str, Any]:
         """Returns why a task failed: `text`, and `explanations` as of `Explanation.to_dict`."""
@@ -196,7 +200,8 @@ class LiveView:
     def put_job(self, job: Mapping[str, Any]) -> None:
         """Updates a job."""
         jobs = self._document["jobs"]
-        self.put("jobs", str(job["id"]), job if not job["cleared"] else None)
+        response = {key: value for key, value in job["response"].items() if key in _RESPONSE}
+        self.put("jobs", str(job["id"]), None if job["cleared"] else {**job, "response": response})
         ended = [key for key, known in jobs.items() if known["state"] in ("Ended", "Aborted")]
         for key in ended[: max(0, len(ended) - _MAX_JOBS)]:
             self.put("jobs", key, None)

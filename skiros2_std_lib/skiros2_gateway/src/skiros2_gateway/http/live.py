@@ -1,11 +1,13 @@
 """The routes of the live view, and of the page.
 
-- `GET /api/live`: {event, time, document}: the document of `skiros2_gateway.core.live`, and the id of the last patch.
+- `GET /api/live`: {event, time, document, styles, role, user}: the document of `skiros2_gateway.core.live`, the id of the
+  last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
 - `GET /api/live/patches?after=ID`: server-sent events `patch` after that id (also from the header `Last-Event-ID`);
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
   are missing, so read the document again.
 - `GET /api/live/runs/KEY?time=T`: a run at a time, see `run_view.history_data`; also of a bag.
-- `GET /api/live/runs/KEY/why`, `GET /api/live/runs/KEY/nodes/ID`: why it failed; parameters and conditions of a node.
+- `GET /api/live/runs/KEY/why`: why it failed. `GET /api/live/runs/KEY/nodes/ID?time=T`: parameters and conditions of a
+  node, of a task that has ended as they were last read.
 - `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task.
 - `GET /api/live/mesh?url=URL`: a mesh of an element or robot in the document, or a file beside it.
 - `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs of trees in one.
@@ -27,6 +29,7 @@ from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import TASK_ACTIONS, LiveCell, LiveView
 from skiros2_gateway.core.run_view import history_data
 from skiros2_gateway.http.app import CallerArg, ServiceArg
+from skiros2_runs.core.states import ROLE_COLOURS, NodeState, StateStyle, TaskState, style_of
 from skiros2_runs.core.task_run import TaskRun
 
 #: What the page may load: its own files only, and pictures that it draws itself.
@@ -50,7 +53,8 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
     async def document(caller: CallerArg, service: ServiceArg) -> Response:
         """The document, and the id of the last patch."""
         service.view(caller)
-        return _json({**view.snapshot(), "role": caller.role.name.lower(), "user": caller.user})
+        found = {**view.snapshot(), "styles": _styles(), "role": caller.role.name.lower(), "user": caller.user}
+        return _json(found)
 
     @router.get("/patches")
     async def patches(request: Request, caller: CallerArg, service: ServiceArg, after: str = "") -> StreamingResponse:
@@ -94,11 +98,18 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         return await cell.why(run.robot, run.task_id)
 
     @router.get("/runs/{key:path}/nodes/{node}")
-    async def node(caller: CallerArg, service: ServiceArg, key: str, node: int) -> dict[str, Any]:
-        """The parameters and conditions of a node of a task that has not ended."""
+    async def node(
+        caller: CallerArg, service: ServiceArg, key: str, node: int, time: float | None = None
+    ) -> dict[str, Any]:
+        """The parameters and conditions of a node."""
         service.view(caller)
-        run = live_run(key)
-        return await cell.inspect(run.robot, run.task_id, node)
+        run = find(key)
+        if time is None and not run.is_finished and not key.startswith("bag/"):
+            run.add_values(await cell.inspect(run.robot, run.task_id, node))
+        values = run.values_at(node, run.latest.time if time is None else time)
+        if values is None:
+            raise UnknownName(f"the values of node {node} of {key} were not read while it ran")
+        return values.to_dict()
 
     @router.get("/runs/{key:path}")
     async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: float | None = None) -> Response:
@@ -138,6 +149,11 @@ def page_router(folder: Path) -> APIRouter:
             return Response(text, 404, media_type="text/plain")
         return FileResponse(files["index.html"], headers=headers)
 
+    @router.get("/page/states.css", include_in_schema=False)
+    async def colours() -> Response:
+        lines = [f"--{role}: light-dark({light}, {dark});" for role, (light, dark) in ROLE_COLOURS.items()]
+        return Response(f":root {{{' '.join(lines)}}}\n", media_type="text/css")
+
     @router.get("/page/{name}", include_in_schema=False)
     async def asset(name: str) -> FileResponse:
         if name not in files:
@@ -145,6 +161,16 @@ def page_router(folder: Path) -> APIRouter:
         return FileResponse(files[name], headers=headers)
 
     return router
+
+
+def _styles() -> dict[str, Any]:
+    def data(style: StateStyle) -> dict[str, str]:
+        return {"symbol": style.symbol, "word": style.word, "role": style.colour_role}
+
+    return {
+        "node": {int(state): data(style_of(state)) for state in NodeState},
+        "task": {str(state): data(style_of(state)) for state in TaskState},
+    }
 
 
 def _json(data: Any) -> Response:

@@ -27,6 +27,8 @@ from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_gui.view3d.marker_set import ChangedElements
 from skiros2_msgs import msg as msgs
+from skiros2_runs.core.values import NodeStatus
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
 from skiros2_world_model.core.changes import SCENE, Change
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -76,10 +78,8 @@ class LiveRos:
 
     # -- what viewers ask for ----------------------------------------------------------------------------------
 
-    async def inspect(self, robot: str, task: int, node: int) -> dict[str, Any]:
-        client = self._client(robot)
-        status = await self._cell.in_thread(client.inspect, task, node)
-        return status.to_dict()
+    async def inspect(self, robot: str, task: int, node: int) -> NodeStatus:
+        return await self._cell.in_thread(self._client(robot).inspect, task, node)
 
     async def why(self, robot: str, task: int) -> dict[str, Any]:
         why = await self._cell.in_thread(self._client(robot).why, task)
@@ -104,7 +104,7 @@ class LiveRos:
                 raise UnknownName(f"{url}: there is no package {package}") from None
         return Path(url.removeprefix("file://"))
 
-    def _client(self, robot: str) -> Any:
+    def _client(self, robot: str) -> ManagerClient:
         agents = self._cell.robots.agents
         name = matching_name(robot, agents)
         if not name:

@@ -17,7 +17,7 @@ const CONNECTIONS = { connecting: ["connecting", "idle"], live: ["live", "succes
   denied: ["not logged in", "idle"] };
 
 const main = document.getElementById("main");
-const panelOf = (name) => main.querySelector(`[data-panel="${name}"]`);
+const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
 const cell = new Cell();
 const run = new ShownRun(cell);
 const selection = new Selection();
@@ -127,7 +127,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => scen
 function choose(region, name) {
   main.dataset[region] = name;
   for (const tab of document.querySelectorAll(`nav[data-region="${region}"] button`))
-    tab.setAttribute("aria-current", tab.dataset.panel === name);
+    tab.setAttribute("aria-current", tab.dataset.tab === name);
   draw();
   showScene();
   scene?.draw();
@@ -135,7 +135,7 @@ function choose(region, name) {
 
 for (const [region, names] of Object.entries(REGIONS)) {
   const nav = document.querySelector(`nav[data-region="${region}"]`);
-  nav.append(...names.map((name) => h("button", { "data-panel": name, onclick: () => choose(region, name) }, PANELS[name])));
+  nav.append(...names.map((name) => h("button", { "data-tab": name, onclick: () => choose(region, name) }, PANELS[name])));
   choose(region, names[0]);
 }
 // A panel asks for another one, such as the list of runs for the tree.

@@ -6,7 +6,9 @@ import { ColladaLoader } from "three/addons/loaders/ColladaLoader.js";
 import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 
-const LABEL_HEIGHT = 0.09; // m
+import { h } from "./dom.js";
+
+const LABEL_HEIGHT = 0.11; // m
 
 export class Scene {
   #frames = new Map(); // three.Group by the name of the tf frame
@@ -19,7 +21,7 @@ export class Scene {
     [this.cell, this.selection, this.panel] = [cell, selection, panel];
     this.renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    panel.append(this.renderer.domElement);
+    panel.append(this.renderer.domElement, h("i", { class: "label-style" }));
     three.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.scene = new three.Scene();
     this.camera = new three.PerspectiveCamera(45, 1, 0.05, 200);
@@ -44,10 +46,8 @@ export class Scene {
 
   // Follows the dark or light theme.
   theme() {
-    const line = getComputedStyle(document.body).getPropertyValue("--line-opaque") || "#888";
-    this.grid.material.color?.set(line.trim());
+    this.grid.material.color.set(getComputedStyle(this.panel).borderColor);
     this.grid.material.vertexColors = false;
-    this.grid.material.needsUpdate = true;
     for (const { marker, label } of this.#elements.values()) if (label) paint(label, marker.text);
     this.draw();
   }
@@ -274,9 +274,9 @@ function paint(sprite, text) {
   const font = "500 40px system-ui, sans-serif";
   context.font = font;
   [canvas.width, canvas.height] = [Math.ceil(context.measureText(text).width) + 24, 60];
-  const style = getComputedStyle(document.body);
+  const style = getComputedStyle(document.querySelector(".label-style"));
   context.font = font;
-  context.fillStyle = style.getPropertyValue("--label-back");
+  context.fillStyle = style.backgroundColor;
   context.beginPath();
   context.roundRect(0, 2, canvas.width, 56, 14);
   context.fill();

@@ -49,7 +49,7 @@ export class SignalsView {
     if (canvas.width !== width) [canvas.width, canvas.height] = [width, height];
     const context = canvas.getContext("2d");
     context.clearRect(0, 0, width, height);
-    const style = getComputedStyle(canvas);
+    const style = getComputedStyle(canvas); // the colours: `color` of the line, `border-color` of the zero line
     const visible = samples.filter(([time]) => time > this.cell.now - SPAN);
     if (!visible.length) return;
     let low = Math.min(...visible.map((each) => each[1]));
@@ -58,9 +58,9 @@ export class SignalsView {
     if (high - low < 1e-9) [low, high] = [low - 1, high + 1];
     const x = (time) => width * (1 - (this.cell.now - time) / SPAN);
     const y = (value) => (height - 4 * scale) * (1 - (value - low) / (high - low)) + 2 * scale;
-    context.strokeStyle = style.getPropertyValue("--line");
+    context.strokeStyle = style.borderColor;
     if (low < 0 && high > 0) line(context, [[0, y(0)], [width, y(0)]]);
-    context.strokeStyle = style.getPropertyValue("--running");
+    context.strokeStyle = style.color;
     context.lineWidth = 1.5 * scale;
     context.lineJoin = "round";
     line(context, visible.flatMap(([time, lowest, highest]) => [[x(time), y(lowest)], [x(time), y(highest)]]));

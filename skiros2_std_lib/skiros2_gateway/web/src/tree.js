@@ -147,9 +147,9 @@ export class TreeView {
     setText(row.twist, isParent ? (isOpen ? "▾" : "▸") : "");
     setText(row.symbol, style.symbol);
     row.symbol.title = style.word;
-    setText(row.name, index ? shape.names[index] : this.run.summary?.name || shape.names[index]);
+    setText(row.name, shape.names[index]);
     const type = index && !isGroup ? localName(shape.types[index]) : "";
-    setText(row.type, type && type !== shape.names[index] ? type : "");
+    setText(row.type, plain(type) === plain(shape.names[index]) ? "" : type);
     setText(row.processor, isGroup ? "" : shape.processors[index]);
     setText(row.time, began >= 0 ? duration((ended >= 0 ? ended : Math.max(this.run.elapsed, began)) - began) : "");
     setText(row.message, state === SUCCESS && !message ? "" : message);
@@ -188,6 +188,9 @@ export class TreeView {
     event.preventDefault();
   }
 }
+
+// A name without what differs between the label and the type of a skill: pick_object, PickObject.
+const plain = (name) => name.replaceAll("_", "").toLowerCase();
 
 function makeRow() {
   const part = (name) => h("span", { class: name });

@@ -17,7 +17,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated, problems_of
+from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated, problems_of
 
 log = logging.getLogger(__name__)
 
@@ -207,7 +207,10 @@ class Access:
     def record(self, caller: Caller, action: str, thing: str, outcome: str) -> None:
         """Writes an entry of the audit log."""
         entry = {"user": caller.user, "way": caller.way, "action": action, "object": thing[:200], "outcome": outcome}
-        self._audit.audit({"time": time.time(), **entry})
+        try:
+            self._audit.audit({"time": time.time(), **entry})
+        except StoreFailed as error:  # what was done is done: it is in the node's log instead
+            log.error("not in the audit log: %s: %s", entry, error)
 
     def _limit(self, key: tuple[str, str], rate: float, burst: float) -> RateLimit:
         limit = self._limits.get(key)

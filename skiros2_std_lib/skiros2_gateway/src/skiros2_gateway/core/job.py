@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
@@ -236,6 +236,37 @@ class Job:
         if state is not self.state and state not in FOLLOWING[self.state]:
             raise Refused(f"job {self.id} is {self.state}; {state} does not follow")
         self.state, self.substate, self.changed = state, substate, now
+
+    def apply(self, method: Method, author: str, now: float) -> None:
+        """Changes the state as an allowed method does; `wanted` has a method that the cell has to carry out first.
+
+        :param author: who has called it.
+        :param now: s since the epoch.
+        """
+        if method in (Method.START, Method.REVOKE_START):
+            is_start = method is Method.START
+            state = State.ALLOWED_TO_START if is_start else State.NOT_ALLOWED_TO_START
+            self.change(state, self.substate_before_start(now), now)
+        elif method is Method.PAUSE:
+            self.change(State.INTERRUPTED, Substate.HELD, now)
+        elif method is Method.RESUME:
+            self.change(State.RUNNING, Substate.NONE, now)
+        elif method in (Method.STOP, Method.ABORT) and self.is_in_cell:
+            self.wanted, self.changed = method, now
+        elif method is Method.CLEAR:
+            self.cleared, self.changed = True, now
+        else:  # Abort and Cancel of a job that has not started
+            self.cleared = method is Method.CANCEL
+            self.response = Response(ended=now, outcome="cancelled", message=f"{method} by {author}", collected=True)
+            self.change(State.ABORTED, Substate.NONE, now)
+
+    def substate_before_start(self, now: float) -> Substate:
+        """Returns the sub-state of a job that has not started (now in s since the epoch)."""
+        return Substate.WAITING if self.earliest > now else Substate.READY
+
+    def copy(self) -> Job:
+        """Returns a copy whose fields, and those of its response, can be replaced."""
+        return replace(self, response=replace(self.response))
 
     def to_dict(self) -> dict[str, Any]:
         """Returns the job as JSON data; times in s since the epoch, those of the order in ISO 8601."""

@@ -12,8 +12,9 @@ from skiros2_common.core.errors import Conflict, Refused, SkirosError, UnknownNa
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import LOST, REACHED, Cell, Collected, Ending, Goal, Progress
 from skiros2_gateway.core.events import EventStream
-from skiros2_gateway.core.job import FINAL, Job, Method, Order, Response, State, Substate
-from skiros2_gateway.core.problems import Problem, Rejected
+from skiros2_gateway.core.job import FINAL, Job, Method, Order, State, Substate
+from skiros2_gateway.core.open_jobs import OpenJobs
+from skiros2_gateway.core.problems import Problem, Rejected, StoreFailed
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.work_masters import WorkMasters
 
@@ -21,6 +22,9 @@ log = logging.getLogger(__name__)
 
 #: The author of changes that the gateway makes itself.
 GATEWAY = "gateway"
+
+#: How long a store that refuses changes is left alone (s).
+_RETRY = 1.0
 
 
 class JobControl:
@@ -40,7 +44,7 @@ class JobControl:
         self.events = events
         self._clock = clock
         self._cell: Cell | None = None
-        self._open = {job.id: job for job in store.open_jobs()}
+        self._jobs = OpenJobs(store, events)
         self._sequence = store.next_sequence()
         self._timer: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -57,7 +61,7 @@ class JobControl:
     def start(self, cell: Cell) -> None:
         """Continues with the jobs of the store."""
         self._cell = cell
-        for job in list(self._open.values()):
+        for job in self._jobs:
             if job.state in FINAL:
                 self._collect(job)
             elif job.is_in_cell:
@@ -80,7 +84,7 @@ class JobControl:
     @property
     def open_jobs(self) -> list[Job]:
         """The jobs that have not ended, in the order in which they would start; those that run come first."""
-        waiting = [job for job in self._open.values() if job.state not in FINAL]
+        waiting = [job for job in self._jobs if job.state not in FINAL]
         return sorted(waiting, key=lambda job: (not job.is_in_cell, job.state is State.NOT_ALLOWED_TO_START, job.rank))
 
     def get(self, job_id: str) -> Job:
@@ -88,9 +92,9 @@ class JobControl:
 
         :raises UnknownName: there is no such job.
         """
-        job = self._open.get(job_id) or self.store.get(job_id)
+        job = self._jobs.find(job_id)
         if job is None:
-            near = ", ".join(nearest(job_id, self._open)) or "none"
+            near = ", ".join(nearest(job_id, self._jobs.ids())) or "none"
             raise UnknownName(f"there is no job {job_id!r}; near: {near}")
         return job
 
@@ -104,6 +108,7 @@ class JobControl:
         :returns: the job, and whether it is new.
         :raises Rejected: with all problems of the order.
         :raises Conflict: another order has the same id.
+        :raises StoreFailed: the order is not stored.
         """
         known = self._known(order)
         goal = await self.check(order) if known is None else ""
@@ -114,11 +119,11 @@ class JobControl:
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
         robots = self.masters.robots_of(order)
         job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots)
-        job.substate = self._substate(job)
-        self._save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
+        job.substate = job.substate_before_start(now)
+        self._jobs.save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
         self._sequence += 1
         self._dispatch()
-        return job, True
+        return self._jobs.open(job.id) or job, True
 
     async def check(self, order: Order) -> str:
         """Returns the goal of an order.
@@ -141,16 +146,15 @@ class JobControl:
         :raises Refused: it has started.
         :raises UnknownName: there is no such job.
         """
-        job = self.get(order.id)
-        job.check(Method.UPDATE)
+        self.get(order.id).check(Method.UPDATE)
         goal = await self.check(order)
-        job.check(Method.UPDATE)  # it may have started meanwhile
-        job.goal = goal
-        job.order, job.robots, job.changed = order, self.masters.robots_of(order), self._clock()
-        job.substate = self._substate(job)
-        self._save(job, author, Method.UPDATE, comment)
+        job, now = self.get(order.id), self._clock()  # it may have started meanwhile
+        job.check(Method.UPDATE)
+        job.order, job.goal, job.robots, job.changed = order, goal, self.masters.robots_of(order), now
+        job.substate = job.substate_before_start(now)
+        self._jobs.save(job, author, Method.UPDATE, comment)
         self._dispatch()
-        return job
+        return self._jobs.open(job.id) or job
 
     def apply(self, method: Method, job_id: str, author: str, comment: str = "") -> Job:
         """Applies a method to a job. Pause, Resume, Stop and Abort of a running job take effect later.
@@ -160,30 +164,21 @@ class JobControl:
         """
         if method in (Method.STORE, Method.STORE_AND_START, Method.UPDATE):
             raise Refused(f"{method} needs an order")
-        job, now = self.get(job_id), self._clock()
+        job = self.get(job_id)
         job.check(method)
-        if method is Method.START:
-            job.change(State.ALLOWED_TO_START, self._substate(job), now)
-        elif method is Method.REVOKE_START:
-            job.change(State.NOT_ALLOWED_TO_START, self._substate(job), now)
-        elif method is Method.PAUSE:
-            self.cell.pause(job.id)
-            job.change(State.INTERRUPTED, Substate.HELD, now)
-        elif method is Method.RESUME:
-            self.cell.resume(job.id)
-            job.change(State.RUNNING, Substate.NONE, now)
-        elif method in (Method.STOP, Method.ABORT) and job.is_in_cell:
-            job.wanted, job.changed = method, now
-            self.cell.stop(job.id)
-        elif method is Method.CLEAR:
-            job.cleared, job.changed = True, now
-        else:  # Abort and Cancel of a job that has not started
-            job.cleared = method is Method.CANCEL
-            job.response = Response(ended=now, outcome="cancelled", message=f"{method} by {author}", collected=True)
-            job.change(State.ABORTED, Substate.NONE, now)
-        self._save(job, author, method, comment)
+        actions = {Method.PAUSE: self.cell.pause, Method.RESUME: self.cell.resume}
+        in_cell = actions.get(method, self.cell.stop) if job.is_in_cell else None
+        job.apply(method, author, self._clock())
+        try:
+            self._jobs.save(job, author, method, comment)
+        except StoreFailed:
+            if in_cell is None or method is Method.RESUME:
+                raise
+            self._note(job, author, method, comment)  # robots stop, whatever the disk does
+        if in_cell is not None:
+            in_cell(job.id)
         self._dispatch()
-        return job
+        return self._jobs.open(job.id) or job
 
     # -- a listener of the cell --------------------------------------------------------------------------------
 
@@ -192,48 +187,48 @@ class JobControl:
         self._dispatch()
 
     def goal_accepted(self, goal_id: str) -> None:
-        job = self._open.get(goal_id)
+        job = self._jobs.open(goal_id)
         if job is not None and job.substate is Substate.LOADED:
             job.response.started = now = self._clock()
             job.change(State.RUNNING, Substate.NONE, now)
-            self._save(job, GATEWAY, "accepted")
+            self._note(job, GATEWAY, "accepted")
 
     def goal_progress(self, goal_id: str, progress: Progress) -> None:
-        job = self._open.get(goal_id)
+        self.goal_accepted(goal_id)
+        job = self._jobs.open(goal_id)
         if job is None or not job.is_in_cell:
             return
-        self.goal_accepted(goal_id)
         response = job.response
         response.phase, response.message = progress.phase, progress.message
         response.plan, response.steps = progress.plan, progress.steps
         response.robots = sorted({*response.robots, *(step["robot"] for step in progress.steps)})
         job.changed = self._clock()
-        self._save(job, GATEWAY, "progress", is_event=False)
+        self._note(job, GATEWAY, "progress", is_event=False)
         others = set(response.robots) - set(job.robots)
         if job.robots and others and not job.wanted:
             job.wanted = Method.ABORT
             text = f"the plan uses {', '.join(sorted(others))}, allowed are {', '.join(job.robots)}"
-            response.notes.append(text)
+            response.notes = [*response.notes, text]
             self.cell.stop(job.id)
-            self._save(job, GATEWAY, Method.ABORT, text)
+            self._note(job, GATEWAY, Method.ABORT, text)
 
     def goal_suspended(self, goal_id: str, reason: str) -> None:
-        job = self._open.get(goal_id)
+        job = self._jobs.open(goal_id)
         if job is None or job.wanted:
             return
         if reason and job.state is State.RUNNING:
             job.change(State.INTERRUPTED, Substate.SUSPENDED, self._clock())
-            self._save(job, GATEWAY, "suspended", reason)
+            self._note(job, GATEWAY, "suspended", reason)
         elif not reason and job.state is State.INTERRUPTED and job.substate is Substate.SUSPENDED:
             job.change(State.RUNNING, Substate.NONE, self._clock())
-            self._save(job, GATEWAY, "resumed")
+            self._note(job, GATEWAY, "resumed")
 
     def goal_ended(self, goal_id: str, ending: Ending) -> None:
-        job = self._open.get(goal_id)
-        if job is None or not job.is_in_cell:
-            return
         if ending.outcome != LOST:
             self.goal_accepted(goal_id)
+        job = self._jobs.open(goal_id)
+        if job is None or not job.is_in_cell:
+            return
         now, response = self._clock(), job.response
         response.ended = now
         response.outcome, response.message = ending.outcome, ending.message
@@ -246,7 +241,7 @@ class JobControl:
             job.change(State.ENDED, Substate.COMPLETED, now)
         else:
             job.change(State.ABORTED, Substate.NONE, now)
-        self._save(job, GATEWAY, "ended", f"{ending.outcome}: {ending.message}")
+        self._note(job, GATEWAY, "ended", f"{ending.outcome}: {ending.message}")
         log.info("job %s: %s: %s", job.id, ending.outcome, ending.message)
         self._collect(job)
         self._dispatch()
@@ -260,30 +255,49 @@ class JobControl:
             self._timer = None
         if self._cell is None:
             return
+        try:
+            self._jobs.write_unwritten()
+        except StoreFailed as error:
+            log.error("no job starts: %s", error)
+            self._retry()
+            return
         now = self._clock()
-        allowed = [job for job in self._open.values() if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
+        allowed = [job for job in self._jobs if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
         later = [job.earliest for job in allowed if job.earliest > now]
         if later:
             self._timer = asyncio.get_running_loop().call_later(max(0.01, min(later) - now), self._dispatch)
         if not self._cell.is_ready:
             return
-        running = sum(job.is_in_cell for job in self._open.values())
+        running = sum(job.is_in_cell for job in self._jobs)
         for job in sorted(allowed, key=lambda job: job.rank):
             urgent = job.order.priority >= self._cell.interrupt_priority
             if job.earliest <= now and (running < self._cell.capacity or urgent):
-                job.change(State.ALLOWED_TO_START, Substate.LOADED, now)
-                self._save(job, GATEWAY, "loaded")
-                self._cell.start(_goal_of(job))
+                loaded = job.copy()
+                loaded.change(State.ALLOWED_TO_START, Substate.LOADED, now)
+                try:
+                    self._jobs.save(loaded, GATEWAY, "loaded")
+                except StoreFailed as error:
+                    log.error("job %s does not start: %s", job.id, error)
+                    self._retry()
+                    return
+                self._cell.start(_goal_of(loaded))
                 running += 1
 
+    def _note(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> None:
+        if not self._jobs.note(job, author, method, comment, is_event=is_event):
+            self._retry()
+
+    def _retry(self) -> None:
+        """Tries again later. Jobs wait meanwhile: a goal is never sent before that is written."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(_RETRY, self._dispatch)
+
     def _known(self, order: Order) -> Job | None:
-        known = self._open.get(order.id) or self.store.get(order.id)
+        known = self._jobs.find(order.id)
         if known is not None and known.order.digest != order.digest:
             raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
         return known
-
-    def _substate(self, job: Job) -> Substate:
-        return Substate.WAITING if job.earliest > self._clock() else Substate.READY
 
     def _collect(self, job: Job) -> None:
         task = asyncio.get_running_loop().create_task(self._collected(job))
@@ -300,21 +314,15 @@ class JobControl:
             found = await self.cell.collect(response.robots, started, response.ended or self._clock(), sources)
         except SkirosError as error:
             found = Collected(notes=[f"the changes are unknown: {error}"])
+        job = self._jobs.open(job.id) or job  # it may have been cleared meanwhile
+        response = job.response
         response.changes, response.quality = found.changes, found.quality
-        response.notes += found.notes
+        response.notes = [*response.notes, *found.notes]
         response.collected = True
         if job.state is State.ENDED:
             job.change(State.ENDED, Substate.CLOSED, self._clock())
-        self._save(job, GATEWAY, "collected")
+        self._note(job, GATEWAY, "collected")
         self.events.publish("response", {"job": job.id, **asdict(response)})
-
-    def _save(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> None:
-        self.store.save(job, author, method, comment, is_event=is_event)
-        if job.state in FINAL and job.response.collected:
-            self._open.pop(job.id, None)
-        else:
-            self._open[job.id] = job
-        self.events.publish("job", job.to_dict())
 
 
 def _goal_of(job: Job) -> Goal:

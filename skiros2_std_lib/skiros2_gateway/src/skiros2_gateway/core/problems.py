@@ -56,6 +56,12 @@ class Unauthenticated(SkirosError):
     code = "unauthenticated"
 
 
+class StoreFailed(SkirosError):
+    """The store has refused a change or cannot be read, for example on a full disk. Nothing has changed."""
+
+    code = "store_failed"
+
+
 class TooMany(SkirosError):
     """A request over the rate limit.
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.core.job import FINAL, Job
+from skiros2_gateway.core.problems import StoreFailed
 
 _VERSION = 1
 
@@ -33,7 +35,7 @@ CREATE TABLE IF NOT EXISTS audit (
 
 
 class JobStore:
-    """The file. To be used by one thread.
+    """The file. To be used by one thread. Each method raises `StoreFailed` if the file cannot be read or written.
 
     :param path: created if it does not exist; its folder exists. ":memory:" keeps nothing.
     :raises ConfigurationError: the file is no store of this version.
@@ -60,7 +62,7 @@ class JobStore:
 
     def next_sequence(self) -> int:
         """Returns the number for the next job."""
-        return int(self._db.execute("SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs").fetchone()[0])
+        return int(self._read("SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs")[0][0])
 
     def save(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> None:
         """Writes a new or changed job, and an entry of its history.
@@ -71,9 +73,8 @@ class JobStore:
         response = job.response
         is_open = job.state not in FINAL or not response.collected
         row = (job.state, job.cleared, is_open, response.ended, response.outcome, json.dumps(job.to_dict()))
-        self._db.execute("BEGIN IMMEDIATE")
-        try:
-            self._db.execute(
+        with self._transaction() as db:
+            db.execute(
                 "INSERT INTO jobs (id, sequence, state, cleared, is_open, ended, outcome, document)"
                 " VALUES (?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET state = excluded.state,"
                 " cleared = excluded.cleared, is_open = excluded.is_open, ended = excluded.ended,"
@@ -81,24 +82,20 @@ class JobStore:
                 (job.id, job.sequence, *row),
             )
             if is_event:
-                self._db.execute(
+                db.execute(
                     "INSERT INTO job_events (job, time, author, method, state, substate, comment)"
                     " VALUES (?, ?, ?, ?, ?, ?, ?)",
                     (job.id, job.changed, author, method, job.state, job.substate, comment),
                 )
-        except sqlite3.Error:
-            self._db.execute("ROLLBACK")
-            raise
-        self._db.execute("COMMIT")
 
     def get(self, job_id: str) -> Job | None:
         """Returns a job, also a cleared one."""
-        row = self._db.execute("SELECT document FROM jobs WHERE id = ?", (job_id,)).fetchone()
-        return Job.from_dict(json.loads(row[0])) if row else None
+        rows = self._read("SELECT document FROM jobs WHERE id = ?", job_id)
+        return Job.from_dict(json.loads(rows[0][0])) if rows else None
 
     def open_jobs(self) -> list[Job]:
         """Returns the jobs that have not ended, or whose response is incomplete, in the order of their numbers."""
-        rows = self._db.execute("SELECT document FROM jobs WHERE is_open = 1 ORDER BY sequence")
+        rows = self._read("SELECT document FROM jobs WHERE is_open = 1 ORDER BY sequence")
         return [Job.from_dict(json.loads(document)) for (document,) in rows]
 
     def jobs(
@@ -114,22 +111,21 @@ class JobStore:
         query = "SELECT document FROM jobs WHERE sequence > ?"
         query += f" AND state IN ({marks})" if states else ""
         query += "" if cleared else " AND cleared = 0"
-        rows = self._db.execute(f"{query} ORDER BY sequence DESC LIMIT ?", (since, *states, limit))
+        rows = self._read(f"{query} ORDER BY sequence DESC LIMIT ?", since, *states, limit)
         return (Job.from_dict(json.loads(document)) for (document,) in rows)
 
     def counts(self) -> dict[str, int]:
         """Returns how many jobs were in each outcome; those without one by their state."""
-        rows = self._db.execute(
-            "SELECT CASE outcome WHEN '' THEN state ELSE outcome END, COUNT(*) FROM jobs GROUP BY 1"
+        return dict(
+            self._read("SELECT CASE outcome WHEN '' THEN state ELSE outcome END, COUNT(*) FROM jobs GROUP BY 1")
         )
-        return dict(rows.fetchall())
 
     def history(self, job_id: str) -> list[dict[str, Any]]:
         """Returns the changes of a job's state, the oldest first."""
-        rows = self._db.execute(
+        rows = self._read(
             "SELECT number, time, author, method, state, substate, comment FROM job_events WHERE job = ?"
             " ORDER BY number",
-            (job_id,),
+            job_id,
         )
         keys = ("number", "time", "author", "method", "state", "substate", "comment")
         return [dict(zip(keys, row, strict=True)) for row in rows]
@@ -138,18 +134,39 @@ class JobStore:
 
     def audit(self, entry: Mapping[str, Any]) -> None:
         """Writes an entry with the keys `time`, `user`, `way`, `action`, `object` and `outcome`."""
-        self._db.execute(
-            "INSERT INTO audit (time, user, way, action, object, outcome)"
-            " VALUES (:time, :user, :way, :action, :object, :outcome)",
-            entry,
-        )
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO audit (time, user, way, action, object, outcome)"
+                " VALUES (:time, :user, :way, :action, :object, :outcome)",
+                entry,
+            )
 
     def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]:
         """Returns entries with a higher number, the oldest first."""
-        rows = self._db.execute(
+        rows = self._read(
             "SELECT number, time, user, way, action, object, outcome FROM audit WHERE number > ?"
             " ORDER BY number LIMIT ?",
-            (since, limit),
+            since,
+            limit,
         )
         keys = ("number", "time", "user", "way", "action", "object", "outcome")
         return [dict(zip(keys, row, strict=True)) for row in rows]
+
+    # -- internals ---------------------------------------------------------------------------------------------
+
+    def _read(self, query: str, *values: Any) -> list[Any]:
+        try:
+            return self._db.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreFailed(f"the job store cannot be read: {error}") from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        try:
+            self._db.execute("BEGIN IMMEDIATE")
+            yield self._db
+            self._db.execute("COMMIT")
+        except sqlite3.Error as error:
+            if self._db.in_transaction:  # some errors have rolled it back already
+                self._db.execute("ROLLBACK")
+            raise StoreFailed(f"the job store cannot be written: {error}") from error

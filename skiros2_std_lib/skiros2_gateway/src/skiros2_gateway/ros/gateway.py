@@ -40,6 +40,9 @@ log = logging.getLogger(__name__)
 #: Time for open requests at the end (s).
 _GRACE = 1.0
 
+#: Private parameters that are no settings: of every node, and those that the gateway sets.
+_OTHERS = ("verbose", "debug", "address", "opcua_address")
+
 
 def main() -> None:
     """Serves until ROS shuts down.
@@ -52,7 +55,7 @@ def main() -> None:
 def _settings() -> Settings:
     found: dict[str, Any] = rospy.get_param("~", {}) or {}
     try:
-        return Settings.model_validate({key: value for key, value in found.items() if key in Settings.model_fields})
+        return Settings.model_validate({key: value for key, value in found.items() if key not in _OTHERS})
     except ValidationError as error:
         raise ConfigurationError("; ".join(str(problem) for problem in problems_of(error))) from error
 

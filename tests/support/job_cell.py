@@ -1,0 +1,153 @@
+"""A small cell with the gateway's node: a robot that carries products at once, and a client of the REST interface."""
+
+from __future__ import annotations
+
+import json
+import urllib.error
+import urllib.request
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from skiros2_msgs.srv import ResourceGetDescriptions
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support.planning_world import PlanningWorld
+from support.programs import ProcessId, Program
+from support.ros import Ros, wait_until
+
+TESTS = Path(__file__).resolve().parents[1]
+TOKENS = {name: f"{name}-0123456789abcdef" for name in ("view", "operate", "maintain")}
+ROBOT = "/porter"
+
+MASTERS = {
+    "work_masters": [
+        {
+            "id": "carry",
+            "goal": "(skiros:contain {Place} {Product})",
+            "parameters": [{"id": "Product", "type": "skiros:Product"}, {"id": "Place", "type": "skiros:Location"}],
+        }
+    ]
+}
+
+
+class JobCell:
+    """Products on a shelf, two stores, a robot `/porter`, the task manager and the gateway.
+
+    :param folder: for files of the nodes.
+    :param settings: of the gateway, beside its defaults for tests.
+    """
+
+    def __init__(self, ros: Ros, folder: Path, products: int = 4, **settings: Any) -> None:
+        self.ros = ros
+        self.folder = folder
+        self._carried = folder / "carried.txt"
+        users = [{"name": name, "role": name, "token": token} for name, token in TOKENS.items()]
+        (folder / "users.yaml").write_text(yaml.safe_dump({"users": users}))
+        (folder / "users.yaml").chmod(0o600)
+        (folder / "masters.yaml").write_text(yaml.safe_dump(MASTERS))
+        self._settings = {
+            "folder": str(folder), "work_masters": str(folder / "masters.yaml"), "http_port": 0, "rate": 1e5,
+            "burst": 1e5, **settings,
+        }  # fmt: skip
+        self._starts: dict[str, Callable[[], Program]] = {
+            "/wm": self._start_world_model,
+            "/tm": lambda: ros.run("skiros2_task", "task_manager_node", name="tm"),
+            "/gateway": lambda: ros.run("skiros2_gateway", "gateway_node", name="gateway", params=self._settings),
+        }
+        self._starts["/wm"]()
+        world = PlanningWorld(WorldModelInterface("tests"))
+        self.shelf, *self.stores = (world.thing("skiros:Location") for _ in range(3))
+        self.products = [world.thing("skiros:Product", inside=self.shelf) for _ in range(products)]
+        world.thing("cora:Robot", f"skiros:{ROBOT[1:]}")
+        env = {**ros.master.env, "CARRIED": str(self._carried)}
+        env["PYTHONPATH"] = f"{TESTS}:{env['PYTHONPATH']}"
+        params = {"libraries_list": ["support.job_skills"], "primitive_list": ["carry_at_once"], "prefix": "skiros"}
+        ros.run("skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env)
+        self._starts["/tm"]()
+        ros.service(f"{ROBOT}/get_skills", ResourceGetDescriptions)()
+        self.gateway = self._starts["/gateway"]()
+        self.rest = Rest(self._address())
+        self.wait_until_ready()
+
+    def _start_world_model(self) -> Program:
+        journal = {"journal": str(self.folder / "journal")}
+        return self.ros.run("skiros2_world_model", "world_model_server_node", name="wm", params=journal)
+
+    def _address(self) -> str:
+        return str(wait_until(lambda: self._parameter("/gateway/address"), what="the gateway's address"))
+
+    def _parameter(self, name: str) -> Any:
+        return self.ros.master.parameter(name) if name in self.ros.master.parameters() else None
+
+    @property
+    def opcua_address(self) -> str:
+        return str(wait_until(lambda: self._parameter("/gateway/opcua_address"), what="the address of OPC UA"))
+
+    def wait_until_ready(self) -> None:
+        wait_until(lambda: self.rest.get("/api/state")["ready"], 60.0, "a gateway that can start jobs")
+
+    def order(self, job_id: str, product: int, store: int = 0) -> dict[str, Any]:
+        parameters = {"Product": self.products[product], "Place": self.stores[store]}
+        return {"id": job_id, "work_master": "carry", "parameters": parameters}
+
+    def kill(self, node: str) -> None:
+        """Kills a node and starts it again."""
+        process = ProcessId(self.ros.master.node_pid(node))
+        if node == "/gateway":  # the next one has another free port
+            self.ros.master.delete_parameter("/gateway/address")
+        process.kill()
+        wait_until(lambda: not process.running, what=f"the end of {node}")
+        program = self._starts[node]()
+        if node == "/gateway":
+            self.gateway, self.rest.address = program, self._address()
+
+    def jobs(self) -> dict[str, dict[str, Any]]:
+        found = self.rest.get("/api/jobs?cleared=true&limit=10000")["jobs"]
+        return {job["id"]: job for job in found}
+
+    def wait_for(self, ids: list[str], timeout: float = 60.0) -> dict[str, dict[str, Any]]:
+        """Waits for the complete responses of jobs, and returns the jobs."""
+
+        def ended() -> dict[str, dict[str, Any]] | None:
+            jobs = {job_id: job for job_id, job in self.jobs().items() if job_id in ids}
+            return jobs if len(jobs) == len(ids) and all(j["response"]["collected"] for j in jobs.values()) else None
+
+        return dict(wait_until(ended, timeout, "the end of all jobs"))
+
+    def carried(self) -> Counter[tuple[str, str]]:
+        """How often each product was carried to each place."""
+        lines = self._carried.read_text().splitlines() if self._carried.exists() else []
+        return Counter((product, place) for product, place in map(str.split, lines))
+
+
+class Rest:
+    """A client of the REST interface; it waits for a gateway that starts again."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+
+    def get(self, path: str, role: str = "maintain") -> Any:
+        return self.request("GET", path, None, role)[1]
+
+    def post(self, path: str, body: Any, role: str = "operate") -> tuple[int, Any]:
+        return self.request("POST", path, body, role)
+
+    def request(self, method: str, path: str, body: Any, role: str) -> tuple[int, Any]:
+        """Returns the status and the decoded answer."""
+
+        def once() -> tuple[int, Any] | None:
+            data = None if body is None else json.dumps(body).encode()
+            headers = {"Authorization": f"Bearer {TOKENS[role]}", "Content-Type": "application/json"}
+            request = urllib.request.Request(self.address + path, data, headers, method=method)
+            try:
+                with urllib.request.urlopen(request, timeout=20.0) as answer:
+                    return answer.status, json.loads(answer.read())
+            except urllib.error.HTTPError as error:
+                return error.code, json.loads(error.read())
+            except (OSError, ValueError):  # it was killed, perhaps while it answered
+                return None
+
+        return tuple(wait_until(once, 60.0, f"an answer of {path}"))

@@ -1,7 +1,7 @@
 // The dialog that starts a job: a work master with its parameters, or a goal in words of the planner.
 
 import { notify, request } from "./cell.js";
-import { duration, h, localName, notice } from "./dom.js";
+import { duration, h, notice } from "./dom.js";
 
 const OWN_GOAL = "";
 
@@ -77,21 +77,25 @@ export async function openJobDialog(cell) {
 function field(cell, parameter) {
   const basic = ["string", "number", "integer", "boolean"].includes(parameter.type);
   const choices = parameter.choices?.length ? parameter.choices : parameter.type === "boolean" ? ["true", "false"] : null;
-  const elements = Object.values(cell.document.elements).filter((element) => element.type === parameter.type);
   let input;
-  if (!basic && elements.length) {
-    elements.sort((a, b) => a.label.localeCompare(b.label));
-    input = h("select", {}, elements.map((element) => h("option", { value: element.id }, element.label || element.id)));
-  } else if (choices) input = h("select", {}, choices.map((value) => h("option", { value }, String(value))));
+  if (!basic) input = h("select", {}, elementOptions(cell, parameter.type)); else if (choices) input = h("select", {}, choices.map((value) => h("option", { value }, String(value))));
   else {
     const type = parameter.type === "number" || parameter.type === "integer" ? "number" : "text";
-    input = h("input", { type, min: parameter.minimum, max: parameter.maximum, step: type === "number" ? "any" : null,
-      placeholder: basic ? "" : `id of a ${localName(parameter.type)}` });
+    input = h("input", { type, min: parameter.minimum, max: parameter.maximum, step: type === "number" ? "any" : null });
   }
   input.name = parameter.id;
   input.dataset.type = parameter.type;
   if (parameter.default != null) input.value = parameter.default;
   return h("label", {}, parameter.id, input, h("small", {}, parameter.description ?? ""));
+}
+
+// Elements of a class; then other physical ones, for the page does not know the subclasses. The gateway checks the choice.
+function elementOptions(cell, type) {
+  const elements = Object.values(cell.document.elements).sort((a, b) => a.label.localeCompare(b.label));
+  const option = (element) => h("option", { value: element.id }, element.label || element.id);
+  const others = elements.filter((element) => element.type !== type && "skiros:BaseFrameId" in element.properties);
+  return [elements.filter((element) => element.type === type).map(option),
+    h("optgroup", { label: "Other elements" }, others.map(option))];
 }
 
 function valueOf(input) {

@@ -44,7 +44,6 @@ class Event:
         event = {"id": self.id, "kind": self.kind, "time": self.time, "data": self.data}
         return json.dumps(event, default=str, separators=(",", ":"))
 
-
     @cached_property
     def message(self) -> bytes:
         """The event as a server-sent event, encoded once for all viewers."""

@@ -5,7 +5,8 @@ The document is JSON data; its members are tables, objects by key:
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
 - `goals`: {phase, message, start, plan, steps}; `plan` as in the feedback of the action Achieve, `steps` by number:
   {state, message, began, ended} (s since the epoch).
-- `jobs` as in the event `job`, without plan, steps and changes; `cell`: robots, ready and capacity, as in `GET /api/state`.
+- `jobs` as in the event `job`, without plan, steps and changes.
+- `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_gateway.core.scene_view`.
 - `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
 - `signals`: {name, unit, robot, value, low, high, time, problem}; `low` and `high` since the previous patch.

@@ -1,7 +1,7 @@
 """The routes of the live view, and of the page.
 
-- `GET /api/live`: {event, time, document, styles, role, user}: the document of `skiros2_gateway.core.live`, the id of the
-  last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
+- `GET /api/live`: {event, time, document, styles, role, user}: the document of `skiros2_gateway.core.live`, the id of
+  the last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
 - `GET /api/live/patches?after=ID`: server-sent events `patch` after that id (also from the header `Last-Event-ID`);
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
   are missing, so read the document again.

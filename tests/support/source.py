@@ -27,6 +27,7 @@ PACKAGES = {
     "skiros2_contact_skills": "skiros2_std_lib/skiros2_contact_skills",
     "skiros2_teaching": "skiros2_std_lib/skiros2_teaching",
     "skiros2_learning": "skiros2_std_lib/skiros2_learning",
+    "skiros2_local": "skiros2_std_lib/skiros2_local",
     "skiros2_gui": "skiros2_gui",
     "skiros2_gateway": "skiros2_std_lib/skiros2_gateway",
 }

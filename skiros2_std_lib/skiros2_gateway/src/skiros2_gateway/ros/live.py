@@ -213,7 +213,7 @@ class _SceneReader:
         self._world.remove_listener(self._on_change)
         self._is_ending.set()
         self._changed.waiting.set()
-        self._thread.join()
+        self._thread.join(_RETRY_DELAY)  # a world model that is away may not answer for long
 
     def _on_change(self, change: Change) -> None:
         self._changed.add(change)

@@ -26,6 +26,7 @@ from skiros2_gui.app.widgets import main_widget
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import palette_of
 from skiros2_skill.client.description import Step
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import break_down, fetch, furnish
 
@@ -143,6 +144,7 @@ def test_stop_does_not_wait_for_an_inspection_that_blocks(
 
 def test_exception_of_a_skill_is_shown_before_the_traceback(window: MainWidget, qtbot: QtBot) -> None:
     robot = window.system.add_manager("/robot", [break_down])
+    Driver(window).open_tab("Tasks")
     robot.command("start", -1, [Step("skiros:Break", "break_down")])
     tasks = window.findChild(QTreeWidget, "taskList")
     qtbot.waitUntil(lambda: tasks.topLevelItemCount() == 1 and "failed" in tasks.topLevelItem(0).text(1))

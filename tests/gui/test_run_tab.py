@@ -18,6 +18,7 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ElementSelected, TaskProgress, TaskStarted
+from skiros2_gui.app.names import Names
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.node import ConditionText, NodeText
 from skiros2_gui.run.widgets.side_tabs import NodeDetails
@@ -81,7 +82,7 @@ def test_click_selects_a_node_and_shows_its_details(tab: RunTab, window: Window,
     drawn(tab, qtbot)
     text = tab._details.toPlainText()
     assert "move_arm" in text and "✗ failed" in text and "<b>no</b> way & stop" in text
-    assert "skiros:MoveArm" in text and "pick" in text
+    assert "MoveArm" in text and "pick" in text
 
 
 def test_nodes_are_folded_by_mark_double_click_and_return(tab: RunTab, window: Window, qtbot: QtBot) -> None:
@@ -363,18 +364,37 @@ def test_each_task_has_its_own_search(tab: RunTab, window: Window, qtbot: QtBot)
     assert (tab._bar.search.text(), tab._bar.count.text()) == ("arm", "1 found")
 
 
-def test_conditions_show_names_of_elements(qtbot: QtBot) -> None:
-    details = NodeDetails()
-    qtbot.addWidget(details)
+@pytest.fixture
+def details(window: Window, qtbot: QtBot) -> NodeDetails:
+    """The page of a node in a scene with two elements "arm"."""
+    for _ in range(2):
+        arm = Element("rparts:ArmDevice", "arm")
+        arm.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+        window.system.world.add_element(arm)
+    shown = NodeDetails(Names(window.system))
+    qtbot.addWidget(shown)
+    return shown
+
+
+def test_conditions_are_shown_in_words(details: NodeDetails) -> None:
     robot, place = "cora:Robot-1-demo:arm <1>", "demo:Workstation-6-Workstation 1"
     told = [
         ConditionText("while it runs", "✗", f"{robot} skiros:at {place}", f"{robot} skiros:at nothing", [robot, place]),
-        ConditionText("at the end", "✓", "skiros:Box-3 skiros:State = 'Empty'", "", []),
+        ConditionText("at the end", "✓", "skiros:Box-3 skiros:ContainerState = 'Empty'", "", []),
     ]
     details.show_node(NodeText("place", RUNNING, [], told))
     text = details.toPlainText()
-    assert "demo:arm <1> at Workstation 1" in text and "but demo:arm <1> at nothing" in text
-    assert "skiros:Box-3 State = 'Empty'" in text
+    assert "arm <1> is at Workstation 1" in text and "but arm <1> is at nothing" in text
+    assert "demo:" not in text
+    assert "skiros:Box-3 container state = 'Empty'" in text
+
+
+def test_parameters_show_ids_only_of_labels_that_are_not_unique(details: NodeDetails) -> None:
+    params = [("Arm", "rparts:ArmDevice-3-arm", "given"), ("Object", "skiros:Product-14-Product A", "inferred")]
+    details.show_node(NodeText("pick", RUNNING, params=params))
+    text = details.toPlainText()
+    assert "arm ArmDevice-3" in text
+    assert "Product A" in text and "Product-14" not in text
 
 
 def test_tab_accepts_any_messages_and_user_actions(tab: RunTab, window: Window, qtbot: QtBot) -> None:

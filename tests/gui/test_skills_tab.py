@@ -106,7 +106,7 @@ def test_typed_element_is_chosen_and_refusal_explained(tab: SkillsTab, qtbot: Qt
     qtbot.keyClick(thing.lineEdit(), Qt.Key_Return)
     qtbot.waitUntil(lambda: "no element of the scene fits Box" in tab.form.why_not.text())
     assert thing.currentText() == "nut"
-    assert "LargeBox in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
+    assert "large box in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
 
 
 def test_unknown_element_is_reset(tab: SkillsTab, qtbot: QtBot) -> None:
@@ -417,7 +417,7 @@ def test_lines_follow_the_text_of_the_goal(tab: SkillsTab, goal_line: Any, qtbot
     tab.below.setCurrentWidget(tab.goal_lines)
     goal_line.setText("(forall (?x - skiros:Product) (skiros:contain box ?x)), (> (skiros:Weight bolt) 2)")
     shown = [_child(tab, QComboBox, f"goal{box}").currentText() for box in ("Subject_0", "Object_0", "Subject_1")]
-    assert shown == ["box", "every Product", "bolt"]
+    assert shown == ["box", "every product", "bolt"]
     assert _child(tab, QComboBox, "goalValue_1").currentText() == "2"
     qtbot.keyClicks(_child(tab, QComboBox, "goalValue_1").lineEdit(), "5")
     assert goal_line.text().endswith("(> (skiros:Weight bolt) 25)")
@@ -425,6 +425,17 @@ def test_lines_follow_the_text_of_the_goal(tab: SkillsTab, goal_line: Any, qtbot
     assert goal_line.text() == "(> (skiros:Weight bolt) 25)"
     goal_line.setText("(> (skiros:Weight")
     assert not tab.goal_lines.add.isEnabled()
+
+
+def test_goal_is_shown_as_a_sentence_first(tab: SkillsTab, goal_line: Any) -> None:
+    assert tab.below.currentWidget() is tab.goal_lines
+    goal_line.setText("(skiros:contain skiros:LargeBox-2 bolt)")
+    assert _child(tab, QLabel, "goalSentence").text() == "empty box contains bolt"
+
+
+def test_line_of_a_new_goal_is_there_without_a_click(tab: SkillsTab, goal_line: Any) -> None:
+    assert _child(tab, QComboBox, "goalSubject_0").isVisible()
+    assert goal_line.text() == ""
 
 
 def test_line_of_a_new_property_has_a_value(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
@@ -439,20 +450,3 @@ def test_line_of_a_new_property_has_a_value(tab: SkillsTab, goal_line: Any, qtbo
     assert goal_line.text() == ""
     qtbot.keyClicks(value.lineEdit(), "2.5")
     assert goal_line.text() == "(= (skiros:Weight box) 2.5)"
-
-
-# -- stopping ------------------------------------------------------------------------------------------------------
-
-
-def test_stop_all_ends_the_tasks_of_all_robots(tab: SkillsTab, qtbot: QtBot) -> None:
-    for name in ("/robot", "/second"):
-        if name != "/robot":
-            tab.window().system.add_manager(name, [fetch], robot="skiros:second")
-            qtbot.waitUntil(lambda: len(tab.skills.rows) == 2)
-        tab.tree.choose((name, "skiros:Fetch", "" if name == "/robot" else "fetch"))
-        tab.skills.write("Times", "2")
-        qtbot.waitUntil(lambda: tab.skills.can_start)
-        tab.skills.start()
-    qtbot.waitUntil(lambda: _states(tab) == ["running", "running"])
-    qtbot.mouseClick(tab.window().stop, Qt.LeftButton)
-    qtbot.waitUntil(lambda: _states(tab) == ["preempted", "preempted"])

@@ -91,7 +91,8 @@ def test_refused_start_is_explained_before_and_after(window: Driver) -> None:
     why_not = window.widget("whyNot")
     window.wait_until(lambda: why_not.text() == "It would be refused: no element of the scene fits Workstation.", "why")
     window.click("whyNotMore")
-    assert "skiros:at" in window.widget("whyNotDetails").toPlainText()
+    details = window.widget("whyNotDetails").toPlainText()
+    assert "mobile_manipulator is at" in details and "skiros:" not in details
     window.click("startButton")
     window.wait_for_row("taskList", "pick", "failed")
     why = window.widget("taskWhy")

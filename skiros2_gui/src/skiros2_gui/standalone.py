@@ -39,7 +39,7 @@ _THEMES = {"system": "As the desktop", "light": "Light", "dark": "Dark"}
 _KEYS = """\
 Space\tstart or stop what is selected
 Arrows\tmove in lists and trees
-Ctrl+.\tstop all tasks of all robots, and the goal
+Esc, Ctrl+.\tstop all tasks of all robots, and the goal
 Ctrl+F\tfind
 Alt+1, 2, 3, 4\tSkills, Running, World model, 3D (where rviz is installed)
 Ctrl++, Ctrl+-, Ctrl+0\tlarger, smaller, usual text
@@ -60,6 +60,8 @@ class StandaloneWindow(QMainWindow):
         self._settings = settings
         self._usual_size = QApplication.font().pointSizeF()
         self.setCentralWidget(content)
+        for shortcut in content.stop_keys:
+            shortcut.setContext(Qt.WindowShortcut)  # also with the focus in the menu, or nowhere
         self._fill_menu()
         self._restore()
         content.shared.subscribe(NodeShutdown, self._on_node_end)

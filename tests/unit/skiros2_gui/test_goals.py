@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import GoalFeedback
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completion, Vocabulary, complete
@@ -134,6 +135,19 @@ def test_operators_of_other_packages_are_completed(lab: Lab, monkeypatch: pytest
     assert _suggested(lab, "(unless ") == ["("]
 
 
+def test_elements_that_skills_can_change_come_first(lab: Lab) -> None:
+    tool = Element("sumo:Object", "a tool")
+    tool.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+    lab.window.system.world.add_element(tool)
+    goals = GoalPresenter(lab.window)
+    goals.refresh()
+    elements = goals.vocabulary.elements
+    reachable = {element.text for element in elements if element.rank == 0}
+    assert reachable == set(lab.ids.values())
+    assert {element.text for element in elements[: len(reachable)]} == reachable
+    assert tool.id in {element.text for element in elements}
+
+
 def test_unknown_text_has_no_completions(lab: Lab) -> None:
     assert _suggested(lab, "(skiros:at zzzzzz") == []
     assert _suggested(lab, ")))") == ["("]
@@ -190,8 +204,13 @@ def test_plan_has_steps_changes_and_reasons(lab: Lab) -> None:
     plan = lab.goals.plan
     assert plan is not None
     assert (plan.state, plan.works, [row.skill for row in plan.rows]) == ("planned", True, ["drive"])
-    assert any("+ " in line and "skiros:at" in line for line in plan.changes)
-    assert "makes" in plan.why[1]
+    assert plan.changes == (
+        "1. drive of alpha",
+        "     alpha is no longer at dock",
+        "     alpha is at shelf",
+        "The goal holds at the end.",
+    )
+    assert plan.why[:2] == ("1. drive of alpha", "     so that alpha is at shelf, for the goal")
     assert lab.goals.history == [lab.goals.text]
     lab.goals.write("(skiros:at alpha dock)")
     lab.goals.make_plan()
@@ -232,8 +251,8 @@ def test_goal_execution_follows_feedback_to_result(lab: Lab) -> None:
         lab.window.publish(GoalFeedback(execution.goal, feedback))
     assert lab.goals.execution is not None
     assert [(row.skill, row.state, row.parameters) for row in lab.goals.execution.rows] == [
-        ("drive", "succeeded", "To=skiros:Nowhere-3"),
-        ("drive", "running", "To=skiros:Nowhere-3"),
+        ("drive", "succeeded", "To: Nowhere-3"),
+        ("drive", "running", "To: Nowhere-3"),
     ]
     assert lab.goals.execution.progress_text == "1 of 2 steps are done; now step 2 drive of alpha"
     lab.goals.cancel()

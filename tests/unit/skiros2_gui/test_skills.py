@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from skiros2_common.core.explanation import INFERENCE, PRE
 from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import TaskProgress
+from skiros2_gui.app.events import StopRequested, TaskProgress
 from skiros2_gui.app.tasks import RESUME, STEP, is_silent, message_text
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import rows_of
@@ -311,7 +311,7 @@ def test_several_tasks_run_at_once(lab: Lab) -> None:
     lab.skills.start()
     lab.until("running")
     assert [row.state for row in lab.window.tasks.rows] == ["running", "running"]
-    lab.window.tasks.stop_all()
+    lab.window.publish(StopRequested())
     lab.until("preempted")
 
 

@@ -28,6 +28,7 @@ class Result(NamedTuple):
 
     @property
     def json(self) -> Any:
+        assert self.err == ""
         return json.loads(self.out)
 
 

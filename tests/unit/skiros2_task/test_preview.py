@@ -34,12 +34,14 @@ def drive(world: PlanningWorld, start: int, end: int) -> PlanStep:
 def test_step_reports_changes() -> None:
     world = transport_world(places=3)
     found = tried(world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 0, 1), drive(world, 1, 2))
-    robot = f'{world.robots[0]} "skiros:alpha"'
+    robot = world.robots[0]
     assert found.works
+    assert found.labels[robot] == "skiros:alpha"
+    assert f'Robot={robot} "skiros:alpha"' in str(found)
     assert [step.changes for step in found.steps] == [
         [
-            FactChange(robot, "skiros:at", world.places[i], False),
-            FactChange(robot, "skiros:at", world.places[i + 1], True),
+            FactChange(robot, "skiros:at", world.places[i], False, is_relation=True),
+            FactChange(robot, "skiros:at", world.places[i + 1], True, is_relation=True),
         ]
         for i in range(2)
     ]
@@ -103,7 +105,7 @@ def test_created_and_removed_elements_affect_later_steps() -> None:
     baked, eaten = found.steps
     assert baked.arguments["Object"] == "a new skiros:Product"
     (new,) = [change.element for change in baked.changes if not change.name]
-    assert FactChange(world.places[0], "skiros:contain", new, True) in baked.changes
+    assert FactChange(world.places[0], "skiros:contain", new, True, is_relation=True) in baked.changes
     assert FactChange(new, "", "", False) in eaten.changes
 
 

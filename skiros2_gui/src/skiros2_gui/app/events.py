@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_runs.core.task_run import TaskRun
@@ -98,8 +98,25 @@ class TaskStarted:
 
 
 @dataclass(frozen=True)
+class StopTarget:
+    """A task or goal that is being stopped.
+
+    :param name: for people.
+    :param has_ended: returns whether it has ended.
+    """
+
+    name: str
+    has_ended: Callable[[], bool]
+
+
+@dataclass(frozen=True, eq=False)
 class StopRequested:
-    """The user stops everything: all tasks of all robots, and the goal being planned or achieved."""
+    """The user stops everything: all tasks of all robots, and the goal being planned or achieved.
+
+    :param targets: to which each handler adds what it stops.
+    """
+
+    targets: list[StopTarget] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,11 @@ from skiros2_gui.app.events import (
     ManagersChanged,
     RunRecorded,
     StopRequested,
+    StopTarget,
     TaskProgress,
     TasksChanged,
 )
+from skiros2_gui.app.names import Names
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import RUNNING, TaskState
@@ -58,11 +60,12 @@ class TaskList:
         self._managers: set[str] = set()  # those that are up
         self._started: dict[str, int] = {}  # the task started last in this window, by manager
         self.runs = Runs()
+        self._names = Names(window.system)
         self.why_of: TaskRun | None = None
         self.why: tuple[str, ...] = ()
         window.subscribe(TaskProgress, lambda event: self._record(event.manager, event.nodes, event.stamp))
         window.subscribe(ManagersChanged, lambda _: self._update_managers())
-        window.subscribe(StopRequested, lambda _: self.stop_all())
+        window.subscribe(StopRequested, self._stop_all)
         self._update_managers()
 
     # -- tasks -------------------------------------------------------------------------------------------------
@@ -142,8 +145,12 @@ class TaskList:
         """Pauses a task, or resumes a paused one."""
         self.command(RESUME if run.state is TaskState.PAUSED else PAUSE, run.robot, run.task_id)
 
-    def stop_all(self) -> None:
-        """Preempts all tasks of all managers."""
+    def _stop_all(self, request: StopRequested) -> None:
+        """Preempts all tasks of all managers, also those that this window does not know yet."""
+        for run in self.rows:
+            if not run.is_finished:
+                name = f"{skills_text(run)} of {run.robot.lstrip('/')}"
+                request.targets.append(StopTarget(name, partial(_is_finished, run)))
         for robot in self._window.system.managers:
             self.command(STOP, robot, _ALL)
 
@@ -163,7 +170,7 @@ class TaskList:
 
     def _explain(self, run: TaskRun, lines: tuple[str, ...]) -> None:
         if run is self.why_of:
-            self.why = lines
+            self.why = tuple(map(self._names.readable, lines))
             self._window.publish(FailureExplained())
 
     # -- progress ----------------------------------------------------------------------------------------------
@@ -207,6 +214,15 @@ class TaskList:
 def in_order(runs: Iterable[TaskRun]) -> list[TaskRun]:
     """Returns the running tasks, then the ended ones; the newest first."""
     return sorted(runs, key=lambda run: (run.is_finished, -run.start, run.robot, run.task_id))
+
+
+def skills_text(run: TaskRun) -> str:
+    """Returns the names of a task's skills."""
+    return run.latest.shape.skills_text(most=3) or run.latest.shape.name(0)
+
+
+def _is_finished(run: TaskRun) -> bool:
+    return run.is_finished
 
 
 def is_silent(run: TaskRun, now: float) -> bool:

@@ -11,6 +11,7 @@ from heapq import nsmallest
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
 from skiros2_gui.goal.lines import quoted
+from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.goal_text import COMPARATORS, keywords
 from skiros2_task.core.skills import SkillCondition
 from skiros2_task.core.world import WorldView
@@ -62,7 +63,7 @@ class Vocabulary:
     properties: tuple[Completion, ...] = ()
     values: tuple[Completion, ...] = ()
     classes: tuple[Completion, ...] = ()  # those with elements first
-    elements: tuple[Completion, ...] = ()
+    elements: tuple[Completion, ...] = ()  # those that an effect of a skill may concern first
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Completions:
 
 def read_vocabulary(world: WorldView) -> Vocabulary:
     """Reads the names of a world. Predicates are ranked: effects of skills, conditions of skills, relations in the
-    scene, all others.
+    scene, all others. Elements are ranked: those that an effect of a skill may concern, all others.
     """
     effects, conditions = _in_skills(world)
     written = set(world.stated_relations())
@@ -87,6 +88,7 @@ def read_vocabulary(world: WorldView) -> Vocabulary:
     def rank(name: str) -> int:
         return ranks.get(name, 3)
 
+    reachable = _in_effects(world)
     types = {element.type for element in world.objects.values()}
 
     def is_used(cls: str) -> bool:
@@ -101,8 +103,19 @@ def read_vocabulary(world: WorldView) -> Vocabulary:
         _sorted(properties),
         tuple(Completion(quoted(text), text, VALUE) for text in texts),
         _sorted(Completion(name, local_name(name), CLASS, 0 if is_used(name) else 1) for name in world.classes()),
-        _sorted(map(_element, world.objects.values())),
+        _sorted(_element(e, 0 if name in reachable else 1) for name, e in world.objects.items()),
     )
+
+
+def _in_effects(world: WorldView) -> set[str]:
+    """Returns the objects that the effects of skills may concern, by the classes of their parameters."""
+    found: set[str] = set()
+    for robot in world.robots:
+        for skill in robot.skills:
+            keys = {key for effect in _parts(skill.post) for key in (effect.subject, effect.object)}
+            classes = {p.element_class for key in keys if (p := skill.parameter(key)) and p.element_class}
+            found.update(*map(world.members, classes), {robot.id} if ROBOT_KEY in keys else ())
+    return found
 
 
 def _properties_in_skills(world: WorldView) -> set[str]:
@@ -133,8 +146,8 @@ def _sorted(completions: Iterable[Completion]) -> tuple[Completion, ...]:
     return tuple(sorted(completions, key=lambda w: (w.rank, not w.label, w.label.lower(), len(w.text), w.text)))
 
 
-def _element(element: Element) -> Completion:
-    return Completion(quoted(element.id or element.label), element.label or element.id, ELEMENT)
+def _element(element: Element, rank: int) -> Completion:
+    return Completion(quoted(element.id or element.label), element.label or element.id, ELEMENT, rank)
 
 
 # -- completion ----------------------------------------------------------------------------------------------------

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_gui.goal.completion import Vocabulary, read_vocabulary
+from skiros2_gui.goal.readable import NameOf, change_lines, why_lines
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.explain_plan import WhyPlan
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.goal_text import GoalError, parse_goals
 from skiros2_task.core.preview import Preview
 from skiros2_task.core.world import WorldView
-
-#: Returns the displayed name of an element, by its id.
-NameOf = Callable[[str], str]
 
 #: The result states without failure.
 _REACHED = {"succeeded": "The goal is reached.", "nothing_to_do": "The goal holds already."}
@@ -142,7 +140,7 @@ def _with_plan(
                 str(step["robot"]),
                 str(step.get("label") or step.get("skill", "")),
                 tuple(int(n) for n in step.get("after", ())),
-                ", ".join(f"{k}={name_of(str(v))}" for k, v in arguments.items()),
+                ", ".join(f"{k}: {name_of(str(v))}" for k, v in arguments.items()),
             )
         except (TypeError, AttributeError, LookupError) as error:
             raise ValueError(f"a step cannot be read: {error!r}") from None
@@ -240,12 +238,13 @@ def read_plan(goal: str, result: Any, name_of: NameOf) -> GoalPlan:
         notes = ["What planning could not use:", *(f"  {note}" for note in result.notes)] if result.notes else []
         return GoalPlan(goal, result.state, head, why=(*rest.splitlines(), *notes))
     simulation, why = Preview.from_json(result.preview), WhyPlan.from_json(result.why)
+    steps = {row.number: f"{row.skill} of {row.robot.lstrip('/')}" for row in rows}
     return GoalPlan(
         goal,
         result.state,
         result.message,
         tuple(rows),
-        tuple(simulation.lines()),
-        tuple(why.lines()),
+        tuple(change_lines(simulation, steps, name_of)),
+        tuple(why_lines(why, steps, name_of)),
         simulation.works,
     )

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, StopRequested, WorldChanged
+from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, StopRequested, StopTarget, WorldChanged
 from skiros2_gui.app.jobs import Throttle
+from skiros2_gui.app.names import Names
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.window import Window
 from skiros2_gui.goal.completion import Completions, Vocabulary, complete
 from skiros2_gui.goal.lines import Line, read_lines, write_lines
 from skiros2_gui.goal.plan import Diagnostic, GoalChecker, GoalExecution, GoalPlan, check_syntax, read_plan
+from skiros2_gui.goal.readable import goal_sentence, lines_sentence
 
 _QUEUE = "goal: check"
 
@@ -29,6 +31,7 @@ class GoalPresenter:
 
     def __init__(self, window: Window) -> None:
         self._window = window
+        self.names = Names(window.system)
         self.on_goal: Callable[[], None] = _nothing
         self.on_vocabulary: Callable[[], None] = _nothing
         self.text = ""
@@ -52,7 +55,7 @@ class GoalPresenter:
         window.subscribe(WorldChanged, lambda _: self._invalidate())
         window.subscribe(ConnectionChanged, lambda _: self._connection_changed())
         window.subscribe(GoalFeedback, self._on_feedback)
-        window.subscribe(StopRequested, lambda _: self.cancel())
+        window.subscribe(StopRequested, self._on_stop)
 
     # -- editing -----------------------------------------------------------------------------------------------
 
@@ -78,6 +81,16 @@ class GoalPresenter:
             self.on_goal()
         else:
             self.write(text)
+
+    @property
+    def sentence(self) -> str:
+        """The goal for people, such as "Tray B contains Product A"; its text if it does not parse."""
+        text = self.text if self.lines is None else lines_sentence(self.lines, self.names.of)
+        return self.names.in_text(text)
+
+    def sentence_of(self, goal: str) -> str:
+        """Returns another goal for people."""
+        return self.names.in_text(goal_sentence(" ".join(goal.split()), self.names.of))
 
     @property
     def is_complete(self) -> bool:
@@ -181,7 +194,7 @@ class GoalPresenter:
 
     def _plan_of(self, goal: str, result: Any) -> GoalPlan:
         try:
-            return read_plan(goal, result, self._name)
+            return read_plan(goal, result, self.names.of)
         except ValueError as error:
             return GoalPlan(goal, "failed", f"{_UNREADABLE}: {error}", works=False)
 
@@ -199,7 +212,7 @@ class GoalPresenter:
             return
         goal = self.text
         self._add_to_history(goal)
-        self.plan, self.execution = None, GoalExecution(goal, self._name)
+        self.plan, self.execution = None, GoalExecution(goal, self.names.of)
         self.activity = "The robots work at the goal."
         self.on_goal()
         post = self._window.post
@@ -210,11 +223,10 @@ class GoalPresenter:
             activity="achieving a goal",
         )
 
-    def _name(self, eid: str) -> str:
-        """Returns the label of an element, or its id."""
-        scene = self._window.system.scene
-        element = scene.find(eid, "scene") if scene is not None else None
-        return f'"{element.label}"' if element is not None and element.label else eid
+    def _on_stop(self, request: StopRequested) -> None:
+        if self.is_busy:
+            request.targets.append(StopTarget("the goal", lambda: not self.is_busy))
+        self.cancel()
 
     def cancel(self) -> None:
         """Cancels planning or execution."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
+from skiros2_common.core.names import local_name
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.system import Manager
 from skiros2_gui.app.window import Window
@@ -84,7 +85,7 @@ def node_text(
         if began is not None:
             facts.append(("began", clock_text(began)))
     if shape.is_skill(index):
-        facts.append(("skill", shape.type(index)))
+        facts.append(("skill", local_name(shape.type(index))))
         if not shape.label(index):
             facts.append(("implementation", CHOSEN_LATER))
     if shape.processor(index):

@@ -13,6 +13,7 @@ from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ManagersChanged, TaskStarted, WorldChanged
 from skiros2_gui.app.jobs import Throttle
+from skiros2_gui.app.names import Names
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.system import Manager
 from skiros2_gui.app.tasks import STOP
@@ -85,6 +86,7 @@ class SkillsPresenter:
 
     def __init__(self, window: Window) -> None:
         self._window = window
+        self.names = Names(window.system)
         self.tasks = window.tasks
         self.on_rows: Callable[[], None] = _nothing
         self.on_form: Callable[[], None] = _nothing

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.names import local_name
+from skiros2_gui.app.names import label_text
 from skiros2_gui.skills.presenter import Preview, SkillsPresenter
 from skiros2_task.core.actions import ROBOT_KEY
 
@@ -25,7 +27,12 @@ class StartStatus:
 
 
 def start_status(skills: SkillsPresenter) -> StartStatus:
-    """Returns the status of the chosen skill."""
+    """Returns the status of the chosen skill, with names instead of ids."""
+    found, readable = _status(skills), skills.names.readable
+    return StartStatus(found.status, readable(found.text), tuple(map(readable, found.details)))
+
+
+def _status(skills: SkillsPresenter) -> StartStatus:
     form = skills.form
     if form is None:
         return StartStatus(WAITING, "Choose a skill on the left.")
@@ -52,7 +59,8 @@ def _of_preview(preview: Preview) -> StartStatus:
     if start.refusal is not None:
         text = f"It would be refused: {_headline(start.refusal)}"
         return StartStatus(REFUSED, text, tuple(_lines(start.refusal)))
-    found = [f"{key} = {e.label or e.id}" for key, e in sorted(start.elements.items()) if key != ROBOT_KEY]
+    elements = sorted((key, element) for key, element in start.elements.items() if key != ROBOT_KEY)
+    found = [f"{key} = {label_text(element.label) or local_name(element.id)}" for key, element in elements]
     return StartStatus(READY, f"Ready. The robot would take {', '.join(found)}." if found else "Ready.")
 
 

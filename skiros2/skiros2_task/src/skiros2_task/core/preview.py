@@ -6,7 +6,7 @@ so it also validates the planning task.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from skiros2_common.core.conditions import ConditionBase, condition_from
@@ -31,20 +31,25 @@ _PARAMETERS = ("Subject", "Object")
 class FactChange:
     """A fact that a step adds (`state` true) or deletes.
 
-    :param element: its id and label.
+    :param element: its id.
     :param name: the relation or property; "" for the element as a whole.
-    :param value: the related element, or the value.
+    :param value: the id of the related element, or the value.
+    :param is_relation: whether it is a relation.
     """
 
     element: str
     name: str
     value: str
     state: bool
+    is_relation: bool = False
 
-    def __str__(self) -> str:
-        return (
-            f"{'+' if self.state else '-'} {' '.join(part for part in (self.element, self.name, self.value) if part)}"
-        )
+    def line(self, labels: Mapping[str, str]) -> str:
+        """Returns the text.
+
+        :param labels: of the elements, by id.
+        """
+        parts = (_named(self.element, labels), self.name, _named(self.value, labels))
+        return f"{'+' if self.state else '-'} {' '.join(part for part in parts if part)}"
 
 
 @dataclass
@@ -52,7 +57,7 @@ class PreviewStep:
     """A simulated step.
 
     :param skill: type and label.
-    :param arguments: the ids and labels of its elements, by key.
+    :param arguments: the ids of its elements, by key; of an element that it creates, the class.
     :param unsatisfied: the conditions that do not hold when it starts, as text.
     :param assumed: choices that the skill's description leaves open, as text.
     """
@@ -65,13 +70,13 @@ class PreviewStep:
     assumed: list[str] = field(default_factory=list)
     changes: list[FactChange] = field(default_factory=list)
 
-    def lines(self) -> Iterator[str]:
+    def lines(self, labels: Mapping[str, str]) -> Iterator[str]:
         yield f"{self.number}. {self.skill} by {self.manager}"
-        yield f"     with {', '.join(f'{key}={value}' for key, value in self.arguments.items())}"
+        yield f"     with {', '.join(f'{key}={_named(value, labels)}' for key, value in self.arguments.items())}"
         for text in self.unsatisfied:
             yield f"     does not hold: {text}"
         for change in self.changes:
-            yield f"   {change}"
+            yield f"   {change.line(labels)}"
         for text in self.assumed:
             yield f"     assumed: {text}"
 
@@ -81,10 +86,12 @@ class Preview(JsonData):
     """A simulated plan.
 
     :param reached: whether the goal holds at the end.
+    :param labels: of the elements in the steps, created and removed ones included, by id.
     """
 
     steps: list[PreviewStep]
     reached: bool
+    labels: dict[str, str] = field(default_factory=dict)
     _data_name = "preview"
 
     @property
@@ -98,7 +105,7 @@ class Preview(JsonData):
     def lines(self) -> Iterator[str]:
         """Yields the text."""
         for step in self.steps:
-            yield from step.lines()
+            yield from step.lines(self.labels)
         yield f"the goal {'holds' if self.reached else 'does not hold'} at the end"
 
 
@@ -109,7 +116,7 @@ def preview(copy: WorldModelPort, plan: Plan) -> Preview:
     """
     simulation = _Simulation(copy, plan.task)
     simulated = [simulation.run(step, planned) for step, planned in zip(plan.steps, plan.order.steps, strict=True)]
-    return Preview(simulated, simulation.holds(plan.task.goal))
+    return Preview(simulated, simulation.holds(plan.task.goal), simulation.labels)
 
 
 class _Simulation:
@@ -120,6 +127,7 @@ class _Simulation:
         self._task = task
         self._now = {e.id: e for e in copy.resolve_elements(Element())}
         self._created: dict[str, str] = {}  # the ids of created elements, by their names in the task
+        self.labels: dict[str, str] = {}  # of the elements of the simulated steps, by id
 
     def run(self, step: Step, planned: PlanStep) -> PreviewStep:
         """Simulates a step.
@@ -130,7 +138,8 @@ class _Simulation:
         named = {v.key or ROBOT_KEY: name for v, name in zip(variables, planned.arguments, strict=True)}
         result = PreviewStep(step.number, skill.name, step.call.manager)
         elements = self._elements(named, step.call, result)
-        result.arguments = {key: _name(e) if e.id else f"a new {e.type}" for key, e in elements.items()}
+        result.arguments = {key: e.id or f"a new {e.type}" for key, e in elements.items()}
+        self._note_labels(elements.values())
         params = ParamHandler({p.key: _param(p, elements.get(p.key), self._copy) for p in skill.parameters})
         result.unsatisfied = [
             f"[{condition.label}] {condition.found(params, self._copy)}"
@@ -155,11 +164,15 @@ class _Simulation:
         for key, name in named.items():
             if not elements[key].id and params.hasParam(key) and params.is_bound(key):
                 self._created[name] = params.getParamValue(key).id
-        names = {eid: _name(e) for eid, e in before.items() if e is not None}
-        names.update((eid, _name(e)) for eid, e in self._now.items())
         for eid, old in before.items():
-            result.changes += _differences(old, self._now.get(eid), names)
+            result.changes += _differences(eid, old, self._now.get(eid))
+        involved = {name for change in result.changes for name in (change.element, change.value)}
+        self._note_labels(e for e in before.values() if e is not None)
+        self._note_labels(self._now[eid] for eid in involved & self._now.keys())
         return result
+
+    def _note_labels(self, elements: Iterable[Element]) -> None:
+        self.labels.update((e.id, e.label) for e in elements if e.id and e.label)
 
     def holds(self, formula: Formula) -> bool:
         """Whether a ground formula without quantifiers holds now, by the conditions that managers evaluate."""
@@ -227,31 +240,32 @@ def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelP
     return param
 
 
-def _differences(old: Element | None, new: Element | None, names: Mapping[str, str]) -> Iterator[FactChange]:
-    """Yields the changes of an element.
-
-    :param names: of all current and former elements, by id.
-    """
+def _differences(eid: str, old: Element | None, new: Element | None) -> Iterator[FactChange]:
+    """Yields the changes of an element."""
     if old is None or new is None:
-        element = new or old
-        if element is not None:
-            yield FactChange(_name(element), "", "", new is not None)
+        if old is not new:
+            yield FactChange(eid, "", "", new is not None)
         if new is None:
             return
     then, now = _facts(old), _facts(new)
     for state, facts, others in ((False, then, now), (True, now, then)):
-        for name, value in facts:
-            if (name, value) not in others:
-                yield FactChange(_name(new), name, names.get(value, value), state)
+        for name, value, is_relation in facts:
+            if (name, value, is_relation) not in others:
+                yield FactChange(eid, name, value, state, is_relation)
 
 
-def _facts(element: Element | None) -> dict[tuple[str, str], None]:
-    """Returns the properties and outgoing relations of an element."""
+def _facts(element: Element | None) -> dict[tuple[str, str, bool], None]:
+    """Returns the properties and outgoing relations of an element; whether it is a relation is the last part."""
     if element is None:
         return {}
-    facts = {(prop.key, str(value)): None for prop in element.properties for value in prop.values}
-    return {**facts, **{(r["type"], r["dst"]): None for r in element.getRelations("-1")}}
+    facts = {(prop.key, str(value), False): None for prop in element.properties for value in prop.values}
+    return {**facts, **{(r["type"], r["dst"], True): None for r in element.getRelations("-1")}}
 
 
 def _name(element: Element) -> str:
-    return f'{element.id} "{element.label}"' if element.label else element.id
+    return _named(element.id, {element.id: element.label})
+
+
+def _named(eid: str, labels: Mapping[str, str]) -> str:
+    """Returns an id with the label; any other text as it is."""
+    return f'{eid} "{labels[eid]}"' if labels.get(eid) else eid

@@ -34,7 +34,6 @@ from skiros2_gui.app.events import (
     ManagersChanged,
     NodeShutdown,
     ProblemReported,
-    StopRequested,
     TaskStarted,
     WorldChanged,
 )
@@ -42,9 +41,10 @@ from skiros2_gui.app.jobs import Jobs
 from skiros2_gui.app.problems import ExceptHook, Problems
 from skiros2_gui.app.system import System, missing
 from skiros2_gui.app.widgets.collector import Collector
-from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, push_button, text_label
+from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, text_label
 from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.stop_bar import StopBar
+from skiros2_gui.app.widgets.stop_control import StopControl, TallTabBar
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
 from skiros2_gui.learning.widgets.tab import LearningTab
@@ -208,6 +208,7 @@ class MainWidget(QWidget):
         self.shared.subscribe(TaskStarted, self._task_started)
         self.shared.subscribe(NodeShutdown, lambda event: self.shared.problems.report(_NODE_ENDED, event.reason))
         self.tabs = QTabWidget()
+        self.tabs.setTabBar(TallTabBar())
         self.tabs.setDocumentMode(True)
         tabs = (*TABS, *(() if rviz_problem() else (RvizPanel,)), *LAST_TABS)
         self.pages = [_Page(tab(self.shared), self.shared) for tab in tabs]
@@ -215,14 +216,10 @@ class MainWidget(QWidget):
             self.tabs.addTab(page, page.tab.title)
             self.tabs.setTabToolTip(number, f"{page.tab.title} (Alt+{number + 1})")
             self._on_keys(QKeySequence(f"Alt+{number + 1}"), partial(self.tabs.setCurrentIndex, number))
-        self.stop = push_button(
-            "■ Stop all",
-            "stopAllButton",
-            lambda: self.shared.publish(StopRequested()),
-            "Stops all tasks of all robots, and the goal  (Ctrl+.)",
-        )
-        self.tabs.setCornerWidget(self.stop)
-        self._on_keys(QKeySequence("Ctrl+."), self.stop.click)
+        self.stop_control = StopControl(self.shared)
+        self.tabs.setCornerWidget(self.stop_control)
+        # Dialogs, open lists and cells that are being edited take Esc before it is a shortcut.
+        self.stop_keys = [self._on_keys(QKeySequence(keys), self.stop_control.stop) for keys in ("Esc", "Ctrl+.")]
         self._on_keys(QKeySequence(QKeySequence.Find), lambda: self.tab.find())
         self.error_bar = ErrorBar(self.shared.problems)
         self.status = StatusLine(self.shared)
@@ -281,6 +278,7 @@ class MainWidget(QWidget):
         QApplication.instance().removeEventFilter(self)
         self._excepthook.close()
         self._collector.close()
+        self.stop_control.close_timer()
         self._bridge.close()
         for page in self.pages:
             try:
@@ -295,8 +293,10 @@ class MainWidget(QWidget):
             self._set_colours()
         super().changeEvent(event)
 
-    def _on_keys(self, keys: QKeySequence, call: Callable[[], None]) -> None:
-        QShortcut(keys, self, call, context=Qt.WidgetWithChildrenShortcut)
+    def _on_keys(self, keys: QKeySequence, call: Callable[[], None]) -> QShortcut:
+        shortcut = QShortcut(keys, self, call, context=Qt.WidgetWithChildrenShortcut)
+        shortcut.setAutoRepeat(False)
+        return shortcut
 
     def _set_colours(self) -> None:
         dark = is_dark(self)
@@ -307,7 +307,6 @@ class MainWidget(QWidget):
             self.error_bar.set_dark(dark)
             self.stop_bar.set_dark(dark)
             self.status.set_dark(dark)
-            tint(self.stop, text="failure", dark=dark)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Lets the space bar toggle the tab's task, unless the user has entered a widget that handles the space bar."""

@@ -6,12 +6,15 @@ from python_qt_binding.QtCore import Qt, Signal
 from python_qt_binding.QtGui import QKeyEvent, QWheelEvent
 from python_qt_binding.QtWidgets import QComboBox, QCompleter, QWidget
 
+from skiros2_common.core.names import local_name
+
 
 class SearchBox(QComboBox):
     """An editable combo box whose entries are found by any part of their text.
 
-    Typed text chooses the entry with that text, id (its data) or label (its text before two spaces and a bracket);
-    text that names no entry is reset. The wheel scrolls what is around the box unless the box has the focus.
+    Typed text chooses the entry with that text, id (its data, also without prefix) or label (its text before two spaces
+    and a bracket); text that names no entry is reset. The wheel scrolls what is around the box unless the box has the
+    focus.
     """
 
     #: The user has chosen an entry; emits its row.
@@ -87,5 +90,5 @@ class SearchBox(QComboBox):
             self.show_row(self._row)
 
     def _names(self, row: int) -> tuple[str, ...]:
-        text = self.itemText(row)
-        return text.lower(), str(self.itemData(row) or "").lower(), text.rpartition("  (")[0].lower()
+        text, data = self.itemText(row), str(self.itemData(row) or "")
+        return text.lower(), data.lower(), local_name(data).lower(), text.rpartition("  (")[0].lower()

@@ -18,7 +18,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
-from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, message_text
+from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, message_text, skills_text
 from skiros2_gui.app.widgets.controls import push_button, timer
 from skiros2_gui.app.widgets.theme import colour_state
 from skiros2_gui.app.window import Window
@@ -184,7 +184,7 @@ class TaskTable(QWidget):
     def _fill(self, item: QTreeWidgetItem, run: TaskRun) -> None:
         style, silent = style_of(run.state), self._is_live(run) and is_silent(run, time.time())
         state = "… silent" if silent else f"{style.symbol} {style.word}"
-        skills = run.latest.shape.skills_text(most=3) or run.latest.shape.name(0)
+        skills = skills_text(run)
         texts = (skills, state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), message_text(run))
         for column, text in enumerate(texts):
             if item.text(column) != text:

@@ -1,13 +1,13 @@
-"""The goal as lines of lists: subject, relation or property, object or value."""
+"""The goal as lines of lists: subject, relation or property, object or value; its text below them."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtGui import QStandardItem, QStandardItemModel
+from python_qt_binding.QtGui import QBrush, QStandardItem, QStandardItemModel
 from python_qt_binding.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -19,11 +19,14 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
+from skiros2_gui.app.names import label_text, verb, words
 from skiros2_gui.app.widgets.controls import push_button, text_label, tool_button
 from skiros2_gui.app.widgets.search_box import SearchBox
-from skiros2_gui.goal.completion import PROPERTY, Completion, Vocabulary
+from skiros2_gui.app.widgets.theme import role_colour
+from skiros2_gui.goal.completion import PROPERTY, RELATION, Completion, Vocabulary
 from skiros2_gui.goal.lines import EVERY, HOLDS, OPERATORS, SOME, Line, Term, number_text, value_of
 from skiros2_gui.goal.presenter import GoalPresenter
+from skiros2_gui.goal.widgets.text import GoalText
 
 _ENTRY = Qt.UserRole + 1  # a Term, or the Completion of a predicate
 
@@ -31,7 +34,9 @@ _OPERATOR_TIPS = {HOLDS: "It is true, or has any value"}
 
 
 class GoalLines(QWidget):
-    """Shows and edits the presenter's lines. A line with an empty box is not part of the goal yet."""
+    """Shows and edits the presenter's lines; without any, an empty one. A line with an empty box is not part of the
+    goal yet.
+    """
 
     def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -44,7 +49,7 @@ class GoalLines(QWidget):
         self.add = push_button(
             "+ Add a condition",
             "addConditionButton",
-            lambda: goals.edit_lines([*(goals.lines or ()), Line()]),
+            lambda: goals.edit_lines([*(goals.lines or (Line(),)), Line()]),
             "Adds a line: a relation between two elements, or a value of a property",
         )
         inside = QWidget()
@@ -62,17 +67,20 @@ class GoalLines(QWidget):
         column.setContentsMargins(0, 4, 0, 0)
         column.addWidget(area, 1)
         column.addLayout(buttons)
+        self.text = GoalText(goals)
+        column.addWidget(self.text)
         goals.on_vocabulary = self._read_vocabulary
         self.show_goal()
 
     def show_goal(self) -> None:
-        """Shows the presenter's lines."""
+        """Shows the presenter's lines and text."""
         lines = self._goals.lines
+        self.text.show_goal()
         self.add.setEnabled(lines is not None)
         if lines is None:
-            self.note.setText("The goal above has a mistake; the lines follow when it is corrected.")
+            self.note.setText("The text below has a mistake; the lines follow when it is corrected.")
         elif not lines:
-            self.note.setText("All conditions together are the goal. It can also be written above.")
+            self.note.setText("Choose an element, a relation or property, and an element or value.")
         else:
             waiting = sum(not line.is_complete for line in lines)
             self.note.setText(f"{waiting} not complete yet" if waiting else "")
@@ -80,6 +88,7 @@ class GoalLines(QWidget):
             row.setEnabled(lines is not None)
         if lines is None:
             return
+        lines = lines or (Line(),)
         while len(self._rows) > len(lines):
             self._rows.pop().deleteLater()
         for index, line in enumerate(lines):
@@ -111,18 +120,16 @@ class _Choices:
         self.terms = QStandardItemModel()
         labels = Counter(element.label for element in vocabulary.elements)
         self._rows: dict[str, int] = {}
-        for element in vocabulary.elements:
-            eid = element.text.strip('"')
-            shown = element.label if labels[element.label] == 1 else f"{element.label}  ({local_name(eid)})"
-            self._rows.setdefault(element.label.lower(), self.terms.rowCount())
-            self._rows[eid.lower()] = self.terms.rowCount()
-            self.terms.appendRow(_item(shown, eid, eid, Term(eid)))
+        reachable = [element for element in vocabulary.elements if element.rank == 0]
+        self._add_elements(reachable, labels)
         used = [cls for cls in vocabulary.classes if cls.rank == 0]
         for quantifier, of in ((EVERY, "each element"), (SOME, "at least one element")):
             for cls in used:
                 term = Term(cls.text, quantifier)
                 self._rows[_key(term)] = self.terms.rowCount()
-                self.terms.appendRow(_item(f"{quantifier} {cls.label}", "", f"{of} of {cls.text}", term))
+                shown = f"{quantifier} {words(cls.label)}"
+                self.terms.appendRow(_item(shown, f"{quantifier} {cls.label}", f"{of} of {cls.text}", term))
+        self._add_elements(vocabulary.elements[len(reachable) :], labels)
         names = Counter(predicate.label for predicate in vocabulary.predicates)
         self.predicates = QStandardItemModel()
         self._predicate_rows: dict[str, int] = {}
@@ -130,8 +137,17 @@ class _Choices:
             self._predicate_rows.setdefault(predicate.label.lower(), self.predicates.rowCount())
             self._predicate_rows[predicate.text.lower()] = self.predicates.rowCount()
             tip = f"{predicate.kind} {predicate.text}"
-            shown = predicate.label if names[predicate.label] == 1 else f"{predicate.label}  ({predicate.text})"
-            self.predicates.appendRow(_item(shown, predicate.text, tip, predicate))
+            shown = _predicate_text(predicate)
+            shown = shown if names[predicate.label] == 1 else f"{shown}  ({predicate.text})"
+            self.predicates.appendRow(_item(shown, predicate.text, tip, predicate, is_faint=predicate.rank > 0))
+
+    def _add_elements(self, elements: Iterable[Completion], labels: Counter[str]) -> None:
+        for element in elements:
+            eid, label = element.text.strip('"'), label_text(element.label)
+            shown = label if labels[element.label] == 1 else f"{label}  ({local_name(eid)})"
+            self._rows.setdefault(element.label.lower(), self.terms.rowCount())
+            self._rows[eid.lower()] = self.terms.rowCount()
+            self.terms.appendRow(_item(shown, eid, eid, Term(eid), is_faint=element.rank > 0))
 
     def term_row(self, term: Term) -> int:
         """Returns the row of a term; adds one for an unknown term. -1 for none."""
@@ -140,7 +156,7 @@ class _Choices:
         key = _key(term) if term.quantifier else term.name.lower()
         if key not in self._rows:
             self._rows[key] = self.terms.rowCount()
-            shown = f"{term.quantifier} {local_name(term.name)}" if term.quantifier else term.name
+            shown = f"{term.quantifier} {words(term.name)}" if term.quantifier else term.name
             self.terms.appendRow(_item(shown, term.name, term.name, term))
         return self._rows[key]
 
@@ -149,9 +165,8 @@ class _Choices:
         key = line.predicate.lower()
         if key and key not in self._predicate_rows:
             self._predicate_rows[key] = self.predicates.rowCount()
-            kind = PROPERTY if line.operator else ""
-            entry = Completion(line.predicate, local_name(line.predicate), kind)
-            self.predicates.appendRow(_item(entry.label, line.predicate, line.predicate, entry))
+            entry = Completion(line.predicate, local_name(line.predicate), PROPERTY if line.operator else RELATION)
+            self.predicates.appendRow(_item(_predicate_text(entry), line.predicate, line.predicate, entry))
         return self._predicate_rows.get(key, -1)
 
 
@@ -184,7 +199,7 @@ class _LineRow(QWidget):
         self.value.addItems(choices.values)
         self.value.lineEdit().setPlaceholderText("value")
         self.text = text_label("", is_selectable=False)
-        self.text.setToolTip("Lists cannot express this condition; edit it in the text of the goal")
+        self.text.setToolTip("Lists cannot express this condition; edit it in the text below")
         remove = tool_button("✕", f"removeCondition_{number}", lambda: edit(None), "Removes this condition")
         self.subject.chosen.connect(lambda row: self._change(subject=self._term(row)))
         self.object.chosen.connect(lambda row: self._change(object=self._term(row)))
@@ -264,8 +279,18 @@ def _key(term: Term) -> str:
     return f"{term.quantifier} {term.name.lower()}"
 
 
-def _item(text: str, data: str, tip: str, entry: object) -> QStandardItem:
+def _predicate_text(predicate: Completion) -> str:
+    return predicate.label if predicate.kind == PROPERTY else verb(predicate.text)
+
+
+def _item(text: str, data: str, tip: str, entry: object, is_faint: bool = False) -> QStandardItem:
+    """Returns an entry.
+
+    :param is_faint: no skill can change it.
+    """
     item = QStandardItem(text)
+    if is_faint:
+        item.setForeground(QBrush(role_colour("idle")))
     item.setData(data, Qt.UserRole)
     item.setData(entry, _ENTRY)
     item.setToolTip(tip)

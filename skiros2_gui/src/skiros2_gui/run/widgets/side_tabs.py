@@ -20,6 +20,8 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_common.core.names import local_name
+from skiros2_gui.app.names import Names, in_words, label_text
 from skiros2_gui.app.widgets.controls import push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import role_colour
@@ -34,20 +36,21 @@ from skiros2_skill.core.runtime.history import one_line
 #: An element in a text: its id, then its label.
 _ELEMENT = re.compile(r"([A-Za-z_]\w*:\w+-\d+)(?:-|$)")
 
-#: The prefix of names that are not ids.
-_DEFAULT_PREFIX = re.compile(r"\bskiros:(?=\w+\b(?!-\d))")
-
 _EMPTY = "Click a node of the tree to see its state, its parameters and its conditions."
 
 
 class NodeDetails(QTextBrowser):
-    """A node as text that can be selected and copied."""
+    """A node as text that can be selected and copied.
+
+    :param names: of the elements in its texts.
+    """
 
     #: The id of an element that was clicked.
     element = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, names: Names, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self._names = names
         self.setObjectName("nodeDetails")
         self.setAccessibleName("the selected node")
         self.setOpenLinks(False)
@@ -70,7 +73,7 @@ class NodeDetails(QTextBrowser):
         parts = [f"<h3 style='margin-bottom:4px'>{escape(node.title)}</h3>", self._table(node.facts, node.state)]
         if node.why:
             parts.append("<h4>Why it failed</h4>")
-            lines = [_spaced(line) for line in node.why]
+            lines = [_spaced(self._names.readable(line)) for line in node.why]
             parts += [f"<p style='margin:0 0 3px 0'>{line}</p>" for line in (f"<b>{lines[0]}</b>", *lines[1:])]
         if node.conditions:
             parts.append("<h4>Conditions</h4>")
@@ -117,8 +120,10 @@ class NodeDetails(QTextBrowser):
         found = _ELEMENT.match(value)
         if found is None:
             return f"<b>{escape(value)}</b>"
-        eid = escape(found.group(1)) if found.end() < len(value) else ""
-        return f"{_link(value)} <span style='color:{self._faint()}'>{eid}</span>"
+        label = value[found.end() :]
+        if not label or self._names.is_unique(label):
+            return _link(value)
+        return f"{_link(value)} <span style='color:{self._faint()}'>{escape(local_name(found.group(1)))}</span>"
 
     def _colour(self, style: StateStyle) -> str:
         return str(role_colour(style.colour_role, self).name())
@@ -136,15 +141,15 @@ def _link(element: str) -> str:
     if found is None:
         return escape(element)
     eid, label = escape(found.group(1), quote=True), element[found.end() :]
-    return f"<a href='#{eid}' title='{eid}'>{escape(label) or eid}</a>"
+    return f"<a href='#{eid}' title='{eid}'>{escape(label_text(label)) or local_name(eid)}</a>"
 
 
 def _with_links(text: str, elements: list[str]) -> str:
-    """Returns a text with links to its elements; the default prefix of relations and properties is left out."""
+    """Returns a text with links to its elements, and words instead of the names of ontologies."""
     if not elements:
-        return escape(_DEFAULT_PREFIX.sub("", text))
+        return escape(in_words(text))
     parts = re.split(f"({'|'.join(re.escape(e) for e in sorted(elements, key=len, reverse=True))})", text)
-    return "".join(_link(part) if part in elements else escape(_DEFAULT_PREFIX.sub("", part)) for part in parts)
+    return "".join(_link(part) if part in elements else escape(in_words(part)) for part in parts)
 
 
 def _spaced(line: str) -> str:

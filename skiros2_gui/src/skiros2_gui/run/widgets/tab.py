@@ -10,6 +10,7 @@ from python_qt_binding.QtCore import QByteArray, QEvent, Qt
 from python_qt_binding.QtWidgets import QFileDialog, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ElementSelected
+from skiros2_gui.app.names import Names
 from skiros2_gui.app.widgets.controls import push_button, text_label, timer
 from skiros2_gui.app.widgets.task_table import TaskTable
 from skiros2_gui.app.widgets.theme import is_dark, tint
@@ -46,7 +47,7 @@ class RunTab(QWidget):
         self._folder = ""
         self._tasks = TaskTable(window, "taskChoice", lambda: self.presenter.runs, lambda: self.presenter.run)
         self._tasks.picked.connect(self.presenter.pick)
-        self._details = NodeDetails()
+        self._details = NodeDetails(Names(window.system))
         self._messages = MessageList()
         self._times = TimeList()
         self._breakpoints = BreakpointPanel(self.presenter)

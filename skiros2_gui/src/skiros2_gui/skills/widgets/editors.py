@@ -11,6 +11,7 @@ from python_qt_binding.QtGui import QFontDatabase
 from python_qt_binding.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from skiros2_common.core.names import local_name
+from skiros2_gui.app.names import label_text
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.skills.form import Editor, ElementChoice, Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
@@ -242,8 +243,10 @@ class ElementEditor(FieldEditor):
 
     def _text(self, choice: ElementChoice) -> str:
         """Returns the label of an element; with the id if other elements have the same label."""
-        label = local_name(choice.label)
-        return choice.id if not label else label if self._labels[choice.label] < 2 else f"{label}  ({choice.id})"
+        label = label_text(choice.label)
+        if not label:
+            return local_name(choice.id)
+        return label if self._labels[choice.label] < 2 else f"{label}  ({local_name(choice.id)})"
 
     def _mode_text(self, mode: ValueMode, found: ElementChoice | None) -> str:
         if mode is ValueMode.UNSET:

@@ -55,9 +55,9 @@ class SkillsTab(QWidget):
         self.below = QTabWidget()
         self.below.setDocumentMode(True)
         self.tasks.layout().addWidget(self.why)
-        self.below.addTab(self.tasks, "Tasks")
         self.below.addTab(self.goal_lines, "Goal")
         self.below.addTab(self.goal_view, "Plan")
+        self.below.addTab(self.tasks, "Tasks")
         self.down = QSplitter(Qt.Vertical)
         self.down.addWidget(self.across)
         self.down.addWidget(self._with_goal_bar(self.below))
@@ -137,7 +137,7 @@ class SkillsTab(QWidget):
     def _refresh(self) -> None:
         if self.isVisible():
             self.skills.refresh_if_ready()
-            if self.goal_bar.line.hasFocus() or self.goal_lines.isVisible():
+            if self.goal_lines.isVisible():
                 self.goals.refresh_if_ready()
 
 

@@ -1,0 +1,107 @@
+"""Goals, and the facts of plans, as sentences for people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from skiros2_common.core.names import local_name
+from skiros2_gui.app.names import label_text, verb, words
+from skiros2_gui.goal.lines import EVERY, HOLDS, Line, Term, number_text, read_lines
+from skiros2_task.core.explain_plan import Link, WhyPlan
+from skiros2_task.core.goal_text import GoalError
+from skiros2_task.core.preview import Preview, PreviewStep
+
+#: Returns the displayed name of an element, by its id.
+NameOf = Callable[[str], str]
+
+#: The names of steps, by number.
+StepNames = Mapping[int, str]
+
+
+def goal_sentence(text: str, name_of: NameOf) -> str:
+    """Returns a goal as a sentence, such as "Tray B contains Product A"; a goal that does not parse as it is."""
+    try:
+        return lines_sentence(read_lines(text), name_of)
+    except GoalError:
+        return text
+
+
+def lines_sentence(lines: Sequence[Line], name_of: NameOf) -> str:
+    """Returns the complete lines of a goal as a sentence."""
+    return ", and ".join(line_sentence(line, name_of) for line in lines if line.is_complete)
+
+
+def line_sentence(line: Line, name_of: NameOf) -> str:
+    """Returns a condition of a goal as a sentence."""
+    if line.text:
+        return line.text
+    subject = _term(line.subject, name_of, line.is_negated)
+    if not line.operator:
+        return f"{subject} {verb(line.predicate, not line.is_negated)} {_term(line.object, name_of, line.is_negated)}"
+    if line.operator == HOLDS:
+        return f"{words(line.predicate)} of {subject} {'is not' if line.is_negated else 'is'} set"
+    value = number_text(line.value) if isinstance(line.value, float) else line.value
+    relation = ("is not" if line.is_negated else "is") if line.operator == "=" else line.operator
+    negation = "not: " if line.is_negated and line.operator != "=" else ""
+    return f"{negation}{words(line.predicate)} of {subject} {relation} {value}"
+
+
+def _term(term: Term, name_of: NameOf, is_negated: bool) -> str:
+    if not term.quantifier:
+        return name_of(term.name)
+    quantifier = "any" if term.quantifier == EVERY and is_negated else term.quantifier
+    return f"{quantifier} {words(term.name)}"
+
+
+def change_lines(preview: Preview, steps: StepNames, name_of: NameOf) -> Iterator[str]:
+    """Yields the effects of each step of a simulated plan."""
+
+    def name(eid: str) -> str:
+        """Prefers the scene, which knows whether the label is unique; created elements are in the preview only."""
+        label = preview.labels.get(eid, "")
+        shown = name_of(eid)
+        return label_text(label) if label and shown == local_name(eid) else shown
+
+    for step in preview.steps:
+        yield f"{step.number}. {steps.get(step.number, step.skill)}"
+        yield from (f"     ✕ does not hold: {text}" for text in step.unsatisfied)
+        yield from (f"     {text}" for text in _changes(step, name))
+        yield from (f"     assumed: {text}" for text in step.assumed)
+    yield "The goal holds at the end." if preview.reached else "✕ The goal does not hold at the end."
+
+
+def _changes(step: PreviewStep, name: NameOf) -> Iterator[str]:
+    values: dict[tuple[str, str], dict[bool, list[str]]] = {}
+    for change in step.changes:
+        if not change.name:
+            yield f"{name(change.element)} {'is created' if change.state else 'is removed'}"
+        elif change.is_relation:
+            yield f"{name(change.element)} {verb(change.name, change.state, has_ended=True)} {name(change.value)}"
+        else:
+            values.setdefault((change.element, change.name), {True: [], False: []})[change.state].append(change.value)
+    for (eid, key), of in values.items():
+        now, before = ", ".join(of[True]), ", ".join(of[False])
+        was = f" (was {before})" if now and before else ""
+        yield f"{words(key)} of {name(eid)} is {now or f'no longer {before}'}{was}"
+
+
+def why_lines(why: WhyPlan, steps: StepNames, name_of: NameOf) -> Iterator[str]:
+    """Yields the purpose of each step of a plan."""
+
+    def source(link: Link) -> str:
+        return f"by step {link.step}" if link.step else "from the start"
+
+    for step in why.steps:
+        yield f"{step.number}. {steps.get(step.number, step.call)}"
+        for fact in dict.fromkeys(link.fact for link in step.serves):
+            users = [f"step {link.step}" if link.step else "the goal" for link in step.serves if link.fact == fact]
+            yield f"     so that {goal_sentence(fact, name_of)}, for {', '.join(users)}"
+        if not step.serves:
+            yield "     no step needs its effects"
+        served = {link.fact for link in step.serves if not link.step}
+        if reached := [goal_sentence(goal, name_of) for goal in step.goals if goal not in served]:
+            yield f"     in the end for: {', '.join(reached)}"
+        for link in step.needs:
+            yield f"     needs: {goal_sentence(link.fact, name_of)}, {source(link)}"
+    for goal in why.held:
+        yield f"{goal_sentence(goal, name_of)}: holds already"

@@ -72,6 +72,7 @@ class FactoryDemo:
         self._out = out
         self._screen = Screen(os.get_terminal_size().columns) if out.isatty() else Screen()
         self._world = WorldState()
+        self._states: dict[str, str] = {}
         self._started = time.monotonic()
 
     def run(self) -> bool:
@@ -208,7 +209,8 @@ class FactoryDemo:
         return goal
 
     def _on_state(self, job_id: str, state: str) -> None:
-        if state in ("Running", "Ended", "Aborted"):
+        if state in ("Running", "Ended", "Aborted") and self._states.get(job_id) != state:
+            self._states[job_id] = state  # a state is published again with each progress
             self._say(f"  {self._elapsed():>7}  {job_id}  {state}")
 
     def _show(self, title: str, findings: list[Finding]) -> bool:

@@ -98,15 +98,5 @@ def test_each_job_is_done_once_or_reported_although_nodes_are_killed(cell: JobCe
         assert cell.rest.post("/api/jobs", cell.order(job_id, number, store=1))[0] == 201
     for node in ("/gateway", "/tm", "/wm"):
         cell.kill(node)
-    jobs, carried = cell.wait_for(ids, 120.0), cell.carried()
-    for number, job_id in enumerate(ids):
-        times = carried[cell.products[number], cell.stores[1]]
-        response = jobs[job_id]["response"]
-        assert response["outcome"] in ("succeeded", "failed", "lost"), response
-        attempts = sum(step["state"] != "stopped" for step in response["steps"])
-        assert times <= max(1, attempts), f"{job_id} was done {times} times: {response}"
-        if response["outcome"] == "succeeded":
-            assert times >= 1, f"{job_id} was not done: {response}"
-        else:
-            assert response["message"]
+    assert not cell.wrong(cell.wait_for(ids, 120.0))
     assert cell.gateway.running

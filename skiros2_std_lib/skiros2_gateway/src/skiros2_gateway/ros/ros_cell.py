@@ -20,8 +20,10 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
+from skiros2_gateway.ros.changes import read_changes
 from skiros2_gateway.ros.goals import AchieveGoals
 from skiros2_gateway.ros.robots import Robots
+from skiros2_gateway.ros.start_check import check_start
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.actions import condition_predicates
@@ -30,7 +32,6 @@ from skiros2_task.core.goal_text import GoalError
 from skiros2_task.core.world import WorldView
 from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
-from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
@@ -225,6 +226,12 @@ class RosCell:
 
         return await self.in_thread(read)
 
+    async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        client = self._robots.agents.get(robot)
+        if client is None:
+            raise UnknownName(f"no robot {robot} is connected; there are: {', '.join(self._robots.agents) or 'none'}")
+        return await self._in_thread(check_start, client, skill, dict(parameters))
+
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         def make() -> Any:
             client = TaskManagerInterface()
@@ -292,30 +299,6 @@ class RosCell:
             except GoalError as error:
                 problems.append(Problem("goal", "goal", str(error), "a goal text, see docs/planning.md"))
         return problems
-
-    def _collect(
-        self, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
-    ) -> Collected:
-        wm, notes = self._world_model, []
-        values: dict[str, Any] = {}
-        changes: list[dict[str, Any]] = []
-        for key, (eid, prop) in quality.items():
-            element = wm.find_element(eid)
-            if element is None or not element.hasProperty(prop, not_none=True):
-                reason = "does not exist" if element is None else f"has no {prop}"
-                notes.append(f"quality data {key}: {eid} {reason}")
-            else:
-                values[key] = element.value_of(prop)
-        try:
-            for robot in robots:
-                for entry in wm.history("", start, end, robot):
-                    lines = changed_lines(entry)
-                    related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
-                    ids = sorted(related | set(entry.changes.records))
-                    changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
-        except SkirosError as error:
-            notes.append(f"the changes of the world model are unknown: {error}")
-        return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
 
     # -- internals ---------------------------------------------------------------------------------------------
 

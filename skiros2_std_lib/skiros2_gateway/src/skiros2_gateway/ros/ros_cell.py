@@ -20,8 +20,10 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
+from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.goals import AchieveGoals
 from skiros2_gateway.ros.robots import Robots
+from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.actions import condition_predicates
@@ -49,13 +51,17 @@ _COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start"}
 class RosCell:
     """Implements `Cell`. Call `close` at the end.
 
+    :param masters: gets those that the scene defines.
     :param capacity: how many goals run at once; 0: as many as there are robots.
     """
 
-    def __init__(self, listener: GoalListener, events: EventStream, capacity: int = 0) -> None:
+    def __init__(
+        self, listener: GoalListener, events: EventStream, masters: WorkMasters, capacity: int = 0
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._listener = listener
         self._events = events
+        self._masters = masters
         self._capacity = capacity
         self._threads = ThreadPoolExecutor(_THREADS, "cell")
         self._wm: WorldModelInterface | None = None
@@ -74,6 +80,7 @@ class RosCell:
             log.debug("no connection to the world model: %s", error)
             return
         wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
+        SceneWorkMasters(wm, self._masters, self._loop)
         self._wm = wm
         self._in_loop(self._listener.cell_changed)
 

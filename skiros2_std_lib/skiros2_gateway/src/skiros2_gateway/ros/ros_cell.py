@@ -270,7 +270,7 @@ class RosCell:
     async def collect(
         self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
     ) -> Collected:
-        return await self.in_thread(self._collect, robots, start, end, dict(quality))
+        return await self.in_thread(lambda: _collect(self._world_model, robots, start, end, dict(quality)))
 
     # -- in threads of the pool --------------------------------------------------------------------------------
 
@@ -299,30 +299,6 @@ class RosCell:
             except GoalError as error:
                 problems.append(Problem("goal", "goal", str(error), "a goal text, see docs/planning.md"))
         return problems
-
-    def _collect(
-        self, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
-    ) -> Collected:
-        wm, notes = self._world_model, []
-        values: dict[str, Any] = {}
-        changes: list[dict[str, Any]] = []
-        for key, (eid, prop) in quality.items():
-            element = wm.find_element(eid)
-            if element is None or not element.hasProperty(prop, not_none=True):
-                reason = "does not exist" if element is None else f"has no {prop}"
-                notes.append(f"quality data {key}: {eid} {reason}")
-            else:
-                values[key] = element.value_of(prop)
-        try:
-            for robot in robots:
-                for entry in wm.history("", start, end, robot):
-                    lines = changed_lines(entry)
-                    related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
-                    ids = sorted(related | set(entry.changes.records))
-                    changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
-        except SkirosError as error:
-            notes.append(f"the changes of the world model are unknown: {error}")
-        return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
 
     # -- internals ---------------------------------------------------------------------------------------------
 
@@ -354,6 +330,31 @@ class RosCell:
     def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(functools.partial(call, *arguments))
+
+
+def _collect(
+    wm: WorldModelInterface, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
+) -> Collected:
+    notes = []
+    values: dict[str, Any] = {}
+    changes: list[dict[str, Any]] = []
+    for key, (eid, prop) in quality.items():
+        element = wm.find_element(eid)
+        if element is None or not element.hasProperty(prop, not_none=True):
+            reason = "does not exist" if element is None else f"has no {prop}"
+            notes.append(f"quality data {key}: {eid} {reason}")
+        else:
+            values[key] = element.value_of(prop)
+    try:
+        for robot in robots:
+            for entry in wm.history("", start, end, robot):
+                lines = changed_lines(entry)
+                related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
+                ids = sorted(related | set(entry.changes.records))
+                changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
+    except SkirosError as error:
+        notes.append(f"the changes of the world model are unknown: {error}")
+    return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
 
 
 class _PausingListener:

@@ -81,7 +81,7 @@ async def _serve(settings: Settings) -> None:
     events = EventStream()
     control = JobControl(store, masters, events)
     service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
-    cell = RosCell(control, events, settings.jobs_at_once)
+    cell = RosCell(control, events, masters, settings.jobs_at_once)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
         stack.callback(store.close)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
-from support.window.driver import TIMEOUT, Driver
+from skiros2_gui.driver import TIMEOUT, Driver
 
 #: The least share of pixels of locations, and of handles.
 LOCATIONS, HANDLES = 0.01, 0.00002

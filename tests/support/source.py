@@ -28,6 +28,7 @@ PACKAGES = {
     "skiros2_teaching": "skiros2_std_lib/skiros2_teaching",
     "skiros2_learning": "skiros2_std_lib/skiros2_learning",
     "skiros2_gateway": "skiros2_std_lib/skiros2_gateway",
+    "skiros2_local": "skiros2_std_lib/skiros2_local",
     "skiros2_gui": "skiros2_gui",
 }
 #: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the

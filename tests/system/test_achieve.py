@@ -169,7 +169,8 @@ def test_goal_is_reached_after_a_manager_is_killed(own: Ros, finished: int) -> N
     own.kill_node(victim)
     assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
     assert cell.is_done
-    lost = [step for step in request.done if step["message"] == f"{victim} has disappeared"]
+    # Its message depends on whether the manager had begun the step when it was killed.
+    lost = [step for step in request.done if step["state"] == "failed"]
     assert {step["robot"] for step in lost} == {victim}
     after = request.done[request.done.index(lost[-1]) + 1 :]
     assert victim not in {step["robot"] for step in after}

@@ -11,9 +11,9 @@ from skiros2_common.command_line.layout import Screen
 from skiros2_msgs.msg import Param, SkillProgress
 from skiros2_runs.core.progress import status_text
 from skiros2_runs.core.states import FAILURE, IDLE, RUNNING, SUCCESS, TaskState
-from skiros2_skill.command_line import watch
+from skiros2_skill.command_line import views
 from skiros2_skill.command_line.tree import Changes, frame_of, picture
-from skiros2_skill.command_line.watch import JsonView, LineView, LiveView
+from skiros2_skill.command_line.views import JsonView, LineView, LiveView
 
 ROOT = 100
 
@@ -216,8 +216,8 @@ def test_json_has_a_line_for_each_message():
 @pytest.fixture
 def live(monkeypatch):
     """A terminal of 60 x 12 and what stands on it."""
-    monkeypatch.setattr(watch.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
-    monkeypatch.setattr(watch, "screen", lambda: Screen(60))
+    monkeypatch.setattr(views.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
+    monkeypatch.setattr(views, "screen", lambda: Screen(60))
     out = io.StringIO()
     view = LiveView(out, idle="no task runs on /arm; Ctrl-C ends")
 

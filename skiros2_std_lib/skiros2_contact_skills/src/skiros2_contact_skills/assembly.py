@@ -20,6 +20,8 @@ LOCATED = "piston:Located"
 _TRANSFER, _FAST = 0.12, 0.25
 #: A transfer: fast, and with a tolerance that need not be settled.
 _SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
+#: A retreat: what has exceeded the usual limit of the force (N) may not be over yet.
+_RETREAT = {"MaxForce": 120.0, "Speed": _FAST}
 #: Motion of the hand at which a held ring counts as slipping (m).
 _SLIP = 0.004
 #: Between the fingers that release the piston: they may be in the opening of the ring (m).
@@ -169,20 +171,25 @@ class take_part(SkillBase):
 
 
 class put_down_part(SkillBase):
-    """Lifts the part, moves it above the placing pose and down until contact, and releases it."""
+    """Lifts the part, moves it above the placing pose and down until contact, and releases it. After a failure the arm
+    lifts it again: the next motion may be sideways, and the part in its seat."""
 
     def createDescription(self) -> None:
         self.setDescription(PutDownPart(), self.__class__.__name__)
 
     def expand(self, skill: Any) -> None:
-        skill.setProcessor(SerialStar())
+        there = {"Target": "Place"}
+        skill.setProcessor(SelectorStar())
         skill(
-            self.skill("RetractTool", "", specify={"Height": _TRANSFER, "Tolerance": 0.03}),
-            self.skill("ApproachTarget", "", remap={"Target": "Place"}, specify=_SWING | {"ZeroSensor": True}),
-            self.skill("ApproachTarget", "", remap={"Target": "Place"}, specify={"Height": 0.02, "Tolerance": 0.01}),
-            self.skill("MoveUntilContact", "", specify={"Speed": 0.01, "MaxDistance": 0.04, "NeedsContact": False}),
-            self.skill("ReleasePart", ""),
-            self.skill("RetractTool", "", specify=_SWING),
+            self.skill(SerialStar())(
+                self.skill("RetractTool", "", specify={"Height": _TRANSFER, "Tolerance": 0.03}),
+                self.skill("ApproachTarget", "", remap=there, specify=_SWING | {"ZeroSensor": True}),
+                self.skill("ApproachTarget", "", remap=there, specify={"Height": 0.02, "Tolerance": 0.01}),
+                self.skill("MoveUntilContact", "", specify={"Speed": 0.01, "MaxDistance": 0.04, "NeedsContact": False}),
+                self.skill("ReleasePart", ""),
+                self.skill("RetractTool", "", specify=_SWING),
+            ),
+            self.skill("RetractAfterFailure", "", specify=_RETREAT | {"Height": _TRANSFER}),
         )
 
 
@@ -259,8 +266,8 @@ class insert_piston(SkillBase):
                         self.skill("RetractTool", "", specify=_SWING),
                     ),
                 ),
-                # what has exceeded the limit may not be over yet; the ring must pass below the piston afterwards
-                self.skill("RetractAfterFailure", "", specify={"MaxForce": 120.0, "Height": 0.2, "Speed": _FAST}),
+                # the ring must pass below the piston afterwards
+                self.skill("RetractAfterFailure", "", specify=_RETREAT | {"Height": 0.2}),
             ),
             self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import queue
 import sys
 import time
@@ -19,6 +20,7 @@ from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.processes import exit_status
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.private_system import PrivateSystem, SystemDown
+from skiros2_demo.film import Film
 from skiros2_demo.progress_report import ProgressReport
 from skiros2_demo.run_check import Step, Thing, WorldState, changes, check, name_of, read_run
 from skiros2_demo.simulation import Disturbance, Moved, Pictures, Simulation, Slip
@@ -150,6 +152,7 @@ class Demo:
         self._world = WorldState()
         self._report = ProgressReport(out, lambda thing: self._world.name(thing))
         self._pictures: Pictures | None = None
+        self._film: Film | None = None
         self._disturbances: list[Disturbance] = []
         self._disturbance_log: list[str] = []
         self._goal: Any = None
@@ -196,8 +199,11 @@ class Demo:
         if simulation is not None:
             self.prepare(simulation, scene, product, tray)
         self._take_pictures("before")
-        self._achieve(system, events, task_manager, f"(skiros:contain {tray.id} {product.id})")
+        with self._film or contextlib.nullcontext():
+            self._achieve(system, events, task_manager, f"(skiros:contain {tray.id} {product.id})")
         self._take_pictures("after")
+        if self._film is not None:
+            self._report.say(f"  film: {self._film.save(self._options.film)}")
         truth = self.check_truth(simulation, product, tray) if simulation is not None else []
         events.close()
         system.stop_recording()
@@ -241,6 +247,9 @@ class Demo:
             cameras = [element for element in scene if element.type == "skiros:DepthCamera"]
             topic = COLOUR.of(cameras[0], self.robot.strip("/"), part_name(cameras[0])) if cameras else ""
             self._pictures = Pictures(simulation, self._options.folder, places, topic, self._report.say)
+            if self._options.film:
+                goal, camera = f"{self._options.product} in {self._options.tray}", self._pictures.cell
+                self._film = Film(goal, camera, self._options.film_period, self._world.name, self._report.say)
 
     def _take_pictures(self, moment: str) -> None:
         if self._pictures is not None:
@@ -273,12 +282,18 @@ class Demo:
         if isinstance(event, AchieveFeedback):
             steps = self._report.feedback(event)
             reports = [disturbance.steps(steps) for disturbance in self._disturbances]
+            if self._film is not None:
+                self._film.steps(steps)
             if self.is_midway(steps):
                 self._take_pictures("during")
         else:
             reports = [disturbance.tree(event) for disturbance in self._disturbances]
             self._report.tree(event)
+            if self._film is not None:
+                self._film.tree(event)
         for text in filter(None, reports):
+            if self._film is not None:
+                self._film.event(text)
             self._disturbance_log.append(text)
             self._report.say(f"  ! {text}")
 
@@ -355,6 +370,8 @@ def add_options(parser: argparse.ArgumentParser, rate: float, timeout: float) ->
     parser.add_argument("--rate", type=float, default=rate, help="simulated time, times real time (%(default)s)")
     parser.add_argument("--gui", action="store_true", help="show the simulated world in a window")
     parser.add_argument("--no-pictures", dest="pictures", action="store_false", help="save none")
+    parser.add_argument("--film", type=Path, help="make a film of the cell, the tree and the plan: a GIF of this name")
+    parser.add_argument("--film-period", type=float, default=0.5, help="seconds from picture to picture (%(default)s)")
     parser.add_argument("--scene", default="", help="scene file in the demo's workspace; default: the demo's own")
     parser.add_argument(
         "--folder", type=Path, default=Path("build/demo"), help="for bag, pictures and logs (%(default)s)"

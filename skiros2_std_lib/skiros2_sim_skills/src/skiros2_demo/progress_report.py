@@ -10,7 +10,7 @@ from typing import Any, TextIO
 from skiros2_common.command_line.layout import Screen
 from skiros2_demo.run_check import Step, name_of, plan_lines, steps_of
 from skiros2_runs.core.progress import NodeMessage, has_ended
-from skiros2_skill.command_line.watch import LineView, LiveView, View
+from skiros2_skill.command_line.views import LineView, LiveView, View
 
 _ID = re.compile(r"\b\w+:\w+-\d+\b")
 _NODES = re.compile(r"^(\S+\(\w+\): )+")

@@ -106,7 +106,15 @@ class Simulation:
 
         :raises Refused: the simulator rejects it.
         """
-        return _saved(self._call("take_picture", TakePicture, eye=Point(*eye), target=Point(*target)).image, file)
+        self.picture(eye, target).save(file)
+        return file
+
+    def picture(self, eye: Vector, target: Vector) -> Picture.Image:
+        """Returns a picture of the world from a given camera position.
+
+        :raises Refused: the simulator rejects it.
+        """
+        return _decoded(self._call("take_picture", TakePicture, eye=Point(*eye), target=Point(*target)).image)
 
     def take_robots_picture(self, file: Path, topic: str) -> Path:
         """Saves an image of the robot's camera.
@@ -114,9 +122,10 @@ class Simulation:
         :raises TimedOut: there is no image.
         """
         try:
-            return _saved(rospy.wait_for_message(topic, Image, PICTURE_TIMEOUT), file)
+            _decoded(rospy.wait_for_message(topic, Image, PICTURE_TIMEOUT)).save(file)
         except rospy.ROSException:
             raise TimedOut(f"no picture came on {topic} within {PICTURE_TIMEOUT:g} s") from None
+        return file
 
     def _call(self, name: str, service: Any, **request: Any) -> Any:
         answer = rospy.ServiceProxy(f"sim/{name}", service)(**request)
@@ -129,12 +138,10 @@ class Simulation:
             self._contacts = message.contacts
 
 
-def _saved(image: Any, file: Path) -> Path:
+def _decoded(image: Any) -> Picture.Image:
     if image.encoding != "rgb8":
-        raise Refused(f"{file.name}: the picture is {image.encoding}, expected rgb8")
-    rows = (bytes(image.data), "raw", "RGB", image.step, 1)
-    Picture.frombytes("RGB", (image.width, image.height), *rows).save(file)
-    return file
+        raise Refused(f"the picture is {image.encoding}, expected rgb8")
+    return Picture.frombytes("RGB", (image.width, image.height), bytes(image.data), "raw", "RGB", image.step, 1)
 
 
 def _pose(message: Any) -> Pose:
@@ -213,6 +220,8 @@ _DIRECTION = (-0.5, -0.26, 0.5)
 class PictureSource(Protocol):
     """The part of `Simulation` that takes pictures."""
 
+    def picture(self, eye: Vector, target: Vector) -> Picture.Image: ...
+
     def take_picture(self, file: Path, eye: Vector, target: Vector) -> Path: ...
 
     def take_robots_picture(self, file: Path, topic: str) -> Path: ...
@@ -245,6 +254,13 @@ class Pictures:
         self._try(cell, lambda: self._by.take_picture(cell, self._eye, self._target))
         if self._topic:
             self._try(robot, lambda: self._by.take_robots_picture(robot, self._topic))
+
+    def cell(self) -> Picture.Image:
+        """Returns a picture of the cell.
+
+        :raises SkirosError: there is none.
+        """
+        return self._by.picture(self._eye, self._target)
 
     def _try(self, file: Path, take: Callable[[], Path]) -> None:
         try:

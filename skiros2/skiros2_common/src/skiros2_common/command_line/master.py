@@ -8,8 +8,6 @@ import xmlrpc.client
 from typing import Any
 from xml.parsers.expat import ExpatError
 
-import rosgraph
-
 from skiros2_common.command_line.command import Unavailable
 
 #: The exceptions of a failed XML-RPC call: no server answers, or another kind of server does.
@@ -24,12 +22,18 @@ def ask_master(call: str, *arguments: Any) -> Any:
 
     :raises Unavailable: no master answers.
     """
-    uri = rosgraph.get_master_uri()
+    uri = _master_uri()
     try:
         return ask_node(uri, call, *arguments)
     except XMLRPC_ERRORS as error:
         reason = _reason(error)
         raise Unavailable(f"no ROS master answers at {uri} ({reason}); start one, or set ROS_MASTER_URI") from None
+
+
+def _master_uri() -> str:
+    import rosgraph  # not there without ROS
+
+    return str(rosgraph.get_master_uri())
 
 
 def check_node(node: str, service: str, what: str) -> None:
@@ -40,7 +44,7 @@ def check_node(node: str, service: str, what: str) -> None:
     """
     address = ask_master("lookupNode", node)
     if not address or not ask_master("lookupService", f"{node}/{service}"):
-        raise Unavailable(f"there is no {what} {node} on the master {rosgraph.get_master_uri()}")
+        raise Unavailable(f"there is no {what} {node} on the master {_master_uri()}")
     try:
         # A probe connection to the service would make the node report a failed connection.
         ask_node(str(address), "getPid")

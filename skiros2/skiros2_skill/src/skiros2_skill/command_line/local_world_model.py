@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import rospkg
-
+from skiros2_common.command_line.ros_packages import package_folder
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_world_model.command_line.scene_file import base_ontologies
 from skiros2_world_model.core.knowledge_base import is_knowledge_file
-from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 
 #: The folders of a package that may have ontologies.
@@ -37,7 +37,7 @@ def world_model_of(
         raise ConfigurationError(f"workspace {workspace}: there is no such folder")
     with tempfile.TemporaryDirectory(prefix="skiros-") as folder:
         _gather([*_folders(packages), *([workspace] if workspace else [])], Path(folder))
-        wm = LocalWorldModel(author, WorldModel(_ontologies(), Path(folder)))
+        wm = LocalWorldModel(author, WorldModel(base_ontologies(), Path(folder)))
         if scene is not None:
             try:
                 shutil.copyfile(scene, Path(folder, scene.name))
@@ -49,16 +49,10 @@ def world_model_of(
 
 def _folders(packages: Sequence[str]) -> Iterator[Path]:
     """The ontology folders of packages."""
-    packs = rospkg.RosPack()
     for package in packages:
-        try:
-            root = Path(packs.get_path(package.partition(".")[0]))
-        except rospkg.ResourceNotFound:
-            found = _root(package)
-            if found is None:
-                continue
-            root = found
-        yield from (root / name for name in _FOLDERS if (root / name).is_dir())
+        root = package_folder(package.partition(".")[0]) or _root(package)
+        if root is not None:
+            yield from (root / name for name in _FOLDERS if (root / name).is_dir())
 
 
 def _root(package: str) -> Path | None:
@@ -75,11 +69,3 @@ def _gather(folders: Sequence[Path], into: Path) -> None:
         for file in sorted(folder.rglob("*")):
             if file.is_file() and is_knowledge_file(file.name):
                 shutil.copyfile(file, into / f"{number:03}_{file.name}")
-
-
-def _ontologies() -> Path:
-    """The folder of the platform's own ontologies."""
-    try:
-        return Path(rospkg.RosPack().get_path("skiros2")) / "ontologies"
-    except rospkg.ResourceNotFound:
-        return source_ontologies()

@@ -9,8 +9,6 @@ import threading
 import time
 from typing import Any, TextIO
 
-import rosgraph
-
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.command_line.master import check_node
@@ -37,6 +35,8 @@ _REACHED = ("succeeded", "nothing_to_do")
 def achieve(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Achieve a goal: plan, and run the steps on the robots until the goal holds. Ctrl-C cancels it."""
     goal = goal_text(arguments.goal)
+    import rosgraph  # not there without ROS
+
     check_node(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), _NODE), _SERVICE, "task manager")
     from skiros2_skill.command_line.connection import become_node
     from skiros2_task.ros.task_manager_interface import TaskManagerInterface

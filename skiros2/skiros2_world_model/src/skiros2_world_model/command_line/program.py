@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import rosgraph
-
 from skiros2_common.command_line.command import (
     OK,
     REFUSED,
@@ -36,6 +34,8 @@ def connect(name: str, author: str, computing: bool = False) -> WorldModelAbstra
     :param computing: loads the server's reasoners, for relations that they compute.
     :raises Unavailable: the node does not answer within a few seconds.
     """
+    import rosgraph  # not there without ROS
+
     full = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), name)
     check_node(full, "get", "world model")
     import rospy  # slow to import, so only after the check

@@ -6,8 +6,7 @@ import functools
 import logging
 from pathlib import Path
 
-import rospkg
-
+from skiros2_common.command_line.ros_packages import package_folder
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.checks import CollectingChecks
@@ -30,7 +29,7 @@ def read_scene_file(path: Path) -> list[Element]:
     level = core.level
     core.setLevel(logging.ERROR)  # no warnings in a comparison
     try:
-        knowledge_base = KnowledgeBase(_ontologies())
+        knowledge_base = KnowledgeBase(base_ontologies())
         checks = CollectingChecks(knowledge_base, str(path), False)
         content = SceneContent(triples, checks, Provenance())
     finally:
@@ -54,7 +53,7 @@ def validate_scene_file(
     triples = scene_file_triples(path)
     if workspace is None and any(is_knowledge_file(file.name) for file in path.parent.iterdir()):
         workspace = path.parent
-    return validate(triples, str(path), _knowledge_base(ontologies or _ontologies(), workspace), context, strict)
+    return validate(triples, str(path), _knowledge_base(ontologies or base_ontologies(), workspace), context, strict)
 
 
 @functools.cache
@@ -62,9 +61,7 @@ def _knowledge_base(ontologies: Path, workspace: Path | None) -> KnowledgeBase:
     return KnowledgeBase(ontologies, workspace)
 
 
-def _ontologies() -> Path:
-    """The folder of the package's own ontologies."""
-    try:
-        return Path(rospkg.RosPack().get_path("skiros2")) / "ontologies"
-    except rospkg.ResourceNotFound:
-        return source_ontologies()
+def base_ontologies() -> Path:
+    """Returns the folder of the platform's own ontologies."""
+    folder = package_folder("skiros2")
+    return folder / "ontologies" if folder is not None else source_ontologies()

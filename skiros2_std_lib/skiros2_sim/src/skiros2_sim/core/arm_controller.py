@@ -85,6 +85,8 @@ class ArmController:
         self._wrench_time = math.inf
         #: The stop at a limit, since which the arm holds.
         self.stop: Stop | None = None
+        #: Whether the wrench has exceeded a limit at the last check.
+        self._was_exceeded = False
         #: Number of steps between two updates of the torques.
         self._period = max(1, world.rate // CONTROL_RATE)
         self._steps = 0
@@ -267,10 +269,11 @@ class ArmController:
 
     def update(self, dt: float) -> None:
         """Checks the limits, and sets the torques of the compliant controller for the next step."""
-        if self._steps % self._period == 0:
+        is_due = self._steps % self._period == 0
+        if is_due or self._was_exceeded:
             self._check_limits()
-            if self.compliant:
-                self._control(self._period * dt)
+        if is_due and self.compliant:
+            self._control(self._period * dt)
         self._steps += 1
         if self.compliant:
             self.arm.drive_torques(self.impedance.commanded_torques.tolist())
@@ -295,24 +298,36 @@ class ArmController:
         self.impedance.torques(self._state(), dt, self._carried)
 
     def _check_limits(self) -> None:
-        """Stops at an exceeded limit: the current pose becomes the reference, without wrench and overlay motion."""
+        """Stops at an exceeded limit: the current pose becomes the reference, without wrench and overlay motion.
+
+        A wrench has to exceed its limit in two steps in a row: that of a single step is the impact of rigid bodies,
+        which the filter of a real sensor takes out.
+        """
         limits = self.limits if self.compliant else self.position_limits
         if self.stop is not None or not any(limits):
+            self._was_exceeded = False
             return
         wrench = self.arm.measured_wrench()
-        for quantity, value, limit in (
-            (FORCE, math.hypot(*wrench[:3]), limits[0]),
-            (TORQUE, math.hypot(*wrench[3:]), limits[1]),
-            (SENSOR_AGE, self.sensor_age, SENSOR_TIMEOUT),
-        ):
-            if 0.0 < limit < value:
-                self.overlay = None
-                self.impedance.overlay = np.zeros(3)
-                self.hold()
-                self.impedance.cancel_wrench()
-                self.stop = Stop(quantity, value, limit, self.world.time)
-                return
+        exceeded = [
+            (quantity, value, limit)
+            for quantity, value, limit in (
+                (FORCE, math.hypot(*wrench[:3]), limits[0]),
+                (TORQUE, math.hypot(*wrench[3:]), limits[1]),
+            )
+            if 0.0 < limit < value
+        ]
+        was_exceeded, self._was_exceeded = self._was_exceeded, bool(exceeded)
+        if self.sensor_age > SENSOR_TIMEOUT:
+            self._stop(SENSOR_AGE, self.sensor_age, SENSOR_TIMEOUT)
+        elif exceeded and was_exceeded:
+            self._stop(*exceeded[0])
 
+    def _stop(self, quantity: str, value: float, limit: float) -> None:
+        self.overlay = None
+        self.impedance.overlay = np.zeros(3)
+        self.hold()
+        self.impedance.cancel_wrench()
+        self.stop = Stop(quantity, value, limit, self.world.time)
 
     def _state(self) -> ArmState:
         q = np.array(self.arm.positions())

@@ -14,7 +14,7 @@ from python_qt_binding.QtGui import QImage
 from support.programs import Program, descendants
 from support.ros import install_environment
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(300)
 
 PICTURES = ("start", "goal", "skills", "running", "dark", "world", "rviz")
 SCREENSHOTS = ("rosrun", "skiros2_gui", "screenshots")
@@ -33,13 +33,13 @@ def start(folder: Path, *command: str) -> Program:
 
 def test_screenshots_show_each_tab_during_a_run(tmp_path: Path) -> None:
     program = start(tmp_path, *SCREENSHOTS)
-    assert program.wait(100.0) == 0, program.output
+    assert program.wait(280.0) == 0, program.output
     check(tmp_path, PICTURES)
 
 
 def test_screenshots_of_cells_show_signals_and_teaching(tmp_path: Path) -> None:
     program = start(tmp_path, sys.executable, "-m", "support.window.cell_screenshots")
-    assert program.wait(60.0) == 0, program.output
+    assert program.wait(200.0) == 0, program.output
     check(tmp_path, ("signals", "teach"))
 
 
@@ -59,5 +59,5 @@ def test_terminated_screenshot_program_ends_its_processes(tmp_path: Path) -> Non
     program.wait_for_line("window_start")
     family = descendants(program.pid)
     program.signal(signal.SIGTERM)
-    assert program.wait() == 128 + signal.SIGTERM
+    assert program.wait(100.0) == 128 + signal.SIGTERM, program.output
     assert not any(process.running for process in family)

@@ -19,7 +19,7 @@ from python_qt_binding.QtWidgets import QApplication
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.processes import Terminated
-from skiros2_common.ros.private_system import START_TIMEOUT, PrivateSystem
+from skiros2_common.ros.private_system import PrivateSystem
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import DARK, LIGHT
@@ -35,6 +35,8 @@ WIDTH, HEIGHT = 1280, 800
 
 #: The time to draw pending changes (s).
 SETTLING_SECONDS = 0.6
+#: The time for each step (s); a busy machine needs longer to start the demo.
+TIMEOUT = 180.0
 #: Qt's quality value for the highest PNG compression.
 SMALLEST = 0
 
@@ -89,7 +91,7 @@ def _screenshots(ros: PrivateSystem) -> Iterator[tuple[str, QImage]]:
     application = QApplication(["skiros_gui"])
     settings = QSettings(str(Path.home() / "window.ini"), QSettings.IniFormat)  # of the temporary system
     window = StandaloneWindow(MainWidget(RosSystem), settings)
-    driver = Driver(window)
+    driver = Driver(window, TIMEOUT)
     window.set_theme(LIGHT)
     window.resize(WIDTH, HEIGHT)
     window.show()
@@ -98,7 +100,7 @@ def _screenshots(ros: PrivateSystem) -> Iterator[tuple[str, QImage]]:
         yield "start", screenshot(driver)
         ros.launch("skiros2_demo_skills", "demo.launch", "gui:=false")
         system = window.content.system
-        driver.wait_until(lambda: system.planner and system.scene, "the demo's nodes", START_TIMEOUT)
+        driver.wait_until(lambda: system.planner and system.scene, "the demo's nodes")
         driver.choose("skillTree", "drive")
         driver.choose("param_TargetLocation", "Workstation 1")
         driver.click("startButton")
@@ -123,7 +125,7 @@ def _screenshots(ros: PrivateSystem) -> Iterator[tuple[str, QImage]]:
         yield "running", screenshot(driver)
         window.set_theme(DARK)
         driver.write("nodeSearch", "")
-        driver.wait_for_row("taskChoice", "drive", "running")
+        driver.wait_until(lambda: sum("drive" in row for row in driver.rows("taskChoice")) > 1, "the second drive")
         driver.choose("taskChoice", "drive")  # the newest one
         driver.open_tab("Messages")
         driver.wait_for_row("messages", "Driving to Workstation 2")

@@ -109,7 +109,7 @@ class RosCell:
             if name not in known:
                 near = tuple(nearest(name, known) or known)
                 problems.append(Problem("unknown_name", f"robots.{i}", f"there is no robot {name}", nearest=near))
-        return problems + await self._in_thread(self._name_problems, goal, elements)
+        return problems + await self.in_thread(self._name_problems, goal, elements)
 
     def start(self, goal: Goal) -> None:
         if goal.robots:
@@ -181,11 +181,21 @@ class RosCell:
 
     async def _run(self, command: Callable[[], None], what: str) -> None:
         try:
-            await self._in_thread(command)
+            await self.in_thread(command)
         except SkirosError as error:
             log.error("%s: %s", what, error)
 
     # -- reading -----------------------------------------------------------------------------------------------
+
+    @property
+    def robots(self) -> Robots:
+        """The robots, with the clients of their managers."""
+        return self._robots
+
+    @property
+    def world_model(self) -> WorldModelInterface | None:
+        """The client with a replica of the scene; None before the world model has answered."""
+        return self._wm
 
     def state(self) -> dict[str, Any]:
         robots = [robot.to_dict() for _, robot in sorted(self._robots.robots.items())]
@@ -197,10 +207,10 @@ class RosCell:
             elements, snapshot = wm.get_scene()
             return {"revision": wm.version, "snapshot": snapshot, "elements": [element_data(e) for e in elements]}
 
-        return await self._in_thread(read)
+        return await self.in_thread(read)
 
     async def query(self, text: str) -> dict[str, Any]:
-        columns, rows = await self._in_thread(lambda: self._world_model.query_table(text))
+        columns, rows = await self.in_thread(lambda: self._world_model.query_table(text))
         return {"columns": columns, "rows": [[str(value) for value in row] for row in rows]}
 
     async def skills(self) -> dict[str, list[dict[str, Any]]]:
@@ -213,7 +223,7 @@ class RosCell:
                 for name, client in self._robots.agents.items()
             }
 
-        return await self._in_thread(read)
+        return await self.in_thread(read)
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         def make() -> Any:
@@ -221,7 +231,7 @@ class RosCell:
             client.make_plan(goal, quality=quality)
             return client.wait_for_result()
 
-        result: MakePlanResult = await self._in_thread(make, timeout=120.0)
+        result: MakePlanResult = await self.in_thread(make, timeout=120.0)
         return {
             "state": result.state,
             "message": result.message,
@@ -248,12 +258,12 @@ class RosCell:
                 done[name] = len(tasks)
             return done
 
-        return await self._in_thread(command)
+        return await self.in_thread(command)
 
     async def collect(
         self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
     ) -> Collected:
-        return await self._in_thread(self._collect, robots, start, end, dict(quality))
+        return await self.in_thread(self._collect, robots, start, end, dict(quality))
 
     # -- in threads of the pool --------------------------------------------------------------------------------
 
@@ -321,7 +331,7 @@ class RosCell:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _in_thread(self, call: Callable[..., T], *arguments: Any, timeout: float = _TIMEOUT) -> T:
+    async def in_thread(self, call: Callable[..., T], *arguments: Any, timeout: float = _TIMEOUT) -> T:
         """Runs a blocking call.
 
         :raises TimedOut: it takes longer; it continues in its thread.
@@ -364,5 +374,3 @@ def _send(client: ManagerClient, command: str, task: int) -> None:
         client.command(command, task)
     except SkirosError as error:
         log.info("%s of task %d of %s: %s", command, task, client.name, error)
-
-

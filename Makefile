@@ -46,11 +46,7 @@ bench-learning: setup  ## compare optimisers of skill parameters (up to an hour;
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
 	@python3 -m venv build/lock && build/lock/bin/pip install --quiet uv==0.13.9
-<<<<<<< HEAD
-	@cd requirements && for list in run planner sim learning dev gateway browser bench; do \
-=======
-	@cd requirements && for list in run core planner sim learning dev gateway bench; do \
->>>>>>> main
+	@cd requirements && for list in run core planner sim learning dev gateway browser export bench; do \
 		../build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
 			$$([ $$list != core ] || echo --constraint run.txt) $$list.in --output-file $$list.txt || exit; \

@@ -24,7 +24,7 @@ async def served(
     app = create_app(service, routers, max_body=max_body)
     config = uvicorn.Config(app, log_config=None, lifespan="off", timeout_graceful_shutdown=1)
     server = uvicorn.Server(config)
-    sock = socket.socket()
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.bind(("127.0.0.1", 0))
     config.load()
     server.lifespan = config.lifespan_class(config)

@@ -54,6 +54,7 @@ def main() -> None:
 
 def _settings() -> Settings:
     found: dict[str, Any] = rospy.get_param("~", {}) or {}
+    found.update(found.pop("settings", {}))  # a parameter with any of the settings, which overrides the others
     try:
         return Settings.model_validate({key: value for key, value in found.items() if key not in _OTHERS})
     except ValidationError as error:
@@ -78,7 +79,7 @@ async def _serve(settings: Settings) -> None:
     events = EventStream()
     control = JobControl(store, masters, events)
     service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
-    cell = RosCell(control, events, settings.jobs_at_once)
+    cell = RosCell(control, events, masters, settings.jobs_at_once)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
         stack.callback(store.close)
@@ -128,10 +129,13 @@ async def _start_http(
 
     :raises ConfigurationError: the address is in use, or the certificate cannot be read.
     """
-    sock = socket.socket(socket.AF_INET6 if ":" in settings.host else socket.AF_INET)
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    # asyncio sets TCP_NODELAY only if TCP is named; without it each answer takes 40 ms longer
+    sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         sock.bind((settings.host, settings.http_port))
+        sock.listen()  # clients that read the address connect at once
     except OSError as error:
         raise ConfigurationError(f"http_port {settings.http_port} on {settings.host}: {error}") from error
     tls = {"ssl_certfile": settings.certificate, "ssl_keyfile": settings.key} if settings.certificate else {}

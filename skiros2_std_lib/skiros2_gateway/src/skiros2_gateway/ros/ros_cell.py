@@ -20,8 +20,10 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
+from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.goals import AchieveGoals
 from skiros2_gateway.ros.robots import Robots
+from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.actions import condition_predicates
@@ -49,13 +51,17 @@ _COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start"}
 class RosCell:
     """Implements `Cell`. Call `close` at the end.
 
+    :param masters: gets those that the scene defines.
     :param capacity: how many goals run at once; 0: as many as there are robots.
     """
 
-    def __init__(self, listener: GoalListener, events: EventStream, capacity: int = 0) -> None:
+    def __init__(
+        self, listener: GoalListener, events: EventStream, masters: WorkMasters, capacity: int = 0
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._listener = listener
         self._events = events
+        self._masters = masters
         self._capacity = capacity
         self._threads = ThreadPoolExecutor(_THREADS, "cell")
         self._wm: WorldModelInterface | None = None
@@ -74,6 +80,7 @@ class RosCell:
             log.debug("no connection to the world model: %s", error)
             return
         wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
+        SceneWorkMasters(wm, self._masters, self._loop)
         self._wm = wm
         self._in_loop(self._listener.cell_changed)
 
@@ -263,7 +270,7 @@ class RosCell:
     async def collect(
         self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
     ) -> Collected:
-        return await self.in_thread(self._collect, robots, start, end, dict(quality))
+        return await self.in_thread(lambda: _collect(self._world_model, robots, start, end, dict(quality)))
 
     # -- in threads of the pool --------------------------------------------------------------------------------
 
@@ -292,30 +299,6 @@ class RosCell:
             except GoalError as error:
                 problems.append(Problem("goal", "goal", str(error), "a goal text, see docs/planning.md"))
         return problems
-
-    def _collect(
-        self, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
-    ) -> Collected:
-        wm, notes = self._world_model, []
-        values: dict[str, Any] = {}
-        changes: list[dict[str, Any]] = []
-        for key, (eid, prop) in quality.items():
-            element = wm.find_element(eid)
-            if element is None or not element.hasProperty(prop, not_none=True):
-                reason = "does not exist" if element is None else f"has no {prop}"
-                notes.append(f"quality data {key}: {eid} {reason}")
-            else:
-                values[key] = element.value_of(prop)
-        try:
-            for robot in robots:
-                for entry in wm.history("", start, end, robot):
-                    lines = changed_lines(entry)
-                    related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
-                    ids = sorted(related | set(entry.changes.records))
-                    changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
-        except SkirosError as error:
-            notes.append(f"the changes of the world model are unknown: {error}")
-        return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
 
     # -- internals ---------------------------------------------------------------------------------------------
 
@@ -347,6 +330,31 @@ class RosCell:
     def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(functools.partial(call, *arguments))
+
+
+def _collect(
+    wm: WorldModelInterface, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
+) -> Collected:
+    notes = []
+    values: dict[str, Any] = {}
+    changes: list[dict[str, Any]] = []
+    for key, (eid, prop) in quality.items():
+        element = wm.find_element(eid)
+        if element is None or not element.hasProperty(prop, not_none=True):
+            reason = "does not exist" if element is None else f"has no {prop}"
+            notes.append(f"quality data {key}: {eid} {reason}")
+        else:
+            values[key] = element.value_of(prop)
+    try:
+        for robot in robots:
+            for entry in wm.history("", start, end, robot):
+                lines = changed_lines(entry)
+                related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
+                ids = sorted(related | set(entry.changes.records))
+                changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
+    except SkirosError as error:
+        notes.append(f"the changes of the world model are unknown: {error}")
+    return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
 
 
 class _PausingListener:

@@ -1,6 +1,6 @@
 """The gateway's page in Debian's chromium, on a cell of real nodes: `BROWSER=1 pytest tests/system/test_page.py`.
 
-Not part of a usual run: on a machine with many more busy processes than cores, the browser has stood still for a minute.
+Not part of a usual run: on an overloaded machine 2 of 9 runs failed, for a reason that is not known yet.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def clients(cell: JobCell, count: int) -> Row:
         request = urllib.request.Request(f"{cell.rest.address}/api/events?kinds=response", headers=headers)
         with urllib.request.urlopen(request, timeout=150.0) as stream:
             for line in stream:
-                if line.startswith(b"data:") and b'"job": "last"' in line:
+                if line.startswith(b"data:") and json.loads(line[5:])["data"].get("job") == "last":
                     return time.time()
         raise RuntimeError("the stream has ended")
 

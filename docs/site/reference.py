@@ -87,10 +87,9 @@ def _skill(described: Described, problems: list[str]) -> str:
     kind = "compound" if isinstance(skill, SkillBase) else "primitive"
     lines = [f"### {skill.label}", text, f"{kind} `{cls.__module__}.{cls.__name__}`, type `{skill.type}`"]
     rows = [
-        (code(key), _kind(param), code(param.element_type if param.is_element else param.dataType().__name__), _default(param),
-         ", ".join(filter(None, (param.description, param.limits.text))))
+        (code(key), _kind(param), code(_type(param)), _default(param), _meaning(param))
         for key, param in skill.params.items()
-    ]  # fmt: skip
+    ]
     lines.append(table(("parameter", "kind", "type", "default", "meaning"), rows))
     stages = {"pre": skill.pre_conditions, "hold": skill.hold_conditions, "post": skill.post_conditions}
     conditions = [
@@ -102,6 +101,14 @@ def _skill(described: Described, problems: list[str]) -> str:
 
 def _kind(param: Param) -> str:
     return next(kind.name.lower() for kind in ParamTypes if param.paramTypeIs(kind))
+
+
+def _type(param: Param) -> str:
+    return param.element_type if param.is_element else param.dataType().__name__
+
+
+def _meaning(param: Param) -> str:
+    return ", ".join(filter(None, (param.description, param.limits.text)))
 
 
 def _default(param: Param) -> str:

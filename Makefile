@@ -17,10 +17,11 @@ build:  ## build and install anew, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
 
-demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=push, DEMO=insertion-learning learn parameters
-	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning)
+demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=factory: jobs from a MES; DEMO=push, DEMO=insertion-learning learn parameters
+	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway)
 	@exec .ci/in_ros rosrun $(if $(filter push insertion-learning,$(DEMO)),skiros2_learning $(subst -,_,$(DEMO))_demo,$(if \
-		$(filter piston,$(DEMO)),skiros2_contact_skills piston_demo,skiros2_sim_skills pick_place_demo) \
+		$(filter piston,$(DEMO)),skiros2_contact_skills piston_demo,$(if $(filter factory,$(DEMO)),skiros2_gateway factory_demo,$(strip \
+		skiros2_sim_skills pick_place_demo))) \
 		$(if $(filter-out 0 false no,$(GUI)),--gui)) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
@@ -50,7 +51,7 @@ bench-learning: setup  ## compare optimisers of skill parameters (up to an hour;
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
 	@python3 -m venv build/lock && build/lock/bin/pip install --quiet uv==0.13.9
-	@cd requirements && for list in run core planner sim learning dev gateway bench docs; do \
+	@cd requirements && for list in run core planner sim learning dev gateway browser bench docs; do \
 		../build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
 			$$([ $$list != core ] || echo --constraint run.txt) $$list.in --output-file $$list.txt || exit; \

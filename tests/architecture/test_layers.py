@@ -28,7 +28,7 @@ OUTSIDE = {
     "skiros2_contact_skills": {"numpy"},
     "skiros2_teaching": {"numpy", "scipy"},
     "skiros2_learning": {"numpy", "scipy", "sklearn", "threadpoolctl", "optuna", "sqlalchemy", "yaml", "matplotlib"},
-    "skiros2_gateway": {"pydantic", "yaml"},
+    "skiros2_gateway": {"numpy", "pydantic", "yaml"},
     "skiros2_gui": {"numpy"},
 }
 #: Of lower packages, only the port.
@@ -53,7 +53,14 @@ PORTS = {
         "skiros2_contact_skills.core",
         "skiros2_std_reasoners.core",
     },
-    "skiros2_gateway": {"skiros2_runs.core", "skiros2_skill.core", "skiros2_task.core", "skiros2_world_model.core"},
+    "skiros2_gateway": {
+        "skiros2_runs.core",
+        "skiros2_skill.core",
+        "skiros2_task.core",
+        "skiros2_world_model.core",
+        "skiros2_std_reasoners.core",
+        "skiros2_bags.core",
+    },
     "skiros2_learning": {"skiros2_skill.core", "skiros2_sim.core", "skiros2_std_reasoners.core"},
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from compatibility.rules import rule
+from support.programs import PATIENCE
 from support.ros import wait_until
 
 _DATA = """
@@ -14,11 +15,13 @@ part.setData(":Position", [1.0, 2.0, 3.0])
 print(part.getData(":Position"), part.getProperty("skiros:DiscreteReasoner").value)
 """
 _LOG = """
-import rospy
+import rospy, threading
 from skiros2_common.tools import logger as log
 rospy.init_node("compatible_logger")
-while rospy.Publisher("/rosout", rospy.AnyMsg, queue_size=1).get_num_connections() == 0:
-    rospy.rostime.wallsleep(0.05)
+heard = threading.Event()
+threading.Thread(target=lambda: (input(), heard.set())).start()
+while not heard.wait(0.05):
+    log.info("[ready]", "")
 log.warn("[pick]", "careful")
 log.debug("[pick]", "detail")
 input()
@@ -58,8 +61,11 @@ def test_messages_reach_rosout(ros_master):
         [sys.executable, "-c", _LOG], env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
-        wait_until(lambda: [m for m in heard if "detail" in m.msg], timeout=30.0, what="the last message")
-        shown, _ = program.communicate("\n", timeout=30)
+        wait_until(lambda: [m for m in heard if "[ready]" in m.msg], what="the connection to rosout")
+        program.stdin.write("\n")
+        program.stdin.flush()
+        wait_until(lambda: [m for m in heard if "detail" in m.msg], what="the last message")
+        shown, _ = program.communicate("\n", timeout=PATIENCE)
     finally:
         program.kill()
         program.wait()

@@ -225,12 +225,12 @@ def test_removal_has_author_and_time(world, wm):
     assert wm.removal_of(part.id) is None
     began = time.time()
     other.remove_element(box.id)
-    wait_until(lambda: wm.find_element(part.id) is None, 5.0)
+    wait_until(lambda: wm.find_element(part.id) is None)
     for removal in (wm.removal_of(box.id), wm.removal_of(part.id)):
         assert removal.author == "the other"
         assert began <= removal.stamp <= time.time()
     other.load("blank.ttl")
-    wait_until(lambda: wm.find_element(kept.id) is None, 5.0)
+    wait_until(lambda: wm.find_element(kept.id) is None)
     loader = wm.removal_of(kept.id).author  # over ROS, the name of the node
     assert loader == "the other" or loader.startswith("/tests")
     assert wm.removal_of("skiros:Part-999999") is None
@@ -433,7 +433,7 @@ def test_new_class_is_known_to_all_clients(world, wm):
     assert not other.is_subclass("skiros:Tote", "skiros:Container")
     wm.add_class("skiros:Tote", "skiros:Container")
     assert wm.is_subclass("skiros:Tote", "sumo:Object")
-    wait_until(lambda: other.is_subclass("skiros:Tote", "sumo:Object"), 5.0)
+    wait_until(lambda: other.is_subclass("skiros:Tote", "sumo:Object"))
     tote = world.add("skiros:Tote", "tote")
     assert tote.id in ids(wm.resolve_elements(Element("skiros:Container")))
 
@@ -556,7 +556,7 @@ def test_change_is_published_once_in_order_with_its_author(world, wm):
         changes = [c for c in seen if c.author == "the other" or c.action == "reset"]
         return list(itertools.dropwhile(lambda c: c.author != "the other", changes))
 
-    wait_until(lambda: len(published()) >= 5, 5.0)
+    wait_until(lambda: len(published()) >= 5)
     wm.remove_listener(seen.append)
     assert [c.action for c in published()] == ["add", "update", "add", "remove_recursive", "reset"]
     added, updated, related, removed, _ = published()
@@ -605,7 +605,7 @@ def test_version_changes_with_every_change(world, wm):
     assert wm.version == -1 or wm.version != before
     before = wm.version
     wm.add_class("skiros:Jar", "skiros:Container")
-    assert wm.version == -1 or wait_until(lambda: wm.version != before, 5.0)
+    assert wm.version == -1 or wait_until(lambda: wm.version != before)
 
 
 # -- the lock ------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from support.ros import ROOT, install_environment
+from support.ros import INSTALL, ROOT, install_environment
 
 PYTHON = ROOT / ".venv/bin/python3"
 PACKAGES = (
@@ -103,10 +103,9 @@ def assert_owl_is_another_name_of_the_ontologies(setup: Path, tmp_path: Path) ->
 
 
 @pytest.fixture(scope="session")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The set-up file of a clean clone that was built with plain CMake and installed."""
-    folder = tmp_path_factory.mktemp("plain")
-    return cmake(clone(folder / "clone"), folder)
+def installed() -> Path:
+    """The set-up file of this folder, which was built with plain CMake and installed before the tests."""
+    return INSTALL / "setup.bash"
 
 
 def test_plain_cmake_installs_all(installed: Path, tmp_path: Path) -> None:

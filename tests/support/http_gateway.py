@@ -5,23 +5,26 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
 import uvicorn
+from fastapi import APIRouter
 
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.http.app import create_app
 
 
 @asynccontextmanager
-async def served(service: Service, max_body: int = 10_000) -> AsyncIterator[str]:
+async def served(
+    service: Service, max_body: int = 10_000, routers: Sequence[APIRouter] = ()
+) -> AsyncIterator[str]:
     """Serves until the block ends; yields the address."""
-    app = create_app(service, max_body=max_body)
+    app = create_app(service, routers, max_body=max_body)
     config = uvicorn.Config(app, log_config=None, lifespan="off", timeout_graceful_shutdown=1)
     server = uvicorn.Server(config)
-    sock = socket.socket()
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.bind(("127.0.0.1", 0))
     config.load()
     server.lifespan = config.lifespan_class(config)

@@ -45,8 +45,9 @@ class JobCell:
         self.folder = folder
         self._carried = folder / "carried.txt"
         users = [{"name": name, "role": name, "token": token} for name, token in TOKENS.items()]
-        (folder / "users.yaml").write_text(yaml.safe_dump({"users": users}))
-        (folder / "users.yaml").chmod(0o600)
+        self.users = folder / "users.yaml"
+        self.users.write_text(yaml.safe_dump({"users": users}))
+        self.users.chmod(0o600)
         (folder / "masters.yaml").write_text(yaml.safe_dump(MASTERS))
         self._settings = {
             "folder": str(folder), "work_masters": str(folder / "masters.yaml"), "http_port": 0, "rate": 1e5,
@@ -55,7 +56,7 @@ class JobCell:
         self._starts: dict[str, Callable[[], Program]] = {
             "/wm": self._start_world_model,
             "/tm": lambda: ros.run("skiros2_task", "task_manager_node", name="tm"),
-            "/gateway": lambda: ros.run("skiros2_gateway", "gateway_node", name="gateway", params=self._settings),
+            "/gateway": lambda: self.start_gateway("gateway"),
         }
         self._starts["/wm"]()
         world = PlanningWorld(WorldModelInterface("tests"))
@@ -69,22 +70,22 @@ class JobCell:
         self._starts["/tm"]()
         ros.service(f"{ROBOT}/get_skills", ResourceGetDescriptions)()
         self.gateway = self._starts["/gateway"]()
-        self.rest = Rest(self._address())
+        self.rest = Rest(self.parameter("/gateway/address"))
         self.wait_until_ready()
 
     def _start_world_model(self) -> Program:
         journal = {"journal": str(self.folder / "journal")}
         return self.ros.run("skiros2_world_model", "world_model_server_node", name="wm", params=journal)
 
-    def _address(self) -> str:
-        return str(wait_until(lambda: self._parameter("/gateway/address"), what="the gateway's address"))
+    def start_gateway(self, name: str, **settings: Any) -> Program:
+        """Starts a gateway; does not wait for it."""
+        return self.ros.run("skiros2_gateway", "gateway_node", name=name, params={**self._settings, **settings})
 
-    def _parameter(self, name: str) -> Any:
-        return self.ros.master.parameter(name) if name in self.ros.master.parameters() else None
-
-    @property
-    def opcua_address(self) -> str:
-        return str(wait_until(lambda: self._parameter("/gateway/opcua_address"), what="the address of OPC UA"))
+    def parameter(self, name: str) -> Any:
+        """Waits for a parameter, and returns it."""
+        master = self.ros.master
+        wait_until(lambda: name in master.parameters(), 60.0, f"a parameter {name}")
+        return master.parameter(name)
 
     def wait_until_ready(self) -> None:
         wait_until(lambda: self.rest.get("/api/state")["ready"], 60.0, "a gateway that can start jobs")
@@ -102,7 +103,7 @@ class JobCell:
         wait_until(lambda: not process.running, what=f"the end of {node}")
         program = self._starts[node]()
         if node == "/gateway":
-            self.gateway, self.rest.address = program, self._address()
+            self.gateway, self.rest.address = program, self.parameter("/gateway/address")
 
     def jobs(self) -> dict[str, dict[str, Any]]:
         found = self.rest.get("/api/jobs?cleared=true&limit=10000")["jobs"]

@@ -18,6 +18,9 @@ from support.forks import Fork, ForkServer
 #: What terminals take for colours and titles; roslaunch and rospy print it also when there is none.
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
 
+#: What tests wait for takes a second or two; beside much other load, longer (s).
+PATIENCE = 60.0
+
 #: roslaunch gives its nodes 15 s for a clean end, then 2 s more.
 STOP_TIMEOUT = 20.0
 
@@ -81,7 +84,7 @@ class Program:
         with self._change:
             return "\n".join(self._lines)
 
-    def wait_for_line(self, pattern: str, timeout: float = 30.0) -> re.Match[str]:
+    def wait_for_line(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
         """Waits until it has printed a line in which the pattern is found, and returns the match.
 
         :raises AssertionError: it ended without, or the time (s) is over; with all that it has printed.
@@ -103,7 +106,7 @@ class Program:
                     )
                 self._change.wait(left)
 
-    def wait(self, timeout: float = 30.0) -> int:
+    def wait(self, timeout: float = PATIENCE) -> int:
         """Waits for its end and returns the exit status.
 
         :raises AssertionError: it has not ended within that time (s).

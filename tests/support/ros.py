@@ -32,7 +32,7 @@ from typing import Any
 
 from skiros2_common.core.processes import free_port
 from support.forks import ForkServer
-from support.programs import ProcessId, Program, descendants
+from support.programs import PATIENCE, ProcessId, Program, descendants
 
 ROOT = Path(__file__).resolve().parents[2]
 INSTALL = ROOT / "install"
@@ -96,7 +96,7 @@ def run_command(
         return subprocess.CompletedProcess(command, status, out.read(), err.read())
 
 
-def wait_until(condition: Callable[[], Any], timeout: float = 30.0, what: str = "") -> Any:
+def wait_until(condition: Callable[[], Any], timeout: float = PATIENCE, what: str = "") -> Any:
     """Asks up to 50 times a second until the condition is true, and returns its value.
 
     :raises AssertionError: it is not true within that time (s).
@@ -279,7 +279,7 @@ class Ros:
 
     # -- waiting --------------------------------------------------------------------------------------------------
 
-    def service(self, name: str, kind: Any, timeout: float = 30.0) -> Callable[..., Any]:
+    def service(self, name: str, kind: Any, timeout: float = PATIENCE) -> Callable[..., Any]:
         """Waits until the service is there, and returns what calls it (a `rospy.ServiceProxy`)."""
         import rospy
 
@@ -296,10 +296,10 @@ class Ros:
         self._subscriptions.append(messages)
         return messages
 
-    def wait_for_node(self, name: str, timeout: float = 30.0) -> None:
+    def wait_for_node(self, name: str, timeout: float = PATIENCE) -> None:
         wait_until(lambda: name in self.master.nodes(), timeout, f"a node {name}")
 
-    def wait_until_gone(self, name: str, timeout: float = 30.0) -> None:
+    def wait_until_gone(self, name: str, timeout: float = PATIENCE) -> None:
         wait_until(lambda: name not in self.master.nodes(), timeout, f"no node {name} any more")
 
     # -- the end --------------------------------------------------------------------------------------------------
@@ -424,7 +424,7 @@ class Messages:
         with self._change:
             return list(self._all)
 
-    def wait_for(self, condition: Callable[[Any], Any] = lambda message: True, timeout: float = 30.0) -> Any:
+    def wait_for(self, condition: Callable[[Any], Any] = lambda message: True, timeout: float = PATIENCE) -> Any:
         """The first message, of those that have come and will come, for which the condition is true.
 
         :raises AssertionError: there is none within that time (s).

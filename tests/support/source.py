@@ -27,9 +27,9 @@ PACKAGES = {
     "skiros2_contact_skills": "skiros2_std_lib/skiros2_contact_skills",
     "skiros2_teaching": "skiros2_std_lib/skiros2_teaching",
     "skiros2_learning": "skiros2_std_lib/skiros2_learning",
-    "skiros2_gateway": "skiros2_std_lib/skiros2_gateway",
     "skiros2_local": "skiros2_std_lib/skiros2_local",
     "skiros2_gui": "skiros2_gui",
+    "skiros2_gateway": "skiros2_std_lib/skiros2_gateway",
 }
 #: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the
 #: folder `ros` its ROS adapters, and every other module of a subject is a core.

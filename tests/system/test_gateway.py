@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+import ssl
+import urllib.request
 from collections.abc import Iterator
 
 import pytest
+from asyncua import Client, ua
 
-from support.job_cell import ROBOT, JobCell
+from skiros2_gateway.opcua.model import NAMESPACE
+from skiros2_gateway.opcua.server import UNKNOWN_JOB
+from support.certificates import make_certificate
+from support.job_cell import ROBOT, TOKENS, JobCell
 from support.ros import Ros, RosMaster
 
 pytestmark = pytest.mark.timeout(180)
@@ -49,6 +56,40 @@ def test_viewer_reads_and_does_not_command(cell: JobCell) -> None:
     for path, body in (("/api/jobs", cell.order("viewed", 0)), ("/api/robots/stop", {"robots": []})):
         assert cell.rest.post(path, body, "view")[0] == 403
     assert "viewed" not in cell.jobs()
+
+
+def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
+    folder = cell.folder / "secured"
+    folder.mkdir()
+    certificate, key = make_certificate(folder, "gateway", "urn:skiros2:gateway")
+    mine = make_certificate(folder, "mes", "urn:mes")
+    settings = {"certificate": str(certificate), "key": str(key), "opcua_port": 0, "users": str(cell.users)}
+    secured = cell.start_gateway("secured", folder=str(folder), **settings)
+    address = cell.parameter("/secured/address")
+    assert address.startswith("https://127.0.0.1:")
+    trusting = ssl.create_default_context(cafile=str(certificate))
+    with urllib.request.urlopen(f"{address}/api/health", context=trusting, timeout=30.0) as answer:
+        assert answer.status == 200
+    for context in (ssl.create_default_context(), None):  # a client that does not know the certificate; one without TLS
+        with pytest.raises(OSError):
+            url = address if context else address.replace("https", "http")
+            urllib.request.urlopen(f"{url}/api/health", context=context, timeout=30.0)
+
+    async def call(policy: str) -> int:
+        client = Client(cell.parameter("/secured/opcua_address"), timeout=60.0, watchdog_intervall=60.0)
+        client.application_uri = "urn:mes"
+        client.set_user("operate")
+        client.set_password(TOKENS["operate"])
+        if policy:
+            await client.set_security_string(f"{policy},SignAndEncrypt,{mine[0]},{mine[1]},{certificate}")
+        async with client:
+            index = await client.get_namespace_index(NAMESPACE)
+            receiver = await client.nodes.objects.get_child(f"{index}:JobOrderReceiver")
+            no_comment = ua.Variant([], ua.VariantType.LocalizedText, is_array=True)
+            return int(await receiver.call_method(f"{index}:Start", "unknown", no_comment))
+
+    assert asyncio.run(call("Basic256Sha256")) == UNKNOWN_JOB
+    secured.stop()
 
 
 def test_each_job_is_done_once_or_reported_although_nodes_are_killed(cell: JobCell) -> None:

@@ -81,7 +81,7 @@ def test_ctrl_c_while_driving_ends_all_processes_in_order(run: DemoRun) -> None:
     program.interrupt()
     assert program.wait(40) == 128 + signal.SIGINT
     assert "pick_place_demo: stopped" in program.output
-    wait_until(run.nothing_left, 5)
+    wait_until(run.nothing_left)
 
 
 def test_window_and_disturbance_require_the_simulator(run: DemoRun) -> None:

@@ -203,7 +203,7 @@ class OverRos(WorldModelMachine):
         if not hasattr(self, "snapshot_id") or self.snapshot_id == self.first_snapshot:
             return
         monitor = self.node.monitor
-        monitor.wait_for(lambda m: m.snapshot_id == self.snapshot_id, 10.0)
+        monitor.wait_for(lambda m: m.snapshot_id == self.snapshot_id)
         told = monitor.all
         first = next(i for i, m in enumerate(told) if m.prev_snapshot_id == self.first_snapshot)
         for before, after in zip(told[first:], told[first + 1 :], strict=False):

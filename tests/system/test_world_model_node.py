@@ -475,7 +475,7 @@ def test_client_continues_with_a_restarted_server(ros: Ros, start, make_cache):
     os.kill(ros.master.node_pid("/wm"), signal.SIGKILL)
     start(init_scene="scenes/lab.ttl", journal=False)
     # What the second life has is seen at once by calls, and by a replica when the new server is heard.
-    wait_until(lambda: not client.resolve_elements(Element("skiros:Part", "first life")), 10.0)
+    wait_until(lambda: not client.resolve_elements(Element("skiros:Part", "first life")))
     client.add_element(Element("skiros:Part", "second life"))
     assert len(client.resolve_elements(Element("skiros:Part", "second life"))) == 1
     assert client.get_element("skiros:Starter-81").label == "starter"
@@ -490,7 +490,7 @@ def test_client_that_missed_an_ontology_change_queries_again(ros: Ros, start, ma
     other.add_class("skiros:OddPart", "skiros:Part")
     other.add_element(Element("skiros:OddPart", "odd"))
     client._follow()
-    wait_until(lambda: client.is_subclass("skiros:OddPart", "skiros:Part"), 10.0)
+    wait_until(lambda: client.is_subclass("skiros:OddPart", "skiros:Part"))
     assert client.resolve_element(Element("skiros:Part")).label == "odd"
 
 
@@ -672,7 +672,7 @@ def test_poses_are_rebased_with_external_transforms(ros: Ros, start):
     wm.add_element(part)
     assert part.value_of("skiros:BaseFrameId") == "camera"
     ros.program("rosrun", "tf2_ros", "static_transform_publisher", "0", "0", "5", "0", "0", "0", "map", "camera")
-    wait_until(lambda: wm.get_element(part.id).value_of("skiros:BaseFrameId") == "map", 10.0)
+    wait_until(lambda: wm.get_element(part.id).value_of("skiros:BaseFrameId") == "map")
     assert wm.get_element(part.id).getData(":Position") == pytest.approx([1.0, 0.0, 5.0])
     reasoner = wm.get_reasoner("AauSpatialReasoner")
     position, _ = reasoner.get_transform("camera", part.id, rospy.Duration(5.0))

@@ -55,6 +55,8 @@ OURS = {
     "skiros:SignalProperty",
     "skiros:SignalTopic",
     "skiros:MessageField",
+    "skiros:WorkMaster",
+    "skiros:WorkMasterDefinition",
     "skiros:ParameterSet",
     "skiros:ParamDataType",
     "skiros:Prior",

@@ -10,6 +10,7 @@ import itertools
 import math
 import threading
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import pytest
 
 from skiros2_bags.core.run import Run
 from skiros2_bags.testing.recorded_world import world_model_with
-from skiros2_bags.testing.recording import Recording, SignalMessage
+from skiros2_bags.testing.recording import Recording, SignalMessage, TaskProgress
 from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
@@ -89,6 +90,25 @@ def test_tree_without_the_recorded_forces_diverges_where_they_ended_it(recording
     assert found is not None
     assert "task 2" in found.where and found.what.startswith("root / insert_into_bore")
     assert found.expected.startswith("failed") and found.got.startswith("running")
+
+
+def test_force_that_was_recorded_after_the_tick_that_it_ended_is_found(recording: Recording) -> None:
+    ended = next(
+        event
+        for event in recording.events
+        if isinstance(event, TaskProgress) and any("ForceBelowLimit" in n.message for n in event.frame.nodes.values())
+    )
+    late = copy(recording)
+    late.events = sorted(
+        (
+            replace(event, order=ended.order + 0.25, time=ended.time)
+            if ended.time - 0.1 < event.time and event.order < ended.order and _is_above(event, 5.0)
+            else event
+            for event in recording.events
+        ),
+        key=lambda event: event.order,
+    )
+    assert rerun(late, SETTINGS).divergence is None
 
 
 def _is_above(event: object, limit: float) -> bool:

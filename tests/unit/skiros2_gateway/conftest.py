@@ -85,6 +85,6 @@ def in_gateway(tmp_path: Path) -> Callable[..., None]:
         async def main() -> None:
             await test(Gateway(tmp_path / "jobs.sqlite", **options))
 
-        asyncio.run(asyncio.wait_for(main(), 30.0))
+        asyncio.run(asyncio.wait_for(main(), 100.0))
 
     return run

@@ -4,49 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import json
-import shutil
-import socket
-import subprocess
-import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
-from skiros2_common.core.processes import free_port
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.mqtt.bridge import MqttBridge
+from support.broker import broker, needs_broker
 from unit.skiros2_gateway.conftest import TOKENS
 
 Run = Callable[..., None]
 ORDER = {"id": "a", "goal": "(at robot home)"}
 
-_MISSING = [name for name in ("mosquitto", "mosquitto_pub", "mosquitto_sub") if shutil.which(name) is None]
-pytestmark = pytest.mark.skipif(
-    bool(_MISSING), reason=f"needs {', '.join(_MISSING)}: Debian's mosquitto and mosquitto-clients"
-)
+pytestmark = needs_broker
 
 
 @pytest.fixture(scope="module")
-def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """A broker's port, once the broker listens."""
-    port, folder = free_port(), tmp_path_factory.mktemp("broker")
-    (folder / "broker.conf").write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
-    broker = subprocess.Popen(["mosquitto", "-c", str(folder / "broker.conf")], stderr=subprocess.DEVNULL)
-    try:
-        while not _listens(port):
-            assert broker.poll() is None, "the broker has ended"
-            time.sleep(0.02)
+def port() -> Iterator[int]:
+    """A broker's port."""
+    with broker() as port:
         yield port
-    finally:
-        broker.terminate()
-        broker.wait()
-
-
-def _listens(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 class Subscriber:

@@ -46,6 +46,16 @@ def test_unchanged_tick_is_not_stored() -> None:
     assert run.latest.time == 1049.0
 
 
+@pytest.mark.parametrize(("age", "is_complete"), [(0.1, True), (4.0, True), (40.0, False)])
+def test_first_message_may_be_late_if_its_manager_was_heard_before_the_task(age: float, is_complete: bool) -> None:
+    runs = Runs()
+    runs.record("/robot", pick_and_place(), 1000.0)
+    nodes = [ProgressNode(6, -1, "task_6"), ProgressNode(7, 6, "pick")]
+    nodes[0].task_id, nodes[0].progress_time = 6, age
+    assert runs.record("/robot", nodes, 1010.0) is not None
+    assert [run.is_complete for run in runs] == [True, is_complete]
+
+
 def test_identical_node_objects_count_as_unchanged() -> None:
     """As `QuickTreeProgress` tells those of which nothing is new."""
     run, nodes = TaskRun("/robot", 5), pick_and_place()

@@ -188,7 +188,7 @@ class Demo:
         system.launch(*self.launch_arguments())
         simulated = not getattr(self._options, "timed", False)
         simulation = Simulation() if simulated else None
-        task_manager = _wait_until_ready(system, simulation, self.robot)
+        task_manager = wait_until_ready(system, simulation, self.robot)
         self._report.say(
             f"World model, skill manager {self.robot}{', simulator' if simulated else ''} and task manager are ready "
             f"({_elapsed(started)})"
@@ -396,8 +396,8 @@ def _displaced(pose: Pose, random: Random) -> Pose:
     return composed(pose, Pose((x, y, 0.0), from_euler(0.0, 0.0, turn)))
 
 
-def _wait_until_ready(system: System, simulation: Simulation | None, robot: str) -> Any:
-    """Returns a connected client of the task manager, once the recorder is connected too."""
+def wait_until_ready(system: System, simulation: Simulation | None, robot: str) -> Any:
+    """Returns a connected client of the task manager, once the system is ready and the recorder connected."""
     task_manager = actionlib.ActionClient("tm/achieve", AchieveAction)
     if simulation is not None:
         system.wait_for(simulation.is_ready, "the simulator")

@@ -27,6 +27,8 @@ class Runs:
         self._most_tasks = most_tasks
         self._runs: list[TaskRun] = []
         self._current: dict[tuple[str, int], TaskRun] = {}
+        #: When the first message of each manager was received (s since the epoch).
+        self._heard_since: dict[str, float] = {}
 
     def __iter__(self) -> Iterator[TaskRun]:
         """In the order of their first message."""
@@ -48,7 +50,7 @@ class Runs:
         key = (robot or root.robot, root.task_id)
         run = self._current.get(key)
         if run is None or (run.latest.has_ended and not has_ended(nodes)):  # the id is used again
-            run = TaskRun(*key)
+            run = TaskRun(*key, heard_since=self._heard_since.setdefault(key[0], time))
             self._current[key] = run
             self._runs.append(run)
         run.is_lost = False  # its messages were only late
@@ -60,6 +62,7 @@ class Runs:
         """Marks the running tasks of a manager that has disconnected as lost; later tasks with their ids are
         new ones.
         """
+        self._heard_since.pop(robot, None)
         for run in self._runs:
             if run.robot == robot and not run.latest.has_ended:
                 run.is_lost = True

@@ -49,7 +49,7 @@ class StateStyle:
     :param symbol: one character.
     :param ascii: the same for terminals without such characters.
     :param word: fits after "is" or "has".
-    :param colour_role: `success`, `failure`, `running`, `paused`, `idle` or `changed`.
+    :param colour_role: a key of `ROLE_COLOURS`.
     """
 
     symbol: str
@@ -57,6 +57,16 @@ class StateStyle:
     word: str
     colour_role: str
 
+
+#: The colour of each role on a light and on a dark background.
+ROLE_COLOURS = {
+    "success": ("#1b7f3b", "#5fd38d"),
+    "failure": ("#b3261e", "#ff8a80"),
+    "running": ("#1f6fb2", "#6db3f2"),
+    "paused": ("#8a5a00", "#f2c14e"),
+    "idle": ("#75797d", "#8b9095"),
+    "changed": ("#8a5a00", "#f2c14e"),
+}
 
 _STYLES: dict[int | TaskState, StateStyle] = {
     SUCCESS: StateStyle("✓", "+", "succeeded", "success"),

@@ -7,6 +7,7 @@ keyframe stores all rows.
 from __future__ import annotations
 
 import bisect
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -74,6 +75,7 @@ class TaskRun:
 
     :param robot: the manager's node name.
     :param task_id: the root's id. Ids are reused, so several runs may have the same.
+    :param heard_since: when the first message of its manager was received (s since the epoch).
     :ivar log: the messages of its nodes.
     :ivar params: the parameters that messages had, by node id: time (s since the epoch) and a JSON text for each
         parameter, oldest first. Managers send them on request only.
@@ -85,9 +87,10 @@ class TaskRun:
     :ivar is_complete: whether the first message can be that of the task's first tick.
     """
 
-    def __init__(self, robot: str, task_id: int) -> None:
+    def __init__(self, robot: str, task_id: int, heard_since: float = math.inf) -> None:
         self.robot = robot
         self.task_id = task_id
+        self._heard_since = heard_since
         self.log = MessageLog()
         self.params: dict[int, list[tuple[float, tuple[str, ...]]]] = {}
         self._values: dict[int, list[NodeStatus]] = {}
@@ -134,7 +137,9 @@ class TaskRun:
         self._nodes = nodes
         if before is None:
             self.start = time
-            self.is_complete = all(node.progress_time < _LONGEST_PERIOD for node in nodes)
+            age = max(node.progress_time for node in nodes)
+            # beside much other load, the first tick may be long after the task's start
+            self.is_complete = age < _LONGEST_PERIOD or time - age > self._heard_since
         updated = list(range(len(nodes)))
         if len(nodes) == len(last):
             updated = [index for index in updated if nodes[index] is not last[index]]

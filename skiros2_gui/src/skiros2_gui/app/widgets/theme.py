@@ -5,6 +5,8 @@ from __future__ import annotations
 from python_qt_binding.QtGui import QBrush, QColor, QPalette
 from python_qt_binding.QtWidgets import QApplication, QStyleFactory, QTreeWidgetItem, QWidget
 
+from skiros2_runs.core.states import ROLE_COLOURS
+
 #: The themes.
 SYSTEM, LIGHT, DARK = "system", "light", "dark"
 CHOICES = (SYSTEM, LIGHT, DARK)
@@ -27,16 +29,6 @@ _DARK = {
 }  # fmt: skip
 _DISABLED = (QPalette.WindowText, QPalette.Text, QPalette.ButtonText, QPalette.HighlightedText)
 
-#: The colour of each role in the light and the dark theme.
-_ROLE_COLOURS = {
-    "success": ("#1b7f3b", "#5fd38d"),
-    "failure": ("#b3261e", "#ff8a80"),
-    "running": ("#1f6fb2", "#6db3f2"),
-    "paused": ("#8a5a00", "#f2c14e"),
-    "idle": ("#75797d", "#8b9095"),
-    "changed": ("#8a5a00", "#f2c14e"),
-}
-
 #: The background colours of banners in the light and the dark theme.
 _BACKGROUNDS = {"notice": ("#fff3d1", "#4a3a12"), "error": ("#fbe4e2", "#4a2624")}
 
@@ -52,7 +44,7 @@ def role_colour(name: str, widget: QWidget | None = None) -> QColor:
 
     :param name: `success`, `failure`, `running`, `paused`, `idle` or `changed`.
     """
-    return QColor(_ROLE_COLOURS[name][is_dark(widget)])
+    return QColor(ROLE_COLOURS[name][is_dark(widget)])
 
 
 def palette_of(dark: bool) -> QPalette:
@@ -95,7 +87,7 @@ def tint(widget: QWidget, background: str = "", text: str = "", dark: bool = Fal
         widget.setAutoFillBackground(True)
     if text:
         for role in (QPalette.WindowText, QPalette.ButtonText):
-            palette.setColor(role, QColor(_ROLE_COLOURS[text][dark]))
+            palette.setColor(role, QColor(ROLE_COLOURS[text][dark]))
     widget.setPalette(palette)
 
 

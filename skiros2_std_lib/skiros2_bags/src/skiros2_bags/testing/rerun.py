@@ -166,15 +166,18 @@ def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterat
     """Yields alternative orderings near an event, the most likely first."""
     if not isinstance(at, TaskProgress):
         return
+    causes = [ordering]
     if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
-        yield replace(ordering, preempting=ordering.preempting | {at.order})
+        causes.insert(0, replace(ordering, preempting=ordering.preempting | {at.order}))
+        yield causes[0]
     near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
     near.sort(key=lambda e: abs(e.order - at.order))
     moved = dict(ordering.orders)
     for event in near:
         if event.order not in moved:
             order = at.order + 0.5 if event.order < at.order else at.order - 0.5
-            yield replace(ordering, orders=(*ordering.orders, (event.order, order)))
+            for cause in causes:
+                yield replace(cause, orders=(*ordering.orders, (event.order, order)))
     if at.order not in dict(ordering.time_shifts):
         step = JITTER + _clock_step(e for e in recording.events if isinstance(e, ClockTick))
         for shift in (step, -step):

@@ -41,17 +41,28 @@ class Event:
     @cached_property
     def json(self) -> str:
         """The event as JSON, encoded once for all viewers."""
-        return json.dumps({"id": self.id, "kind": self.kind, "time": self.time, "data": self.data}, default=str)
+        event = {"id": self.id, "kind": self.kind, "time": self.time, "data": self.data}
+        return json.dumps(event, default=str, separators=(",", ":"))
+
+    @cached_property
+    def message(self) -> bytes:
+        """The event as a server-sent event, encoded once for all viewers."""
+        return f"id: {self.id}\nevent: {self.kind}\ndata: {self.json}\n\n".encode()
 
 
 class EventStream:
-    """Events for any number of viewers. To be used in the thread of the gateway's loop."""
+    """Events for any number of viewers. To be used in the thread of the gateway's loop.
 
-    def __init__(self) -> None:
+    :param kept: how many events are kept for viewers that resume.
+    :param behind: how many events a viewer may be behind.
+    """
+
+    def __init__(self, kept: int = _KEPT, behind: int = _BEHIND) -> None:
         #: Differs after each start of the gateway.
         self.name = secrets.token_hex(4)
         self._number = 0
-        self._events: deque[Event] = deque(maxlen=_KEPT)
+        self._events: deque[Event] = deque(maxlen=kept)
+        self._behind = behind
         self._viewers: set[asyncio.Queue[Event | None]] = set()
 
     @property
@@ -73,9 +84,9 @@ class EventStream:
         event = Event(self.name, self._number, kind, time.time(), data)
         self._events.append(event)
         for queue in self._viewers:
-            if queue.qsize() < _BEHIND:
+            if queue.qsize() < self._behind:
                 queue.put_nowait(event)
-            elif queue.qsize() == _BEHIND:
+            elif queue.qsize() == self._behind:
                 queue.put_nowait(None)  # the viewer has missed events
         return event
 

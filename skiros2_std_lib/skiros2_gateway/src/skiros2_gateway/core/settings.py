@@ -17,6 +17,7 @@ class Settings(BaseModel):
     :param host: address to bind to. Others than that of this machine need `certificate` and `key`.
     :param http_port, opcua_port: 0: a free port; -1: off.
     :param mqtt: HOST or HOST:PORT of a broker; "": off.
+    :param bags: folder of recorded runs to look at in the page; "": none.
     :param jobs_at_once: 0: as many as there are robots.
     :param rate, burst: requests per second and user.
     :param max_body: the largest request (bytes).
@@ -37,6 +38,7 @@ class Settings(BaseModel):
     mqtt_prefix: str = "skiros2"
     certificate: str = ""
     key: str = ""
+    bags: str = ""
     jobs_at_once: int = Field(0, ge=0, le=1000)
     rate: float = Field(100.0, gt=0.0)
     burst: float = Field(300.0, ge=1.0)

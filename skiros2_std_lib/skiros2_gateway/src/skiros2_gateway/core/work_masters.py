@@ -12,8 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.names import nearest
+from skiros2_common.core.world_element import Element
 from skiros2_gateway.core.job import Order, Value
 from skiros2_gateway.core.problems import Problem, Rejected, problems_of
+
+#: The class of the elements of the scene that define work masters, and the property with the definition.
+WORK_MASTER, DEFINITION = "skiros:WorkMaster", "skiros:WorkMasterDefinition"
 
 #: Types of parameters; every other type is a class of the ontology, and the value an element of it.
 _BASIC: dict[str, tuple[type, ...]] = {"string": (str,), "number": (int, float), "integer": (int,), "boolean": (bool,)}
@@ -186,6 +190,30 @@ def read_work_masters(path: Path) -> list[WorkMaster]:
         raise ConfigurationError(f"{path}: {error}") from error
     except ValidationError as error:
         raise ConfigurationError(f"{path}: " + "; ".join(str(problem) for problem in problems_of(error))) from error
+
+
+def work_masters_of(elements: Iterable[Element]) -> tuple[list[WorkMaster], list[str]]:
+    """Returns the work masters that elements of the scene define, and what is wrong with the others.
+
+    An element's label is the id; its property `DEFINITION` has the other fields as YAML.
+    """
+    masters: dict[str, WorkMaster] = {}
+    problems = []
+    for element in elements:
+        try:
+            fields = yaml.safe_load(str(element.value_of(DEFINITION) or ""))
+            if not isinstance(fields, dict):
+                raise ConfigurationError(f"{DEFINITION} is {fields!r}, expected the fields of a work master")
+            master = WorkMaster.model_validate({**fields, "id": element.label or element.id})
+            if master.id in masters:
+                raise ConfigurationError(f"another element defines a work master {master.id!r}")
+        except ValidationError as error:
+            problems.append(f"{element!r}: " + "; ".join(str(problem) for problem in problems_of(error)))
+        except (ConfigurationError, yaml.YAMLError) as error:
+            problems.append(f"{element!r}: {error}")
+        else:
+            masters[master.id] = master
+    return list(masters.values()), problems
 
 
 class WorkMasters:

@@ -123,6 +123,7 @@ class MqttBridge:
         """
         try:
             data = json.loads(payload) if len(payload) <= self._max_body else None
+            json.dumps(data, ensure_ascii=False).encode()  # an escaped half of a surrogate pair is no text
         except (ValueError, RecursionError) as error:  # the latter of deep nesting
             raise Rejected([Problem("wrong_value", "", f"the message is no JSON: {error}")]) from None
         if not isinstance(data, dict):

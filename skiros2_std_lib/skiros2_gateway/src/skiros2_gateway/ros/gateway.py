@@ -11,22 +11,28 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import rospkg
 import rospy
 import uvicorn
+from fastapi import APIRouter
 from pydantic import ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.core.access import Access, read_users
+from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job_control import JobControl
+from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.problems import problems_of
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.app import create_app
+from skiros2_gateway.http.live import live_router, page_router
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.opcua.server import OpcuaServer
+from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
 
 log = logging.getLogger(__name__)
@@ -48,6 +54,7 @@ def main() -> None:
 
 def _settings() -> Settings:
     found: dict[str, Any] = rospy.get_param("~", {}) or {}
+    found.update(found.pop("settings", {}))  # a parameter with any of the settings, which overrides the others
     try:
         return Settings.model_validate({key: value for key, value in found.items() if key not in _OTHERS})
     except ValidationError as error:
@@ -72,7 +79,7 @@ async def _serve(settings: Settings) -> None:
     events = EventStream()
     control = JobControl(store, masters, events)
     service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
-    cell = RosCell(control, events, settings.jobs_at_once)
+    cell = RosCell(control, events, masters, settings.jobs_at_once)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
         stack.callback(store.close)
@@ -81,7 +88,7 @@ async def _serve(settings: Settings) -> None:
         control.start(cell)
         rospy.on_shutdown(end)
         if settings.http_port >= 0:
-            await _start_http(service, settings, stack)
+            await _start_http(service, settings, _live_view(service, cell, settings, stack), stack)
         if settings.opcua_port >= 0:
             opcua = OpcuaServer(service, settings)
             await opcua.start()
@@ -94,6 +101,19 @@ async def _serve(settings: Settings) -> None:
         await ended.wait()
 
 
+def _live_view(
+    service: Service, cell: RosCell, settings: Settings, stack: contextlib.AsyncExitStack
+) -> list[APIRouter]:
+    """Starts the live view, which ends with the stack. Returns its routes and those of the page."""
+    view = LiveView()
+    live = LiveRos(cell, view)
+    stack.callback(live.close)
+    stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
+    bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
+    page = Path(rospkg.RosPack().get_path("skiros2_gateway")) / "page"  # missing if it was not built
+    return [live_router(view, live, bags), page_router(page)]
+
+
 class _Server(uvicorn.Server):
     """Leaves the signals to the node."""
 
@@ -102,20 +122,25 @@ class _Server(uvicorn.Server):
         yield
 
 
-async def _start_http(service: Service, settings: Settings, stack: contextlib.AsyncExitStack) -> None:
+async def _start_http(
+    service: Service, settings: Settings, routers: list[APIRouter], stack: contextlib.AsyncExitStack
+) -> None:
     """Starts the HTTP server, which ends with the stack.
 
     :raises ConfigurationError: the address is in use, or the certificate cannot be read.
     """
-    sock = socket.socket(socket.AF_INET6 if ":" in settings.host else socket.AF_INET)
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    # asyncio sets TCP_NODELAY only if TCP is named; without it each answer takes 40 ms longer
+    sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         sock.bind((settings.host, settings.http_port))
+        sock.listen()  # clients that read the address connect at once
     except OSError as error:
         raise ConfigurationError(f"http_port {settings.http_port} on {settings.host}: {error}") from error
     tls = {"ssl_certfile": settings.certificate, "ssl_keyfile": settings.key} if settings.certificate else {}
     config = uvicorn.Config(
-        create_app(service, max_body=settings.max_body),
+        create_app(service, routers, max_body=settings.max_body),
         log_config=None,
         access_log=False,
         lifespan="off",

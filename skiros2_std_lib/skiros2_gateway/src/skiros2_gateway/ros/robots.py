@@ -9,6 +9,7 @@ from typing import Any
 import rospy
 
 from skiros2_gateway.core.robots import Robot, RobotTask
+from skiros2_gui.app.ros.progress import QuickTreeProgress
 from skiros2_msgs.msg import SafetyStatus, SkillProgress
 from skiros2_runs.core.progress import has_ended, task_state
 from skiros2_runs.core.states import TaskState
@@ -25,20 +26,25 @@ class Robots(SkillLayerInterface):
         self._loop = loop
         self._on_change = changed
         self._stops: dict[str, rospy.Subscriber] = {}
+        self._quick: dict[str, rospy.Subscriber] = {}
         #: Owned by the thread of the loop. A robot whose manager has ended stays, disconnected.
         self.robots: dict[str, Robot] = {}
+        #: Called in the thread of the loop with the name of a robot and the nodes of each message of its tasks.
+        self.on_tree: Callable[[str, list[Any]], None] = lambda name, nodes: None
         super().__init__(author)
         self.set_monitor_cb(lambda message: self._call(self._on_tree, message))
 
     def close(self) -> None:
         """Stops following."""
         self.shutdown()
-        for subscriber in self._stops.values():
+        for subscriber in [*self._stops.values(), *self._quick.values()]:
             subscriber.unregister()
 
     # -- in threads of ROS -------------------------------------------------------------------------------------
 
     def _on_agent(self, name: str) -> None:
+        # The first subscriber of a topic decides how it is deserialised; all get the same messages.
+        self._quick[name] = rospy.Subscriber(f"{name}/monitor", QuickTreeProgress, queue_size=1000)
         super()._on_agent(name)
         self._call(self._on_connection, name, True)
         self._stops[name] = rospy.Subscriber(
@@ -48,6 +54,7 @@ class Robots(SkillLayerInterface):
     def _on_agent_gone(self, name: str) -> None:
         super()._on_agent_gone(name)
         self._stops.pop(name).unregister()
+        self._quick.pop(name).unregister()
         self._call(self._on_connection, name, False)
 
     def _call(self, handle: Callable[..., None], *arguments: Any) -> None:
@@ -77,6 +84,7 @@ class Robots(SkillLayerInterface):
         root, robot = nodes[0], self.robots.get(_robot_of(nodes[0]))
         if robot is None:
             return
+        self.on_tree(robot.name, nodes)
         if has_ended(nodes):
             if robot.tasks.pop(root.id, None) is not None:
                 robot.succeeded += root.state == SkillProgress.SUCCESS
@@ -94,5 +102,3 @@ class Robots(SkillLayerInterface):
 
 def _robot_of(root: Any) -> str:
     return f"/{str(root.robot).lstrip('/')}"
-
-

@@ -20,8 +20,10 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
+from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.goals import AchieveGoals
 from skiros2_gateway.ros.robots import Robots
+from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.actions import condition_predicates
@@ -49,13 +51,17 @@ _COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start"}
 class RosCell:
     """Implements `Cell`. Call `close` at the end.
 
+    :param masters: gets those that the scene defines.
     :param capacity: how many goals run at once; 0: as many as there are robots.
     """
 
-    def __init__(self, listener: GoalListener, events: EventStream, capacity: int = 0) -> None:
+    def __init__(
+        self, listener: GoalListener, events: EventStream, masters: WorkMasters, capacity: int = 0
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._listener = listener
         self._events = events
+        self._masters = masters
         self._capacity = capacity
         self._threads = ThreadPoolExecutor(_THREADS, "cell")
         self._wm: WorldModelInterface | None = None
@@ -74,6 +80,7 @@ class RosCell:
             log.debug("no connection to the world model: %s", error)
             return
         wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
+        SceneWorkMasters(wm, self._masters, self._loop)
         self._wm = wm
         self._in_loop(self._listener.cell_changed)
 
@@ -109,7 +116,7 @@ class RosCell:
             if name not in known:
                 near = tuple(nearest(name, known) or known)
                 problems.append(Problem("unknown_name", f"robots.{i}", f"there is no robot {name}", nearest=near))
-        return problems + await self._in_thread(self._name_problems, goal, elements)
+        return problems + await self.in_thread(self._name_problems, goal, elements)
 
     def start(self, goal: Goal) -> None:
         if goal.robots:
@@ -181,11 +188,21 @@ class RosCell:
 
     async def _run(self, command: Callable[[], None], what: str) -> None:
         try:
-            await self._in_thread(command)
+            await self.in_thread(command)
         except SkirosError as error:
             log.error("%s: %s", what, error)
 
     # -- reading -----------------------------------------------------------------------------------------------
+
+    @property
+    def robots(self) -> Robots:
+        """The robots, with the clients of their managers."""
+        return self._robots
+
+    @property
+    def world_model(self) -> WorldModelInterface | None:
+        """The client with a replica of the scene; None before the world model has answered."""
+        return self._wm
 
     def state(self) -> dict[str, Any]:
         robots = [robot.to_dict() for _, robot in sorted(self._robots.robots.items())]
@@ -197,10 +214,10 @@ class RosCell:
             elements, snapshot = wm.get_scene()
             return {"revision": wm.version, "snapshot": snapshot, "elements": [element_data(e) for e in elements]}
 
-        return await self._in_thread(read)
+        return await self.in_thread(read)
 
     async def query(self, text: str) -> dict[str, Any]:
-        columns, rows = await self._in_thread(lambda: self._world_model.query_table(text))
+        columns, rows = await self.in_thread(lambda: self._world_model.query_table(text))
         return {"columns": columns, "rows": [[str(value) for value in row] for row in rows]}
 
     async def skills(self) -> dict[str, list[dict[str, Any]]]:
@@ -213,7 +230,7 @@ class RosCell:
                 for name, client in self._robots.agents.items()
             }
 
-        return await self._in_thread(read)
+        return await self.in_thread(read)
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         def make() -> Any:
@@ -221,7 +238,7 @@ class RosCell:
             client.make_plan(goal, quality=quality)
             return client.wait_for_result()
 
-        result: MakePlanResult = await self._in_thread(make, timeout=120.0)
+        result: MakePlanResult = await self.in_thread(make, timeout=120.0)
         return {
             "state": result.state,
             "message": result.message,
@@ -248,12 +265,12 @@ class RosCell:
                 done[name] = len(tasks)
             return done
 
-        return await self._in_thread(command)
+        return await self.in_thread(command)
 
     async def collect(
         self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
     ) -> Collected:
-        return await self._in_thread(self._collect, robots, start, end, dict(quality))
+        return await self.in_thread(lambda: _collect(self._world_model, robots, start, end, dict(quality)))
 
     # -- in threads of the pool --------------------------------------------------------------------------------
 
@@ -283,30 +300,6 @@ class RosCell:
                 problems.append(Problem("goal", "goal", str(error), "a goal text, see docs/planning.md"))
         return problems
 
-    def _collect(
-        self, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
-    ) -> Collected:
-        wm, notes = self._world_model, []
-        values: dict[str, Any] = {}
-        changes: list[dict[str, Any]] = []
-        for key, (eid, prop) in quality.items():
-            element = wm.find_element(eid)
-            if element is None or not element.hasProperty(prop, not_none=True):
-                reason = "does not exist" if element is None else f"has no {prop}"
-                notes.append(f"quality data {key}: {eid} {reason}")
-            else:
-                values[key] = element.value_of(prop)
-        try:
-            for robot in robots:
-                for entry in wm.history("", start, end, robot):
-                    lines = changed_lines(entry)
-                    related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
-                    ids = sorted(related | set(entry.changes.records))
-                    changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
-        except SkirosError as error:
-            notes.append(f"the changes of the world model are unknown: {error}")
-        return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
-
     # -- internals ---------------------------------------------------------------------------------------------
 
     def _on_robot(self, name: str) -> None:
@@ -321,7 +314,7 @@ class RosCell:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _in_thread(self, call: Callable[..., T], *arguments: Any, timeout: float = _TIMEOUT) -> T:
+    async def in_thread(self, call: Callable[..., T], *arguments: Any, timeout: float = _TIMEOUT) -> T:
         """Runs a blocking call.
 
         :raises TimedOut: it takes longer; it continues in its thread.
@@ -337,6 +330,31 @@ class RosCell:
     def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(functools.partial(call, *arguments))
+
+
+def _collect(
+    wm: WorldModelInterface, robots: Sequence[str], start: float, end: float, quality: dict[str, tuple[str, str]]
+) -> Collected:
+    notes = []
+    values: dict[str, Any] = {}
+    changes: list[dict[str, Any]] = []
+    for key, (eid, prop) in quality.items():
+        element = wm.find_element(eid)
+        if element is None or not element.hasProperty(prop, not_none=True):
+            reason = "does not exist" if element is None else f"has no {prop}"
+            notes.append(f"quality data {key}: {eid} {reason}")
+        else:
+            values[key] = element.value_of(prop)
+    try:
+        for robot in robots:
+            for entry in wm.history("", start, end, robot):
+                lines = changed_lines(entry)
+                related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
+                ids = sorted(related | set(entry.changes.records))
+                changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})
+    except SkirosError as error:
+        notes.append(f"the changes of the world model are unknown: {error}")
+    return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
 
 
 class _PausingListener:
@@ -364,5 +382,3 @@ def _send(client: ManagerClient, command: str, task: int) -> None:
         client.command(command, task)
     except SkirosError as error:
         log.info("%s of task %d of %s: %s", command, task, client.name, error)
-
-

@@ -1,0 +1,282 @@
+"""The live view: one document about the cell, the same for all viewers, which follow it by patches.
+
+The document is JSON data; its members are tables, objects by key:
+
+- `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
+- `goals`: {phase, message, start, plan, steps}; `plan` as in the feedback of the action Achieve, `steps` by number:
+  {state, message, began, ended} (s since the epoch).
+- `jobs` as in the event `job`, without plan, steps and changes.
+- `cell`: robots, ready and capacity, as in `GET /api/state`.
+- `elements`: {type, label, properties, relations, marker}; see `skiros2_gateway.core.scene_view`.
+- `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
+- `signals`: {name, unit, robot, value, low, high, time, problem}; `low` and `high` since the previous patch.
+
+A patch is a JSON Merge Patch (RFC 7396), encoded once, and sent at most 25 times a second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.names import nearest
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
+from skiros2_gateway.core.run_view import summary_data, tree_patch
+from skiros2_gateway.core.service import Service
+from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.progress import NodeMessage
+from skiros2_runs.core.runs import Runs
+from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.values import NodeStatus
+
+#: What can be done with a task.
+TASK_ACTIONS = ("stop", "pause", "resume", "step")
+
+#: The least time between patches (s).
+PERIOD = 0.04
+
+#: Patches kept for viewers that resume: 10 s of changes at each patch.
+_KEPT = 250
+#: The trees, goals and ended jobs in the document.
+_MAX_TREES, _MAX_GOALS, _MAX_JOBS = 6, 20, 50
+
+#: The parts of a job's response in the document; `goals` has its plan and steps.
+_RESPONSE = ("started", "ended", "outcome", "message", "robots", "quality")
+
+_TABLES = ("runs", "trees", "goals", "jobs", "cell", "elements", "frames", "bodies", "signals")
+
+
+class LiveCell(Protocol):
+    """The cell as viewers use it. Methods raise `SkirosError` if the cell refuses or does not answer."""
+
+    async def inspect(self, robot: str, task: int, node: int) -> NodeStatus:
+        """Returns the parameters and conditions of a node."""
+
+    async def why(self, robot: str, task: int) -> dict[str, Any]:
+        """Returns why a task failed: `text`, and `explanations` as of `Explanation.to_dict`."""
+
+    async def command(self, action: str, robot: str, task: int) -> None:
+        """Applies one of `TASK_ACTIONS` to a task."""
+
+    def mesh_file(self, url: str) -> Path:
+        """Returns the file of a mesh in the document, or of a file beside one.
+
+        :raises UnknownName: it is no such file.
+        """
+
+
+class LiveView:
+    """The document and its patches. To be used in the thread of the gateway's loop.
+
+    :param clock: returns the time (s since the epoch).
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+        self._clock = clock
+        self._loop = asyncio.get_running_loop()
+        self.stream = EventStream(kept=_KEPT, behind=_KEPT)
+        self.runs = Runs()
+        self._keys: dict[str, TaskRun] = {}
+        self._count = 0
+        self._document: dict[str, Any] = {table: {} for table in _TABLES}
+        self._patch: dict[str, Any] = {}
+        self._changed_runs: dict[str, TaskRun] = {}
+        self._sent: dict[str, Frame] = {}
+        self._timer: asyncio.TimerHandle | None = None
+        self._last_flush = 0.0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Returns `document`, and the id of the last patch in it as `event`."""
+        self.flush()
+        return {"event": self.stream.last_id, "time": self._clock(), "document": self._document}
+
+    async def follow(self, service: Service) -> None:
+        """Follows the jobs, and the state of the cell, until it is cancelled."""
+        while True:
+            after = service.events.last_id
+            for job in service.store.jobs(limit=_MAX_JOBS):
+                self.put_job(job.to_dict())
+            self.replace("cell", service.control.cell.state())
+            async for event in service.events.follow(after, ("job", "cell")):
+                if event.kind == "reset":
+                    break
+                if event.kind == "job":
+                    self.put_job(event.data)
+                else:
+                    self.replace("cell", event.data)
+
+    # -- runs --------------------------------------------------------------------------------------------------
+
+    def record(self, robot: str, nodes: Sequence[NodeMessage]) -> None:
+        """Records the progress of a task; see `Runs.record`."""
+        recorded = self.runs.record(robot, nodes, self._clock())
+        if recorded is None:
+            return
+        key = self._key(recorded.run)
+        if recorded.is_new_tick or key in self._changed_runs:
+            self._changed_runs[key] = recorded.run
+            self._schedule()
+
+    def mark_lost(self, robot: str) -> None:
+        """Marks the running tasks of a manager that has disconnected as lost."""
+        running = [run for run in self.runs if run.robot == robot and not run.is_finished]
+        self.runs.mark_lost(robot)
+        self._changed_runs.update((self._key(run), run) for run in running)
+        if running:
+            self._schedule()
+
+    def find_run(self, key: str) -> TaskRun:
+        """Returns a run by its key in the document.
+
+        :raises UnknownName: there is none.
+        """
+        if key not in self._keys:
+            near = ", ".join(nearest(key, self._keys)) or "see `runs` of the live view"
+            raise UnknownName(f"there is no run {key!r}; near: {near}")
+        return self._keys[key]
+
+    def _key(self, run: TaskRun) -> str:
+        for key in reversed(self._keys):
+            if self._keys[key] is run:
+                return key
+        self._count += 1
+        self._keys[f"run-{self._count}"] = run
+        return f"run-{self._count}"
+
+    # -- other tables ------------------------------------------------------------------------------------------
+
+    def put(self, table: str, key: str, value: Mapping[str, Any] | Sequence[Any] | None) -> None:
+        """Replaces an entry of a table.
+
+        :param value: JSON data; None removes the entry.
+        """
+        entries = self._document[table]
+        if value is None:
+            patch: dict[str, Any] = {key: None} if key in entries else {}
+        else:
+            patch = merge_patch({key: entries[key]} if key in entries else {}, {key: without_none(value)})
+        self._apply({table: patch} if patch else {})
+
+    def entry(self, table: str, key: str) -> Mapping[str, Any]:
+        """Returns an entry of a table; empty if there is none."""
+        found: Mapping[str, Any] = self._document[table].get(key, {})
+        return found
+
+    def replace(self, table: str, entries: Mapping[str, Any]) -> None:
+        """Replaces a table."""
+        patch = merge_patch(self._document[table], without_none(entries))
+        self._apply({table: patch} if patch else {})
+
+    def put_goal(self, goal_id: str, phase: str, message: str, plan: list[Any], steps: list[Any]) -> None:
+        """Updates the plan of a goal, and notes when its steps start and end.
+
+        :param phase: as in the feedback of Achieve; the state of the result after the end.
+        :param plan, steps: as in the feedback; empty keeps those known.
+        """
+        now, goals = self._clock(), self._document["goals"]
+        known = goals.get(goal_id, {})
+        planned = {str(step["number"]): step for step in known.get("plan", [])}
+        planned.update((str(step["number"]), step) for step in plan)
+        states = {number: dict(step) for number, step in known.get("steps", {}).items()}
+        for step in steps:
+            number, state = str(step["number"]), str(step["state"])
+            entry = states.setdefault(number, {})
+            if state not in ("waiting", "dropped"):
+                entry.setdefault("began", now)
+                if state != "running":
+                    entry.setdefault("ended", now)
+            entry.update(state=state, message=str(step.get("message", "")))
+        self.put("goals", goal_id, {
+            "phase": phase, "message": message, "start": known.get("start", now),
+            "plan": list(planned.values()), "steps": states,
+        })  # fmt: skip
+        for old in list(goals)[: max(0, len(goals) - _MAX_GOALS)]:
+            self.put("goals", old, None)
+
+    def put_job(self, job: Mapping[str, Any]) -> None:
+        """Updates a job."""
+        jobs = self._document["jobs"]
+        response = {key: value for key, value in job["response"].items() if key in _RESPONSE}
+        self.put("jobs", str(job["id"]), None if job["cleared"] else {**job, "response": response})
+        ended = [key for key, known in jobs.items() if known["state"] in ("Ended", "Aborted")]
+        for key in ended[: max(0, len(ended) - _MAX_JOBS)]:
+            self.put("jobs", key, None)
+
+    # -- patches -----------------------------------------------------------------------------------------------
+
+    def flush(self) -> None:
+        """Publishes what has changed since the last patch."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._last_flush = self._loop.time()
+        changed, self._changed_runs = self._changed_runs, {}
+        for key, run in changed.items():
+            self.put("runs", key, summary_data(run))
+            if patch := tree_patch(self._sent.get(key), run.latest):
+                self._apply({"trees": {key: patch}})
+            self._sent[key] = run.latest
+        if changed:
+            self._forget()
+        self._publish()
+
+    def _forget(self) -> None:
+        """Removes runs that are not kept any more, and the trees of older ones."""
+        kept = {id(run) for run in self.runs}
+        for key in [key for key, run in self._keys.items() if id(run) not in kept]:
+            del self._keys[key]
+            self.put("runs", key, None)
+        ended = [key for key in self._sent if key not in self._keys or self._keys[key].is_finished]
+        for key in ended[: max(0, len(self._sent) - _MAX_TREES)]:
+            del self._sent[key]
+            self.put("trees", key, None)
+
+    def _publish(self) -> None:
+        patch, self._patch = self._patch, {}
+        if patch:
+            self.stream.publish("patch", patch)
+
+    def _apply(self, patch: dict[str, Any]) -> None:
+        if not patch:
+            return
+        if _conflicts(self._patch, patch):
+            self._publish()
+        apply_patch(self._document, patch)
+        _merge(self._patch, patch)
+        self._schedule()
+
+    def _schedule(self) -> None:
+        if self._timer is None:
+            self._timer = self._loop.call_at(max(self._loop.time(), self._last_flush + PERIOD), self.flush)
+
+
+def _conflicts(patch: Mapping[str, Any], later: Mapping[str, Any]) -> bool:
+    """Returns whether a later patch makes an object of what a patch removes or makes a plain value.
+
+    Merged into one patch, the object would keep the members that it had before both.
+    """
+    return any(
+        not isinstance(patch[key], dict) or _conflicts(patch[key], new)
+        for key, new in later.items()
+        if isinstance(new, dict) and key in patch
+    )
+
+
+def _merge(patch: dict[str, Any], later: Mapping[str, Any]) -> None:
+    """Adds a later patch to a patch."""
+    for key, new in later.items():
+        old = patch.get(key)
+        if isinstance(new, dict) and isinstance(old, dict):
+            _merge(old, new)
+        else:
+            # An own copy: the parts of the document and of published patches must not change with it.
+            patch[key] = _copy(new)
+
+
+def _copy(data: Any) -> Any:
+    return {key: _copy(value) for key, value in data.items()} if isinstance(data, dict) else data

@@ -1,0 +1,177 @@
+"""The routes of the live view, and of the page.
+
+- `GET /api/live`: {event, time, document, styles, role, user}: the document of `skiros2_gateway.core.live`, the id of
+  the last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
+- `GET /api/live/patches?after=ID`: server-sent events `patch` after that id (also from the header `Last-Event-ID`);
+  `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
+  are missing, so read the document again.
+- `GET /api/live/runs/KEY?time=T`: a run at a time, see `run_view.history_data`; also of a bag.
+- `GET /api/live/runs/KEY/why`: why it failed. `GET /api/live/runs/KEY/nodes/ID?time=T`: parameters and conditions of a
+  node, of a task that has ended as they were last read.
+- `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task.
+- `GET /api/live/mesh?url=URL`: a mesh of an element or robot in the document, or a file beside it.
+- `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs of trees in one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse, StreamingResponse
+
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.live import TASK_ACTIONS, LiveCell, LiveView
+from skiros2_gateway.core.run_view import history_data
+from skiros2_gateway.http.app import CallerArg, ServiceArg
+from skiros2_runs.core.states import ROLE_COLOURS, NodeState, StateStyle, TaskState, style_of
+from skiros2_runs.core.task_run import TaskRun
+
+#: What the page may load: its own files only, and pictures that it draws itself.
+_POLICY = "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; frame-ancestors 'none'"
+
+
+def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
+    """Returns the routes of the live view."""
+    router = APIRouter(prefix="/api/live")
+
+    def find(key: str) -> TaskRun:
+        return bags.find_run(key) if key.startswith("bag/") else view.find_run(key)
+
+    def live_run(key: str) -> TaskRun:
+        run = find(key)
+        if key.startswith("bag/") or run.is_finished:
+            raise Refused(f"{key} has ended")
+        return run
+
+    @router.get("")
+    async def document(caller: CallerArg, service: ServiceArg) -> Response:
+        """The document, and the id of the last patch."""
+        service.view(caller)
+        found = {**view.snapshot(), "styles": _styles(), "role": caller.role.name.lower(), "user": caller.user}
+        return _json(found)
+
+    @router.get("/patches")
+    async def patches(request: Request, caller: CallerArg, service: ServiceArg, after: str = "") -> StreamingResponse:
+        """Server-sent patches after an id."""
+        service.view(caller)
+        stream = view.stream.follow(request.headers.get("last-event-id", after))
+
+        async def lines() -> AsyncIterator[bytes]:
+            yield b"retry: 500\n\n"
+            async for event in stream:
+                yield event.message
+
+        return StreamingResponse(lines(), media_type="text/event-stream")
+
+    @router.get("/mesh")
+    async def mesh(caller: CallerArg, service: ServiceArg, url: str) -> FileResponse:
+        """A mesh of the document."""
+        service.view(caller)
+        path = cell.mesh_file(url)
+        if not path.is_file():
+            raise UnknownName(f"{url}: there is no file {path}")
+        return FileResponse(path)
+
+    @router.get("/bags")
+    async def list_bags(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
+        """The recorded runs: {bags: [{name, size, time}]}, the newest first."""
+        service.view(caller)
+        return {"bags": bags.list()}
+
+    @router.get("/bags/{name}")
+    async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
+        """The runs of trees in a bag, by key: see `run_view.summary_data`."""
+        service.view(caller)
+        return _json({"runs": await asyncio.to_thread(bags.open, name)})
+
+    @router.get("/runs/{key:path}/why")
+    async def why(caller: CallerArg, service: ServiceArg, key: str) -> dict[str, Any]:
+        """Why a run failed: {text, explanations}."""
+        service.view(caller)
+        run = view.find_run(key)
+        return await cell.why(run.robot, run.task_id)
+
+    @router.get("/runs/{key:path}/nodes/{node}")
+    async def node(
+        caller: CallerArg, service: ServiceArg, key: str, node: int, time: float | None = None
+    ) -> dict[str, Any]:
+        """The parameters and conditions of a node."""
+        service.view(caller)
+        run = find(key)
+        if time is None and not run.is_finished and not key.startswith("bag/"):
+            run.add_values(await cell.inspect(run.robot, run.task_id, node))
+        values = run.values_at(node, run.latest.time if time is None else time)
+        if values is None:
+            raise UnknownName(f"the values of node {node} of {key} were not read while it ran")
+        return values.to_dict()
+
+    @router.get("/runs/{key:path}")
+    async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: float | None = None) -> Response:
+        """A run at a time."""
+        service.view(caller)
+        return _json(history_data(find(key), time))
+
+    @router.post("/runs/{key}/{action}")
+    async def command(caller: CallerArg, service: ServiceArg, key: str, action: str) -> dict[str, Any]:
+        """Stops, pauses, resumes or steps a task."""
+        if action not in TASK_ACTIONS:
+            raise UnknownName(f"there is no action {action!r}; there are: {', '.join(TASK_ACTIONS)}")
+
+        async def send() -> dict[str, Any]:
+            run = live_run(key)
+            await cell.command(action, run.robot, run.task_id)
+            return {}
+
+        return await service.command(caller, f"{action} task", key, send)
+
+    return router
+
+
+def page_router(folder: Path) -> APIRouter:
+    """Returns the routes of the page; they need no credentials, as the page has no data of the cell.
+
+    :param folder: of the bundled files.
+    """
+    router = APIRouter()
+    files = {path.name: path for path in folder.glob("*")} if folder.is_dir() else {}
+    headers = {"Content-Security-Policy": _POLICY}
+
+    @router.get("/", include_in_schema=False)
+    async def page() -> Response:
+        if "index.html" not in files:
+            text = "The page is not installed. Run: make setup (it needs npm); REST works: see /openapi.json\n"
+            return Response(text, 404, media_type="text/plain")
+        return FileResponse(files["index.html"], headers=headers)
+
+    @router.get("/page/states.css", include_in_schema=False)
+    async def colours() -> Response:
+        lines = [f"--{role}: light-dark({light}, {dark});" for role, (light, dark) in ROLE_COLOURS.items()]
+        return Response(f":root {{{' '.join(lines)}}}\n", media_type="text/css")
+
+    @router.get("/page/{name}", include_in_schema=False)
+    async def asset(name: str) -> FileResponse:
+        if name not in files:
+            raise UnknownName(f"the page has no file {name}")
+        return FileResponse(files[name], headers=headers)
+
+    return router
+
+
+def _styles() -> dict[str, Any]:
+    def data(style: StateStyle) -> dict[str, str]:
+        return {"symbol": style.symbol, "word": style.word, "role": style.colour_role}
+
+    return {
+        "node": {int(state): data(style_of(state)) for state in NodeState},
+        "task": {str(state): data(style_of(state)) for state in TaskState},
+    }
+
+
+def _json(data: Any) -> Response:
+    return Response(json.dumps(data, separators=(",", ":")), media_type="application/json")

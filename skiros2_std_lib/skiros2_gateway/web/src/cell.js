@@ -1,0 +1,122 @@
+// The connection to the gateway: the document of the live view, followed by patches, and requests.
+
+import { localName, notice } from "./dom.js";
+
+// An answer with problem details (RFC 9457).
+export class Refusal extends Error {
+  constructor(problem) {
+    super(problem.detail ?? problem.title);
+    this.status = problem.status;
+    this.problems = problem.problems ?? [];
+  }
+}
+
+// Sends a request; with a body or a method it is a command.
+export async function request(path, body, method = body === undefined ? "GET" : "POST") {
+  const headers = method === "GET" ? {} : { "X-Gateway": "1", "Content-Type": "application/json" };
+  const response = await fetch(path, { method, headers, body: body === undefined ? undefined : JSON.stringify(body) });
+  const answer = await response.json();
+  if (!response.ok) throw new Refusal({ status: response.status, ...answer });
+  return answer;
+}
+
+// Applies a JSON Merge Patch (RFC 7396) in place.
+export function applyPatch(target, patch) {
+  for (const [key, value] of Object.entries(patch)) {
+    if (value === null) delete target[key];
+    else if (typeof value === "object" && !Array.isArray(value)) {
+      const old = target[key];
+      const isObject = typeof old === "object" && old !== null && !Array.isArray(old);
+      applyPatch(isObject ? old : (target[key] = {}), value);
+    } else target[key] = value;
+  }
+}
+
+// The document. Dispatches `change` (detail: the patch, or null for a new document), `connection` and `denied`.
+export class Cell extends EventTarget {
+  document = null;
+  connection = "connecting";
+  role = "";
+  user = "";
+  styles = {};
+  #source = null;
+  #retry = 0;
+  #offset = 0;
+
+  // The gateway's time (s since the epoch).
+  get now() {
+    return Date.now() / 1000 + this.#offset;
+  }
+
+  get mayCommand() {
+    return this.role === "operate" || this.role === "maintain";
+  }
+
+  // The name of an element for people: its label, or its id.
+  label(id) {
+    return this.document?.elements[id]?.label || localName(String(id));
+  }
+
+  async connect() {
+    clearTimeout(this.#retry);
+    this.#source?.close();
+    this.#source = null;
+    let answer;
+    try {
+      answer = await request("/api/live");
+    } catch (error) {
+      if (error instanceof Refusal && (error.status === 401 || error.status === 403)) {
+        this.#setConnection("denied");
+        this.dispatchEvent(new CustomEvent("denied", { detail: error }));
+      } else {
+        this.#setConnection("lost");
+        this.#retry = setTimeout(() => this.connect(), 500);
+      }
+      return;
+    }
+    ({ document: this.document, role: this.role, user: this.user, styles: this.styles } = answer);
+    this.#offset = answer.time - Date.now() / 1000;
+    this.#setConnection("live");
+    this.#changed(null);
+    this.#follow(answer.event);
+  }
+
+  #follow(event) {
+    const source = (this.#source = new EventSource(`/api/live/patches?after=${encodeURIComponent(event)}`));
+    source.addEventListener("patch", (message) => {
+      const { data, time } = JSON.parse(message.data);
+      // The event that took the shortest way tells most about the difference of the clocks.
+      this.#offset = Math.max(this.#offset, time - Date.now() / 1000);
+      applyPatch(this.document, data);
+      this.#changed(data);
+    });
+    source.addEventListener("reset", () => this.connect());
+    source.addEventListener("open", () => this.#setConnection("live"));
+    source.addEventListener("error", () => {
+      this.#setConnection("lost");
+      // A refused stream is closed by the browser, a lost one is opened again by it.
+      if (source.readyState === EventSource.CLOSED) this.#retry = setTimeout(() => this.connect(), 500);
+    });
+  }
+
+  #changed(patch) {
+    this.dispatchEvent(new CustomEvent("change", { detail: patch }));
+  }
+
+  #setConnection(state) {
+    if (this.connection === state) return;
+    this.connection = state;
+    this.dispatchEvent(new CustomEvent("connection"));
+  }
+}
+
+// Shows the error of a command; returns whether it was carried out.
+export async function notify(command) {
+  try {
+    await command;
+    return true;
+  } catch (error) {
+    notice(error.message);
+    return false;
+  }
+}

@@ -1,0 +1,182 @@
+// Robots, jobs, runs and recorded runs, with the commands for those with the role.
+
+import { notify, request } from "./cell.js";
+import { openJobDialog } from "./job_dialog.js";
+import { clock, duration, h, keyed, localName, setText } from "./dom.js";
+
+const ROBOT_ROLES = { busy: "running", idle: "idle", paused: "paused" };
+const JOB_ROLES = { Running: "running", Interrupted: "paused", Ended: "success", Aborted: "failure" };
+const JOB_METHODS = {
+  NotAllowedToStart: ["start", "cancel"], AllowedToStart: ["cancel"], Running: ["pause", "stop"],
+  Interrupted: ["resume", "stop"], Ended: ["clear"], Aborted: ["clear"],
+};
+const JOB_WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted",
+  Ended: "succeeded", Aborted: "failed" };
+const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
+
+export class CellPanel {
+  tables = ["cell", "jobs", "goals", "runs"];
+
+  constructor(panel, cell, run) {
+    this.cell = cell;
+    this.run = run;
+    const list = () => h("div", { class: "list" });
+    [this.robots, this.jobs, this.runs, this.bags] = [list(), list(), list(), list()];
+    this.newJob = h("button", { class: "primary small", id: "new-job", onclick: () => openJobDialog(cell) }, "New job");
+    this.runsTitle = h("h2", {}, "Runs");
+    this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("", {}) }, "Back to the cell");
+    panel.append(
+      h("header", {}, h("h2", {}, "Robots")), this.robots,
+      h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs,
+      h("header", {}, this.runsTitle, this.bagsBack), this.runs,
+      h("details", { ontoggle: (event) => event.target.open && this.#readBags() },
+        h("summary", {}, "Recorded runs"), this.bags),
+    );
+  }
+
+  render() {
+    const { cell, jobs } = this.cell.document;
+    this.newJob.hidden = !this.cell.mayCommand;
+    keyed(this.robots, cell.robots ?? [], (robot) => robot.name, () => this.#makeRobot(), (e, robot) => this.#showRobot(e, robot));
+    empty(this.robots, "No robot is connected.");
+    const shown = Object.values(jobs).sort((a, b) => b.sequence - a.sequence);
+    keyed(this.jobs, shown, (job) => job.id, () => this.#makeJob(), (element, job) => this.#showJob(element, job));
+    empty(this.jobs, "No jobs.");
+    const runs = Object.entries(this.run.bagName ? this.run.bag : this.cell.document.runs);
+    setText(this.runsTitle, this.run.bagName ? `Runs in ${this.run.bagName}` : "Runs");
+    this.bagsBack.hidden = !this.run.bagName;
+    runs.sort(([, a], [, b]) => b.start - a.start);
+    keyed(this.runs, runs, ([key]) => key, () => this.#makeRun(), (element, entry) => this.#showRun(element, entry));
+    empty(this.runs, "No task has run yet.");
+  }
+
+  #makeRobot() {
+    const element = card();
+    const robots = () => [element.item.name];
+    element.buttons.append(...["pause", "resume", "stop"].map((action) =>
+      button(action, () => request(`/api/robots/${action}`, { robots: robots() }))));
+    return element;
+  }
+
+  #showRobot(element, robot) {
+    element.item = robot;
+    const tasks = robot.tasks.map((task) => task.label).join(", ");
+    const { succeeded, failed } = robot.counters;
+    const counts = `${succeeded} succeeded${failed ? `, ${failed} failed` : ""}`;
+    fill(element, ROBOT_ROLES[robot.state] ?? "failure", localName(robot.name.slice(1)), robot.state.replaceAll("_", " "),
+      robot.reason || tasks || counts);
+    const isPaused = robot.state === "paused";
+    this.#showButtons(element, { pause: tasks && !isPaused, resume: isPaused, stop: tasks });
+  }
+
+  #makeJob() {
+    const element = card();
+    const methods = ["start", "pause", "resume", "stop", "cancel", "clear"];
+    element.buttons.append(...methods.map((method) =>
+      button(method, () => request(`/api/jobs/${element.item.id}/${method}`, {}))));
+    return element;
+  }
+
+  #showJob(element, job) {
+    element.item = job;
+    const { response, order, state } = job;
+    const goal = this.cell.document.goals[job.id];
+    const hasFailed = state === "Aborted" || !REACHED.has(response.outcome);
+    const role = hasFailed ? "failure" : (JOB_ROLES[state] ?? "idle");
+    const values = Object.values(order.parameters).map((value) => this.cell.label(value)).join(", ");
+    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : job.goal);
+    const word = state === "Ended" && hasFailed ? response.outcome.replaceAll("_", " ") : JOB_WORDS[state];
+    const steps = Object.values(goal?.steps ?? {});
+    const done = steps.filter((step) => step.state === "succeeded").length;
+    const progress = goal?.plan.length ? `step ${Math.min(done + 1, goal.plan.length)} of ${goal.plan.length}` : (goal?.phase ?? "");
+    const took = response.started ? `took ${duration(response.ended - response.started)}` : "";
+    fill(element, role, title, word, hasFailed ? response.message : state === "Running" ? progress : took || job.id);
+    const allowed = JOB_METHODS[state];
+    this.#showButtons(element, Object.fromEntries(["start", "pause", "resume", "stop", "cancel", "clear"]
+      .map((method) => [method, allowed.includes(method)])));
+  }
+
+  #makeRun() {
+    const element = card();
+    element.classList.add("clickable");
+    element.tabIndex = 0;
+    const select = () => {
+      const [key, summary] = element.item;
+      this.run.select(key, key.startsWith("bag/") ? summary.start : null);
+      element.dispatchEvent(new CustomEvent("show-panel", { detail: "tree", bubbles: true }));
+    };
+    element.addEventListener("click", select);
+    element.addEventListener("keydown", (event) => event.key === "Enter" && select());
+    return element;
+  }
+
+  #showRun(element, entry) {
+    element.item = entry;
+    const [key, summary] = entry;
+    const style = this.cell.styles.task[summary.state];
+    const took = duration((summary.end ?? this.cell.now) - summary.start);
+    fill(element, style.role, summary.name, `${style.symbol} ${summary.state}`,
+      `${clock(summary.start)}, ${took}, ${summary.robot.slice(1)}`);
+    element.classList.toggle("selected", key === this.run.key);
+  }
+
+  #showButtons(element, wanted) {
+    for (const each of element.buttons.children) each.hidden = !this.cell.mayCommand || !wanted[each.dataset.action];
+    element.buttons.hidden = ![...element.buttons.children].some((each) => !each.hidden);
+  }
+
+  async #readBags() {
+    try {
+      const { bags } = await request("/api/live/bags");
+      const open = async (name) => {
+        const { runs } = await request(`/api/live/bags/${encodeURIComponent(name)}`);
+        if (!Object.keys(runs).length) throw new Error(`${name} has no runs`);
+        this.run.openBag(name, runs);
+      };
+      keyed(this.bags, bags, (bag) => bag.name, (bag) => {
+        const element = card();
+        element.classList.add("clickable");
+        element.addEventListener("click", () => notify(open(bag.name)));
+        return element;
+      }, (element, bag) =>
+        fill(element, "idle", bag.name.replaceAll("~", "/"), `${(bag.size / 1e6).toFixed(1)} MB`, new Date(bag.time * 1000).toLocaleString()));
+      empty(this.bags, "The gateway has no folder of bags (argument bags), or it is empty.");
+    } catch (error) {
+      notify(Promise.reject(error));
+    }
+  }
+}
+
+function card() {
+  const element = h("div", { class: "card" });
+  const part = (name) => (element[name] = h("span", { class: name }));
+  element.append(part("title2"), part("chip"), part("detail"), part("buttons"));
+  return element;
+}
+
+function fill(element, role, title, word, detail) {
+  setText(element.title2, title);
+  setText(element.chip, word);
+  setText(element.detail, detail);
+  element.detail.title = detail;
+  element.chip.className = `chip ${role}`;
+}
+
+export function button(action, command) {
+  const label = action[0].toUpperCase() + action.slice(1).replaceAll("_", " ");
+  const onclick = (event) => {
+    event.stopPropagation();
+    event.target.disabled = true;
+    notify(command()).finally(() => (event.target.disabled = false));
+  };
+  return h("button", { class: `small ${action}`, "data-action": action, onclick }, label);
+}
+
+// Shows a text while a list is empty.
+function empty(list, text) {
+  const isEmpty = !list.querySelector(".card");
+  list.note ??= h("p", { class: "empty" });
+  setText(list.note, text);
+  if (isEmpty) list.append(list.note);
+  else list.note.remove();
+}

@@ -1,0 +1,172 @@
+// The bar of the shown run with its history, the details of a node, and the log.
+
+import { button } from "./cell_panel.js";
+import { notify, request } from "./cell.js";
+import { clock, duration, h, keyed, setText } from "./dom.js";
+
+const VERDICTS = { holds: ["✓", "success"], fails: ["✗", "failure"], unknown: ["?", "idle"] };
+
+export class RunBar {
+  tables = ["runs", "trees"];
+
+  constructor(panel, cell, run) {
+    [this.cell, this.run] = [cell, run];
+    this.chip = h("span", { class: "chip" });
+    this.name = h("b");
+    this.times = h("span", { class: "dim" });
+    this.buttons = h("span", { class: "buttons" }, ["pause", "resume", "step", "stop"].map((action) =>
+      button(action, () => request(`/api/live/runs/${run.key}/${action}`, {}))),
+      button("why", () => this.#explain()));
+    this.slider = h("input", { type: "range", min: 0, step: "any", "aria-label": "Time of the run", oninput: () => this.#seek() });
+    this.at = h("span", { class: "at" });
+    this.live = h("button", { class: "small", onclick: () => run.select(run.key) }, "Live");
+    this.why = h("div", { class: "why", hidden: true });
+    panel.append(h("div", { class: "line" }, this.chip, this.name, this.times, this.buttons),
+      h("div", { class: "line history" }, this.slider, this.at, this.live), this.why);
+    this.panel = panel;
+  }
+
+  render() {
+    const { run, cell } = this;
+    const summary = run.summary;
+    this.panel.hidden = !summary;
+    if (!summary) return;
+    const state = run.state ?? summary.state;
+    const style = cell.styles.task[state] ?? { symbol: "?", role: "changed" };
+    this.chip.className = `chip ${style.role}`;
+    setText(this.chip, `${style.symbol} ${state}`);
+    setText(this.name, summary.name);
+    setText(this.times, `${summary.robot.slice(1)}, since ${clock(summary.start)}`);
+    const total = (summary.end ?? cell.now) - summary.start;
+    this.slider.max = total;
+    if (document.activeElement !== this.slider || run.time === null) this.slider.value = run.elapsed;
+    setText(this.at, `${duration(run.elapsed)}${run.time === null ? "" : ` of ${duration(total)}`}`);
+    this.live.hidden = run.time === null;
+    setText(this.live, run.hasEnded ? "To the end" : "Live");
+    const isPaused = summary.state === "paused";
+    const may = cell.mayCommand && !run.hasEnded && run.time === null;
+    const shown = { pause: may && !isPaused, resume: may && isPaused, step: may && isPaused, stop: may,
+      why: ["failed", "lost"].includes(summary.state) && !run.bagName };
+    for (const each of this.buttons.children) each.hidden = !shown[each.dataset.action];
+    if (this.shownKey !== run.key) this.why.hidden = true;
+    this.shownKey = run.key;
+  }
+
+  #seek() {
+    const summary = this.run.summary;
+    const isEnd = this.slider.valueAsNumber >= Number(this.slider.max) - 0.01;
+    this.run.select(this.run.key, isEnd && !this.run.bagName ? null : summary.start + this.slider.valueAsNumber);
+  }
+
+  async #explain() {
+    const { text } = await request(`/api/live/runs/${this.run.key}/why`);
+    this.why.replaceChildren(h("pre", {}, text));
+    this.why.hidden = !this.why.hidden;
+  }
+}
+
+export class NodeDetails {
+  tables = ["trees", "runs"];
+  #status = null;
+  #asked = 0;
+  #answer = "";
+
+  constructor(panel, cell, run) {
+    [this.cell, this.run] = [cell, run];
+    this.title = h("h3");
+    this.facts = h("dl", { class: "facts" });
+    this.parameters = h("dl", { class: "facts parameters" });
+    this.conditions = h("ul", { class: "conditions" });
+    this.note = h("p", { class: "dim" });
+    this.element = h("aside", { class: "details", hidden: true },
+      h("header", {}, this.title, h("button", { class: "small", "aria-label": "Close", onclick: () => run.selectNode(null) }, "✕")),
+      this.facts, h("h4", {}, "Conditions"), this.conditions, h("h4", {}, "Parameters"), this.parameters, this.note);
+    panel.append(this.element);
+    run.addEventListener("change", () => this.#read());
+    setInterval(() => this.#read(), 1000);
+  }
+
+  render() {
+    const { run, cell } = this;
+    const index = run.index;
+    this.element.hidden = index < 0;
+    if (index < 0) return;
+    const { shape, rows } = run.tree;
+    const [state, code, began, ended, message] = rows[index];
+    const style = cell.styles.node[state] ?? { symbol: "?", word: "unknown", role: "changed" };
+    setText(this.title, shape.names[index]);
+    const facts = [["State", `${style.symbol} ${style.word}`], ["Type", shape.types[index]],
+      ["Processor", shape.processors[index]], ["Message", message], ["Code", code || ""],
+      ["Started", began >= 0 ? `${clock(run.summary.start + began)}, after ${duration(began)}` : ""],
+      ["Ran for", began >= 0 ? duration((ended >= 0 ? ended : run.elapsed) - began) : ""]];
+    showFacts(this.facts, facts.filter(([, value]) => value !== ""));
+    const status = this.#answer === this.#key ? this.#status : null;
+    setText(this.note, status ? "" : run.hasEnded || run.time !== null
+      ? "Values are known of nodes that were looked at while the task ran." : "Reading the values…");
+    keyed(this.conditions, status?.conditions ?? [], (each) => `${each.stage} ${each.label}`, () => h("li"), (item, each) => {
+      const [symbol, role] = VERDICTS[each.verdict];
+      item.className = role;
+      const text = `${symbol} ${each.stage}  ${each.text}${each.found ? `  (${each.found})` : ""}`;
+      setText(item, text);
+    });
+    showFacts(this.parameters, (status?.params ?? []).map(({ key, value, source }) => [key, value ? `${value}  (${source})` : "unset"]));
+    for (const title of this.element.querySelectorAll("h4")) title.hidden = !title.nextElementSibling.children.length;
+  }
+
+  get #key() {
+    return `${this.run.key} ${this.run.node} ${this.run.time ?? ""}`;
+  }
+
+  async #read() {
+    const { run } = this;
+    if (run.node === null || !run.key || this.element.offsetParent === null && this.#answer === this.#key) return;
+    if (run.hasEnded && this.#answer === this.#key) return;
+    if (Date.now() - this.#asked < 900 && this.#answer === this.#key) return;
+    const key = this.#key;
+    this.#asked = Date.now();
+    try {
+      const query = run.time === null ? "" : `?time=${run.time}`;
+      this.#status = await request(`/api/live/runs/${run.key}/nodes/${run.node}${query}`);
+    } catch {
+      this.#status = null; // the node is a control-flow node, or the task has ended
+    }
+    this.#answer = key;
+    this.render();
+  }
+}
+
+export function showFacts(list, facts) {
+  keyed(list, facts, ([name]) => name, ([name]) => h("div", {}, h("dt", {}, name), h("dd")),
+    (item, [, value]) => setText(item.lastChild, String(value)));
+}
+
+export class LogView {
+  tables = ["trees"];
+  #asked = "";
+
+  constructor(panel, cell, run) {
+    [this.cell, this.run] = [cell, run];
+    this.list = h("ol", { class: "log" });
+    this.empty = h("p", { class: "empty" }, "No messages.");
+    panel.append(this.list, this.empty);
+  }
+
+  render() {
+    const run = this.run;
+    // The log comes with the history; a live run's log is read again when the tree has changed.
+    const asked = `${run.key} ${run.summary?.end ?? Math.floor(run.elapsed)}`;
+    if (run.key && run.isLive && asked !== this.#asked) {
+      this.#asked = asked;
+      run.readHistory();
+    }
+    const lines = run.log.map((line, i) => ({ ...line, i }));
+    this.empty.hidden = lines.length > 0;
+    keyed(this.list, lines, (line) => `${run.key} ${line.i}`, () => h("li", {}, h("time"), h("b"), h("span")), (item, line) => {
+      const style = this.cell.styles.node[line.state] ?? { symbol: "?", role: "changed" };
+      item.className = style.role;
+      setText(item.children[0], duration(line.time - run.summary.start));
+      setText(item.children[1], `${style.symbol} ${line.name}`);
+      setText(item.children[2], line.message);
+    });
+  }
+}

@@ -1,0 +1,112 @@
+// The dialog that starts a job: a work master with its parameters, or a goal in words of the planner.
+
+import { notify, request } from "./cell.js";
+import { duration, h, notice } from "./dom.js";
+
+const OWN_GOAL = "";
+
+export async function openJobDialog(cell) {
+  let masters;
+  if (!(await notify(request("/api/work_masters").then((answer) => (masters = answer.work_masters))))) return;
+  const choice = h("select", { id: "work-master" },
+    masters.map((master) => h("option", { value: master.id }, master.description || master.id.replaceAll("_", " "))),
+    h("option", { value: OWN_GOAL }, "A goal…"));
+  const fields = h("div", { class: "fields" });
+  const problems = h("ul", { class: "problems" });
+  const preview = h("div", { class: "preview" });
+  const form = h("form", { method: "dialog" },
+    h("h2", {}, "New job"), h("label", {}, "Job", choice), fields, preview, problems,
+    h("footer", {}, h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"),
+      h("button", { type: "button", id: "make-plan", onclick: plan }, "Plan"),
+      h("button", { type: "submit", class: "primary", id: "start-job" }, "Start")));
+  const dialog = h("dialog", { class: "job", onclose: () => dialog.remove() }, form);
+  let master = null;
+
+  function showFields() {
+    master = masters.find((each) => each.id === choice.value) ?? null;
+    fields.replaceChildren(...(master ? master.parameters.map((parameter) => field(cell, parameter)) : [
+      h("label", {}, "Goal", h("textarea", { name: "goal", rows: 3, placeholder: "(skiros:contain demo:Tray-12 skiros:Product-14)" })),
+    ]));
+    preview.replaceChildren();
+    problems.replaceChildren();
+  }
+
+  function order() {
+    const entries = [...fields.querySelectorAll("[name]")].filter((input) => input.value !== "").map((input) => [input.name, valueOf(input)]);
+    const values = Object.fromEntries(entries);
+    return master ? { work_master: master.id, parameters: values } : { goal: values.goal ?? "" };
+  }
+
+  async function plan() {
+    preview.replaceChildren(h("p", { class: "dim" }, "Planning…"));
+    problems.replaceChildren();
+    const { goal = filled(master, order().parameters) } = order();
+    try {
+      const answer = await request("/api/plan", { goal });
+      preview.replaceChildren(
+        h("p", {}, answer.plan.length ? `${answer.plan.length} steps, ${duration(answer.makespan)}` : answer.message),
+        h("ol", {}, answer.plan.map((step) => h("li", {}, h("b", {}, step.label), " ",
+          Object.values(step.arguments).map((id) => cell.label(id)).join(", ")))));
+    } catch (error) {
+      preview.replaceChildren();
+      show(error);
+    }
+  }
+
+  function show(error) {
+    const found = error.problems?.length ? error.problems : [{ message: error.message }];
+    problems.replaceChildren(...found.map((each) => h("li", {}, each.where ? h("b", {}, `${each.where}: `) : "", each.message)));
+  }
+
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    try {
+      await request("/api/jobs", { id: `${cell.user}-${crypto.getRandomValues(new Uint32Array(2)).join("")}`, ...order() });
+      dialog.close();
+      notice("The job is in the queue.", "success");
+    } catch (error) {
+      show(error);
+    }
+  });
+  choice.addEventListener("change", showFields);
+  showFields();
+  document.body.append(dialog);
+  dialog.showModal();
+}
+
+function field(cell, parameter) {
+  const basic = ["string", "number", "integer", "boolean"].includes(parameter.type);
+  const choices = parameter.choices?.length ? parameter.choices : parameter.type === "boolean" ? ["true", "false"] : null;
+  let input;
+  if (!basic) input = h("select", {}, elementOptions(cell, parameter.type)); else if (choices) input = h("select", {}, choices.map((value) => h("option", { value }, String(value))));
+  else {
+    const type = parameter.type === "number" || parameter.type === "integer" ? "number" : "text";
+    input = h("input", { type, min: parameter.minimum, max: parameter.maximum, step: type === "number" ? "any" : null });
+  }
+  input.name = parameter.id;
+  input.dataset.type = parameter.type;
+  if (parameter.default != null) input.value = parameter.default;
+  return h("label", {}, parameter.id, input, h("small", {}, parameter.description ?? ""));
+}
+
+// Elements of a class; then other physical ones, for the page does not know the subclasses. The gateway checks the choice.
+function elementOptions(cell, type) {
+  const elements = Object.values(cell.document.elements).sort((a, b) => a.label.localeCompare(b.label));
+  const option = (element) => h("option", { value: element.id }, element.label || element.id);
+  const others = elements.filter((element) => element.type !== type && "skiros:BaseFrameId" in element.properties);
+  return [elements.filter((element) => element.type === type).map(option),
+    h("optgroup", { label: "Other elements" }, others.map(option))];
+}
+
+function valueOf(input) {
+  if (input.dataset.type === "number" || input.dataset.type === "integer") return Number(input.value);
+  return input.dataset.type === "boolean" ? input.value === "true" : input.value;
+}
+
+// The goal of a work master with its values, as the gateway fills it.
+function filled(master, values) {
+  return master.goal.replace(/\{(\w+)\}/g, (_, name) => {
+    const value = values[name] ?? "";
+    return typeof value === "string" ? `"${value}"` : String(value);
+  });
+}

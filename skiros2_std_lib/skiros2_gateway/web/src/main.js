@@ -1,0 +1,177 @@
+// The page: panels, their choice, the login, and one drawing for all changes of a moment.
+
+import { Cell, notify, request } from "./cell.js";
+import { CellPanel } from "./cell_panel.js";
+import { LogView, NodeDetails, RunBar } from "./details.js";
+import { h, setText } from "./dom.js";
+import { PlanView } from "./plan.js";
+import { ShownRun } from "./run.js";
+import { SignalsView } from "./signals.js";
+import { TreeView } from "./tree.js";
+import { Selection, WorldView } from "./world.js";
+
+const PANELS = { cell: "Cell", tree: "Tree", plan: "Plan", log: "Log", signals: "Signals", scene: "3D", world: "World" };
+const REGIONS = { centre: ["tree", "plan", "log", "signals"], right: ["scene", "world"],
+  phone: ["cell", "tree", "plan", "scene", "world", "log", "signals"] };
+const CONNECTIONS = { connecting: ["connecting", "idle"], live: ["live", "success"], lost: ["reconnecting…", "failure"],
+  denied: ["not logged in", "idle"] };
+
+const main = document.getElementById("main");
+const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
+const cell = new Cell();
+const run = new ShownRun(cell);
+const selection = new Selection();
+const signals = new SignalsView(panelOf("signals"), cell);
+const views = [
+  [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run)],
+  [document.getElementById("run-bar"), new RunBar(document.getElementById("run-bar"), cell, run)],
+  [panelOf("tree"), new TreeView(panelOf("tree"), run, () => cell.styles)],
+  [panelOf("tree"), new NodeDetails(panelOf("tree"), cell, run)],
+  [panelOf("plan"), new PlanView(panelOf("plan"), cell)],
+  [panelOf("log"), new LogView(panelOf("log"), cell, run)],
+  [panelOf("signals"), signals],
+  [panelOf("world"), new WorldView(panelOf("world"), cell, selection)],
+];
+
+// -- drawing: views whose tables have changed, at most once per picture, and only those in sight ------------------------
+
+const stale = new Set();
+let isDrawing = false;
+
+function draw(which = () => true) {
+  for (const entry of views) if (which(entry[1])) stale.add(entry);
+  if (isDrawing) return;
+  isDrawing = true;
+  requestAnimationFrame(() => {
+    isDrawing = false;
+    if (!cell.document) return;
+    for (const entry of stale) {
+      if (entry[0].offsetParent === null && !entry[0].hidden) continue; // another panel is shown
+      stale.delete(entry);
+      entry[1].render();
+    }
+  });
+}
+
+let scene = null;
+let isLoading = false;
+
+// The 3D view is a file of its own, read when the page is shown.
+async function showScene() {
+  if (isLoading || panelOf("scene").offsetParent === null || !cell.document) return;
+  isLoading = true;
+  try {
+    const { Scene } = await import("./scene.js");
+    scene = new Scene(panelOf("scene"), cell, selection);
+    scene.take(null);
+    scene.fit();
+    panelOf("scene").append(h("button", { class: "small fit", onclick: () => scene.fit() }, "Show all"));
+  } catch (error) {
+    panelOf("scene").append(h("p", { class: "empty" }, `No 3D view: ${error.message}`));
+  }
+}
+
+cell.addEventListener("change", ({ detail: patch }) => {
+  signals.take(patch ? (patch.signals ?? {}) : null);
+  if (!patch || patch.runs) run.refresh();
+  scene?.take(patch);
+  draw((view) => !patch || view.tables.some((table) => table in patch));
+  if (!patch) setTimeout(showScene);
+});
+run.addEventListener("change", () => draw());
+selection.addEventListener("change", () => {
+  draw((view) => view.tables.includes("elements"));
+  scene?.draw();
+});
+
+// Times of running nodes and steps go on without a change of the document.
+setInterval(() => {
+  const isRunning = !run.hasEnded && run.time === null;
+  if (isRunning || views.some(([, view]) => view.isMoving))
+    draw((view) => view.isMoving || (isRunning && view.tables.some((table) => table === "trees" || table === "runs")));
+}, 250);
+
+// -- the header and the choice of panels ------------------------------------------------------------------------------
+
+const connection = h("span", { class: "chip", id: "connection" });
+const user = h("button", { class: "small", onclick: logout, title: "Log out" });
+const stop = h("button", { class: "small stop", id: "stop-all", onclick: () => notify(request("/api/robots/stop", { robots: [] })) }, "Stop all tasks");
+const theme = h("button", { class: "small", title: "Dark or light", "aria-label": "Dark or light", onclick: () => setTheme(isDark() ? "light" : "dark") }, "◐");
+document.getElementById("header").append(h("h1", {}, "SkiROS2"), connection, h("span", { class: "grow" }), stop, user, theme);
+
+function showConnection() {
+  const [word, role] = CONNECTIONS[cell.connection];
+  connection.className = `chip ${role}`;
+  setText(connection, word);
+  document.body.classList.toggle("stale", cell.connection === "lost");
+  setText(user, cell.user);
+  user.hidden = !cell.user;
+  stop.hidden = !cell.mayCommand;
+}
+cell.addEventListener("connection", showConnection);
+
+function isDark() {
+  const chosen = document.documentElement.style.colorScheme;
+  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+}
+
+function setTheme(name) {
+  document.documentElement.style.colorScheme = name;
+  localStorage.theme = name;
+  scene?.theme();
+  draw();
+}
+if (localStorage.theme) setTheme(localStorage.theme);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => scene?.theme());
+
+function choose(region, name) {
+  main.dataset[region] = name;
+  for (const tab of document.querySelectorAll(`nav[data-region="${region}"] button`))
+    tab.setAttribute("aria-current", tab.dataset.tab === name);
+  draw();
+  showScene();
+  scene?.draw();
+}
+
+for (const [region, names] of Object.entries(REGIONS)) {
+  const nav = document.querySelector(`nav[data-region="${region}"]`);
+  nav.append(...names.map((name) => h("button", { "data-tab": name, onclick: () => choose(region, name) }, PANELS[name])));
+  choose(region, names[0]);
+}
+// A panel asks for another one, such as the list of runs for the tree.
+main.addEventListener("show-panel", ({ detail: name }) => {
+  choose("phone", name);
+  choose("centre", name);
+});
+
+// -- the login --------------------------------------------------------------------------------------------------------
+
+cell.addEventListener("denied", () => {
+  if (document.querySelector("dialog.login")) return;
+  const token = h("input", { type: "password", name: "token", id: "token", autocomplete: "current-password", required: true });
+  const problem = h("p", { class: "problems" });
+  const form = h("form", { method: "dialog" }, h("h2", {}, "Log in"),
+    h("label", {}, "Token", token, h("small", {}, "The gateway's file users.yaml has a token for each user.")), problem,
+    h("footer", {}, h("button", { class: "primary", id: "login" }, "Log in")));
+  const dialog = h("dialog", { class: "login", oncancel: (event) => event.preventDefault() }, form);
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    try {
+      await request("/api/session", { token: token.value });
+      dialog.remove();
+      cell.connect();
+    } catch (error) {
+      setText(problem, error.message);
+    }
+  });
+  document.body.append(dialog);
+  dialog.showModal();
+});
+
+async function logout() {
+  await notify(request("/api/session", undefined, "DELETE"));
+  location.reload();
+}
+
+showConnection();
+cell.connect();

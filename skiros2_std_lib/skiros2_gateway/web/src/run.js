@@ -1,0 +1,117 @@
+// The run that is shown: live, or at a time of its history.
+
+import { request } from "./cell.js";
+
+// Dispatches `change` when another run or time is shown, or a part of the history has arrived.
+export class ShownRun extends EventTarget {
+  key = null;
+  time = null; // s since the epoch; null: live
+  node = null; // the id of the selected node
+  bag = {}; // the runs of an open bag, by key
+  bagName = "";
+  #history = null;
+  #isAsking = false;
+  #isFollowing = true;
+
+  constructor(cell) {
+    super();
+    this.cell = cell;
+  }
+
+  get summary() {
+    return this.bag[this.key] ?? this.cell.document?.runs[this.key] ?? null;
+  }
+
+  get isLive() {
+    return this.time === null && this.key in (this.cell.document?.trees ?? {});
+  }
+
+  // {shape, rows}, or null before it has arrived.
+  get tree() {
+    return this.isLive ? this.cell.document.trees[this.key] : (this.#history?.tree ?? null);
+  }
+
+  get log() {
+    return this.#history?.log ?? [];
+  }
+
+  // The state of the task at the shown time.
+  get state() {
+    return this.isLive ? this.summary?.state : (this.#history?.state ?? this.summary?.state);
+  }
+
+  get hasEnded() {
+    return !this.summary || this.summary.end !== undefined;
+  }
+
+  // The shown time, as s after the start of the run.
+  get elapsed() {
+    const summary = this.summary;
+    if (!summary) return 0;
+    return (this.time ?? summary.end ?? this.cell.now) - summary.start;
+  }
+
+  get index() {
+    return this.tree ? this.tree.shape.ids.indexOf(this.node) : -1;
+  }
+
+  select(key, time = null) {
+    const isOther = key !== this.key;
+    if (isOther) [this.node, this.#history] = [null, null];
+    [this.key, this.time] = [key, time];
+    this.#isFollowing = false;
+    this.#changed();
+    if (key && !this.isLive) this.readHistory();
+  }
+
+  selectNode(id) {
+    this.node = id;
+    this.#changed();
+  }
+
+  // Shows the newest run, until a run is selected by hand; a selected one stays while it exists.
+  refresh() {
+    const runs = Object.entries(this.cell.document.runs);
+    const newest = runs.reduce((best, entry) => (!best || entry[1].start >= best[1].start ? entry : best), null);
+    const isGone = this.key && !this.summary;
+    const hasEndedLive = this.time === null && this.hasEnded && newest && newest[1].end === undefined;
+    if (newest && (isGone || !this.key || ((this.#isFollowing || hasEndedLive) && newest[0] !== this.key))) {
+      if (!this.bagName || isGone || !this.key) {
+        this.select(newest[0]);
+        this.#isFollowing = true;
+      }
+    } else if (isGone) this.select(null);
+  }
+
+  openBag(name, runs) {
+    [this.bagName, this.bag] = [name, runs];
+    const first = Object.keys(runs)[0] ?? null;
+    if (first) this.select(first, runs[first].start);
+    else if (!name && this.key?.startsWith("bag/")) this.select(null);
+    this.#changed();
+  }
+
+  // Reads the shown time; one request at a time, the last one counts.
+  async readHistory() {
+    if (this.#isAsking) return;
+    this.#isAsking = true;
+    try {
+      let asked;
+      do {
+        asked = `${this.key} ${this.time}`;
+        const query = this.time === null ? "" : `?time=${this.time}`;
+        const answer = await request(`/api/live/runs/${this.key}${query}`);
+        if (asked.startsWith(`${this.key} `)) this.#history = answer;
+        this.#changed();
+      } while (this.key && asked !== `${this.key} ${this.time}`);
+    } catch {
+      this.#history = null; // the run is not kept any more, or the gateway is away
+    } finally {
+      this.#isAsking = false;
+    }
+  }
+
+  #changed() {
+    this.dispatchEvent(new Event("change"));
+  }
+}

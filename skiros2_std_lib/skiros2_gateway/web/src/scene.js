@@ -1,0 +1,291 @@
+// The 3D view: elements where the world model or tf has them, and robots at their joints. Loaded after the page is shown.
+
+import * as three from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { ColladaLoader } from "three/addons/loaders/ColladaLoader.js";
+import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
+import { STLLoader } from "three/addons/loaders/STLLoader.js";
+
+import { h } from "./dom.js";
+
+const LABEL_HEIGHT = 0.11; // m
+
+export class Scene {
+  #frames = new Map(); // three.Group by the name of the tf frame
+  #elements = new Map(); // {group, marker} by id
+  #bodies = new Map(); // a list of meshes by robot
+  #files = new Map(); // promises of meshes by URL
+  #isWanted = false;
+
+  constructor(panel, cell, selection) {
+    [this.cell, this.selection, this.panel] = [cell, selection, panel];
+    this.renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    panel.append(this.renderer.domElement, h("i", { class: "label-style" }));
+    three.Object3D.DEFAULT_UP.set(0, 0, 1);
+    this.scene = new three.Scene();
+    this.camera = new three.PerspectiveCamera(45, 1, 0.05, 200);
+    this.camera.up.set(0, 0, 1);
+    this.camera.position.set(-3, -4.5, 4);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.target.set(1, 0, 0.3);
+    this.controls.addEventListener("change", () => this.draw());
+    const sun = new three.DirectionalLight(0xffffff, 2);
+    sun.position.set(-3, -5, 8);
+    this.scene.add(new three.HemisphereLight(0xffffff, 0x8a8f98, 1.8), sun);
+    this.grid = new three.GridHelper(20, 20);
+    this.grid.rotation.x = Math.PI / 2;
+    this.scene.add(this.grid);
+    this.outline = new three.BoxHelper(this.grid, 0x1f6fb2);
+    this.outline.visible = false;
+    this.scene.add(this.outline);
+    this.renderer.domElement.addEventListener("click", (event) => this.#pick(event));
+    new ResizeObserver(() => this.#resize()).observe(panel);
+    this.theme();
+  }
+
+  // Follows the dark or light theme.
+  theme() {
+    this.grid.material.color.set(getComputedStyle(this.panel).borderColor);
+    this.grid.material.vertexColors = false;
+    for (const { marker, label } of this.#elements.values()) if (label) paint(label, marker.text);
+    this.draw();
+  }
+
+  // Takes over a patch of the document; null: the whole document.
+  take(patch) {
+    const { document } = this.cell;
+    if (!patch) {
+      for (const id of [...this.#elements.keys()]) if (!document.elements[id]) this.#remove(id);
+      for (const robot of [...this.#bodies.keys()]) if (!document.bodies[robot]) this.#showBody(robot, []);
+    }
+    for (const name of Object.keys((patch ?? document).frames ?? {})) this.#placeFrame(name, document.frames[name]);
+    for (const id of Object.keys((patch ?? document).elements ?? {})) this.#showElement(id, document.elements[id]);
+    for (const robot of Object.keys((patch ?? document).bodies ?? {})) this.#showBody(robot, document.bodies[robot] ?? []);
+    this.draw();
+  }
+
+  draw() {
+    if (this.#isWanted) return;
+    this.#isWanted = true;
+    requestAnimationFrame(() => {
+      this.#isWanted = false;
+      if (!this.panel.clientHeight) return;
+      const selected = this.#elements.get(this.selection.id)?.group;
+      this.outline.visible = Boolean(selected);
+      if (selected) {
+        this.scene.updateMatrixWorld();
+        this.outline.setFromObject(selected.children[0] ?? selected);
+      }
+      this.renderer.render(this.scene, this.camera);
+    });
+  }
+
+  // Moves the camera so that all elements are in sight.
+  fit() {
+    const box = new three.Box3();
+    this.scene.updateMatrixWorld();
+    for (const { body } of this.#elements.values()) if (body) box.expandByObject(body);
+    for (const meshes of this.#bodies.values()) for (const mesh of meshes) box.expandByObject(mesh);
+    if (box.isEmpty()) return;
+    const sphere = box.getBoundingSphere(new three.Sphere());
+    const half = Math.min(this.camera.fov, this.camera.fov * this.camera.aspect) / 2;
+    const distance = Math.max(1, sphere.radius) / Math.sin((half * Math.PI) / 180);
+    this.controls.target.copy(sphere.center);
+    this.camera.position.copy(sphere.center).addScaledVector(new three.Vector3(-0.55, -0.6, 0.58).normalize(), 0.85 * distance);
+    this.controls.update();
+    this.draw();
+  }
+
+  // The group of a frame; it hangs at the root until its parent is known.
+  #frame(name) {
+    let group = this.#frames.get(name);
+    if (!group) {
+      group = new three.Group();
+      this.#frames.set(name, group);
+      this.scene.add(group);
+    }
+    return group;
+  }
+
+  #placeFrame(name, frame) {
+    if (!frame) return;
+    const [parent, ...pose] = frame;
+    place(this.#frame(name), pose);
+    this.#attach(this.#frame(name), this.#frame(parent));
+  }
+
+  #attach(group, parent) {
+    for (let above = parent; above; above = above.parent) if (above === group) return; // frames in a circle
+    if (group.parent !== parent) parent.add(group);
+  }
+
+  #showElement(id, element) {
+    const marker = element?.marker;
+    const known = this.#elements.get(id);
+    if (!marker) {
+      if (known) this.#remove(id);
+      return;
+    }
+    const look = JSON.stringify([marker.shape, marker.size, marker.mesh, marker.colour, marker.text]);
+    let entry = known;
+    if (known?.look !== look) {
+      if (known) this.#remove(id);
+      entry = this.#makeElement(id, marker);
+      entry.look = look;
+      this.#elements.set(id, entry);
+    }
+    entry.marker = marker;
+    // An element that tf moves has its pose there; the frame of any other one is where the element is.
+    const own = this.#frame(marker.own);
+    if (!this.cell.document.frames[marker.own]) {
+      place(own, marker.pose);
+      this.#attach(own, this.#frame(marker.frame));
+    }
+    if (entry.group.parent !== own) own.add(entry.group);
+  }
+
+  #makeElement(id, marker) {
+    const group = new three.Group();
+    group.userData.id = id;
+    const [red, green, blue, opacity] = marker.colour;
+    const colour = new three.Color().setRGB(red, green, blue, three.SRGBColorSpace);
+    const material = new three.MeshStandardMaterial({ color: colour, opacity, transparent: opacity < 1, roughness: 0.7 });
+    let body = null;
+    if (marker.shape === "box") body = new three.Mesh(new three.BoxGeometry(...marker.size), material);
+    else if (marker.shape === "mesh") body = this.#load(marker.mesh, material);
+    else group.add(new three.AxesHelper(0.12));
+    if (body) group.add(body);
+    let label = null;
+    if (marker.shape !== "axes") {
+      label = new three.Sprite(new three.SpriteMaterial({ depthTest: false, transparent: true }));
+      paint(label, marker.text);
+      label.position.z = marker.size[2] / 2 + LABEL_HEIGHT;
+      group.add(label);
+    }
+    return { group, body, label, marker };
+  }
+
+  #remove(id) {
+    const { group } = this.#elements.get(id);
+    group.removeFromParent();
+    dispose(group);
+    this.#elements.delete(id);
+  }
+
+  #showBody(robot, parts) {
+    for (const mesh of this.#bodies.get(robot) ?? []) {
+      mesh.removeFromParent();
+      dispose(mesh);
+    }
+    this.#bodies.set(robot, parts.map((part) => {
+      const [red, green, blue, opacity] = part.colour ?? [0.7, 0.72, 0.75, 1];
+      const colour = new three.Color().setRGB(red, green, blue, three.SRGBColorSpace);
+      const material = new three.MeshStandardMaterial({ color: colour, opacity, transparent: opacity < 1, roughness: 0.6, metalness: 0.15 });
+      const [x, y, z] = part.size;
+      let mesh;
+      if (part.shape === "box") mesh = new three.Mesh(new three.BoxGeometry(x, y, z), material);
+      else if (part.shape === "sphere") mesh = new three.Mesh(new three.SphereGeometry(x / 2, 24, 16), material);
+      else if (part.shape === "cylinder") mesh = new three.Mesh(new three.CylinderGeometry(x / 2, x / 2, z, 24).rotateX(Math.PI / 2), material);
+      else mesh = this.#load(part.mesh, material, part.colour === undefined);
+      if (part.shape === "mesh") mesh.scale.set(x, y, z);
+      const group = new three.Group();
+      place(group, part.pose);
+      group.add(mesh);
+      this.#frame(part.frame).add(group);
+      return group;
+    }));
+  }
+
+  // A group that gets the mesh of a file when it has been read.
+  #load(url, material, hasMaterials = false) {
+    const group = new three.Group();
+    if (!this.#files.has(url)) this.#files.set(url, readMesh(url));
+    this.#files.get(url).then((object) => {
+      const copy = object.clone(true);
+      copy.traverse((part) => {
+        if (part.isMesh && !(hasMaterials && part.material.name)) part.material = material;
+      });
+      group.add(copy);
+      this.draw();
+    }, (error) => console.warn(`${url}: ${error.message ?? error}`));
+    return group;
+  }
+
+  #pick(event) {
+    const box = this.renderer.domElement.getBoundingClientRect();
+    const at = new three.Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
+    const ray = new three.Raycaster();
+    ray.setFromCamera(at, this.camera);
+    const bodies = [...this.#elements.values()].filter((entry) => entry.body);
+    const hits = ray.intersectObjects(bodies.map((entry) => entry.body), true);
+    let object = hits[0]?.object ?? null;
+    while (object && !object.userData.id) object = object.parent;
+    this.selection.select(object?.userData.id ?? null);
+  }
+
+  #resize() {
+    const { clientWidth: width, clientHeight: height } = this.panel;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height);
+    const isFirst = this.camera.aspect === 1;
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    if (isFirst) this.fit();
+    this.draw();
+  }
+}
+
+function place(object, [x, y, z, qx, qy, qz, qw]) {
+  object.position.set(x, y, z);
+  object.quaternion.set(qx, qy, qz, qw);
+}
+
+function dispose(object) {
+  object.traverse((part) => {
+    part.material?.map?.dispose();
+    part.material?.dispose();
+  });
+}
+
+async function readMesh(url) {
+  const manager = new three.LoadingManager();
+  const base = url.slice(0, url.lastIndexOf("/") + 1);
+  const address = (file) => `/api/live/mesh?url=${encodeURIComponent(file)}`;
+  // Textures and materials are named by the mesh: they lie beside it.
+  manager.setURLModifier((file) => (file.startsWith("/api/") || file.startsWith("data:") ? file : address(base + file.slice(file.lastIndexOf("/") + 1))));
+  const suffix = url.slice(url.lastIndexOf(".") + 1).toLowerCase();
+  if (suffix === "stl") {
+    const geometry = await new STLLoader(manager).loadAsync(address(url));
+    return new three.Mesh(geometry);
+  }
+  if (suffix === "obj") return new OBJLoader(manager).loadAsync(address(url));
+  if (suffix === "dae") {
+    const { scene } = await new ColladaLoader(manager).loadAsync(address(url));
+    return scene;
+  }
+  throw new Error("the page shows meshes of the types stl, obj and dae");
+}
+
+// Draws the text of a label in the colour of the theme.
+function paint(sprite, text) {
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("2d");
+  const font = "500 40px system-ui, sans-serif";
+  context.font = font;
+  [canvas.width, canvas.height] = [Math.ceil(context.measureText(text).width) + 24, 60];
+  const style = getComputedStyle(document.querySelector(".label-style"));
+  context.font = font;
+  context.fillStyle = style.backgroundColor;
+  context.beginPath();
+  context.roundRect(0, 2, canvas.width, 56, 14);
+  context.fill();
+  context.fillStyle = style.color;
+  context.textBaseline = "middle";
+  context.fillText(text, 12, 31);
+  sprite.material.map?.dispose();
+  sprite.material.map = new three.CanvasTexture(canvas);
+  sprite.material.map.colorSpace = three.SRGBColorSpace;
+  sprite.material.needsUpdate = true;
+  sprite.scale.set((LABEL_HEIGHT * canvas.width) / canvas.height, LABEL_HEIGHT, 1);
+}

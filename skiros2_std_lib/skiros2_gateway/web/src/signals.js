@@ -1,0 +1,81 @@
+// Forces and other signals of the robots: the last 30 s of each.
+
+import { h, keyed, number, setText } from "./dom.js";
+
+const SPAN = 30; // s
+const HEIGHT = 72;
+
+export class SignalsView {
+  tables = ["signals"];
+  isMoving = true;
+  #samples = new Map(); // by id: [time, low, high]
+
+  constructor(panel, cell) {
+    this.cell = cell;
+    this.list = h("div", { class: "signals" });
+    this.empty = h("p", { class: "empty" }, "The scene has no signals. Elements of the class skiros:Signal name them.");
+    panel.append(this.list, this.empty);
+  }
+
+  // Keeps the values also while the panel is hidden.
+  take(patch) {
+    const now = this.cell.now;
+    for (const id of Object.keys(patch ?? this.cell.document.signals)) {
+      const signal = this.cell.document.signals[id];
+      if (!signal) this.#samples.delete(id);
+      else if (typeof signal.value === "number") {
+        if (!this.#samples.has(id)) this.#samples.set(id, []);
+        const samples = this.#samples.get(id);
+        samples.push([signal.time, signal.low, signal.high]);
+        while (samples.length && samples[0][0] < now - SPAN - 1) samples.shift();
+      }
+    }
+  }
+
+  render() {
+    const signals = this.cell.document.signals;
+    this.empty.hidden = Object.keys(signals).length > 0;
+    keyed(this.list, Object.entries(signals), ([id]) => id, makeChart, (chart, [id, signal]) => {
+      setText(chart.name, signal.name);
+      setText(chart.value, signal.problem ?? (signal.value === undefined ? "no value yet" : `${number(signal.value)} ${signal.unit}`));
+      this.#draw(chart, this.#samples.get(id) ?? []);
+    });
+  }
+
+  #draw(chart, samples) {
+    const { canvas } = chart;
+    const scale = devicePixelRatio;
+    const [width, height] = [canvas.clientWidth * scale, HEIGHT * scale];
+    if (canvas.width !== width) [canvas.width, canvas.height] = [width, height];
+    const context = canvas.getContext("2d");
+    context.clearRect(0, 0, width, height);
+    const style = getComputedStyle(canvas); // the colours: `color` of the line, `border-color` of the zero line
+    const visible = samples.filter(([time]) => time > this.cell.now - SPAN);
+    if (!visible.length) return;
+    let low = Math.min(...visible.map((each) => each[1]));
+    let high = Math.max(...visible.map((each) => each[2]));
+    setText(chart.range, `${number(low)} … ${number(high)}`);
+    if (high - low < 1e-9) [low, high] = [low - 1, high + 1];
+    const x = (time) => width * (1 - (this.cell.now - time) / SPAN);
+    const y = (value) => (height - 4 * scale) * (1 - (value - low) / (high - low)) + 2 * scale;
+    context.strokeStyle = style.borderColor;
+    if (low < 0 && high > 0) line(context, [[0, y(0)], [width, y(0)]]);
+    context.strokeStyle = style.color;
+    context.lineWidth = 1.5 * scale;
+    context.lineJoin = "round";
+    line(context, visible.flatMap(([time, lowest, highest]) => [[x(time), y(lowest)], [x(time), y(highest)]]));
+  }
+}
+
+function line(context, points) {
+  context.beginPath();
+  points.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
+  context.stroke();
+}
+
+function makeChart() {
+  const chart = h("div", { class: "signal" });
+  const part = (name, tag = "span") => (chart[name] = h(tag, { class: name }));
+  chart.append(h("header", {}, part("name"), part("value")), part("canvas", "canvas"), part("range"));
+  return chart;
+}

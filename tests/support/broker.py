@@ -1,0 +1,41 @@
+"""An MQTT broker for tests: Debian's mosquitto."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from skiros2_common.core.processes import free_port
+
+_MISSING = [name for name in ("mosquitto", "mosquitto_pub", "mosquitto_sub") if shutil.which(name) is None]
+needs_broker = pytest.mark.skipif(
+    bool(_MISSING), reason=f"needs {', '.join(_MISSING)}: Debian's mosquitto and mosquitto-clients"
+)
+
+
+@contextmanager
+def broker() -> Iterator[int]:
+    """Runs a broker on this machine; yields its port once it listens."""
+    while True:
+        port = free_port()
+        process = subprocess.Popen(["mosquitto", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while process.poll() is None and not _listens(port):
+            time.sleep(0.02)
+        if process.poll() is None:
+            break  # else somebody else has taken the port meanwhile
+    try:
+        yield port
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0

@@ -1,0 +1,51 @@
+"""The live view: viewers that apply the patches have the document."""
+
+from __future__ import annotations
+
+import asyncio
+import copy
+import random
+from typing import Any
+
+import pytest
+
+from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.core.patch import apply_patch, merge_patch
+
+
+def _random_object(rng: random.Random, depth: int = 0) -> dict[str, Any]:
+    def value() -> Any:
+        is_object = depth < 3 and rng.random() < 0.5
+        return _random_object(rng, depth + 1) if is_object else rng.choice([1, 0.5, True, "text", [1, 2]])
+
+    return {key: value() for key in rng.sample("abcdef", rng.randint(0, 5))}
+
+
+def test_a_patch_makes_one_document_of_the_other() -> None:
+    rng = random.Random(1)
+    for _ in range(2000):
+        before, after = _random_object(rng), _random_object(rng)
+        apply_patch(before, merge_patch(before, after))
+        assert before == after
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_viewer_has_the_document_after_any_changes(seed: int) -> None:
+    asyncio.run(asyncio.wait_for(_follow_random_changes(random.Random(seed)), 30.0))
+
+
+async def _follow_random_changes(rng: random.Random) -> None:
+    view = LiveView()
+    document = copy.deepcopy(view.snapshot()["document"])
+    patches = view.stream.follow(view.stream.last_id)
+    for _ in range(100):
+        for _ in range(20):
+            removed = rng.random() < 0.3
+            view.put("elements", f"Part-{rng.randint(0, 9)}", None if removed else _random_object(rng))
+        view.flush()
+        view.put("cell", "mark", rng.random())  # the last change of this round, in a patch of its own
+        view.flush()
+        mark = view.entry("cell", "mark")
+        while document["cell"].get("mark") != mark:
+            apply_patch(document, (await anext(patches)).data)
+        assert document == view.snapshot()["document"]

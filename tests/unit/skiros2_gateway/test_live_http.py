@@ -1,0 +1,156 @@
+"""The routes of the live view and of the page."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.http.live import live_router, page_router
+from skiros2_runs.core.values import ConditionStatus, NodeStatus
+from support.http_gateway import curl, served
+from support.source import ROOT
+from unit.skiros2_gateway.conftest import TOKENS
+
+Run = Callable[..., None]
+#: A bag of the pick-and-place cell.
+BAG = ROOT / "tests/bags/timed_pick_place.bag"
+IDLE, RUNNING, SUCCESS = 4, 3, 1
+
+pytestmark = pytest.mark.skipif(shutil.which("curl") is None, reason="needs Debian's curl")
+
+
+class _Cell:
+    """Implements `LiveCell`: notes the commands."""
+
+    def __init__(self) -> None:
+        self.commands: list[tuple[str, str, int]] = []
+
+    async def inspect(self, robot: str, task: int, node: int) -> NodeStatus:
+        return NodeStatus(node, "skiros:Pick", "pick", conditions=[ConditionStatus("PRE", "Near", "near", "holds")])
+
+    async def why(self, robot: str, task: int) -> dict[str, Any]:
+        return {"text": "the gripper is full", "explanations": []}
+
+    async def command(self, action: str, robot: str, task: int) -> None:
+        self.commands.append((action, robot, task))
+
+    def mesh_file(self, url: str) -> Path:
+        raise UnknownName(f"no element or robot has the mesh {url}")
+
+
+def _nodes(*states: int) -> list[Any]:
+    """A task 7 with a chain of nodes, one for each state."""
+    return [
+        SimpleNamespace(
+            robot="robot", task_id=7, id=index, parent_id=index - 1, type="skiros:Pick" if index else ":Root",
+            label=f"pick_{index}" if index else "", processor="", state=state, progress_code=state if index else 0,
+            progress_message=f"state {state}", progress_time=0.1, progress_period=0.0, params=[], parent_label="",
+        )
+        for index, state in enumerate(states)
+    ]  # fmt: skip
+
+
+class _Live:
+    def __init__(self, address: str, view: LiveView, cell: _Cell) -> None:
+        self.address, self.view, self.cell = address, view, cell
+
+    async def get(self, path: str, role: str = "view") -> tuple[int, Any]:
+        return await curl(self.address, path, token=TOKENS[role])
+
+    async def post(self, path: str, role: str = "operate") -> tuple[int, Any]:
+        return await curl(self.address, path, token=TOKENS[role], body={})
+
+
+@asynccontextmanager
+async def _live(gateway: Any, bags: Path | None = None, page: Path = Path("/nothing")) -> AsyncIterator[_Live]:
+    view, cell = LiveView(), _Cell()
+    async with served(gateway.service, routers=[live_router(view, cell, Bags(bags)), page_router(page)]) as address:
+        yield _Live(address, view, cell)
+
+
+def test_document_has_the_tree_and_the_styles_of_its_states(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _live(gateway) as live:
+            live.view.record("/robot", _nodes(RUNNING, SUCCESS, RUNNING))
+            answer = (await live.get("/api/live"))[1]
+            tree = answer["document"]["trees"]["run-1"]
+            assert tree["shape"]["parents"] == [-1, 0, 1]
+            assert [tree["rows"][str(i)][0] for i in range(3)] == [RUNNING, SUCCESS, RUNNING]
+            assert answer["styles"]["node"][str(SUCCESS)] == {"symbol": "✓", "word": "succeeded", "role": "success"}
+            colours = (await live.get("/page/states.css"))[1]
+            assert all(f"--{style['role']}:" in colours for style in answer["styles"]["task"].values())
+
+    in_gateway(test)
+
+
+def test_viewer_sees_everything_and_commands_nothing(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _live(gateway) as live:
+            live.view.record("/robot", _nodes(RUNNING, RUNNING))
+            assert (await curl(live.address, "/api/live"))[0] == 401
+            assert (await live.get("/api/live/runs/run-1"))[0] == 200
+            assert (await live.post("/api/live/runs/run-1/stop", "view"))[0] == 403
+            assert live.cell.commands == []
+            assert (await live.post("/api/live/runs/run-1/stop"))[0] == 200
+            assert live.cell.commands == [("stop", "/robot", 7)]
+            status, answer = await live.post("/api/live/runs/run-2/stop")
+            assert (status, answer["code"]) == (404, "unknown_name")
+
+    in_gateway(test)
+
+
+def test_values_of_a_node_that_was_read_are_known_after_the_end(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _live(gateway) as live:
+            live.view.record("/robot", _nodes(RUNNING, RUNNING))
+            assert (await live.get("/api/live/runs/run-1/nodes/1"))[1]["conditions"][0]["verdict"] == "holds"
+            nodes = _nodes(SUCCESS, SUCCESS)
+            nodes[0].progress_code = 1  # the end
+            live.view.record("/robot", nodes)
+            assert (await live.get("/api/live/runs/run-1/nodes/1"))[1]["label"] == "pick"
+            assert (await live.get("/api/live/runs/run-1/nodes/0"))[0] == 404
+            assert (await live.post("/api/live/runs/run-1/stop"))[0] == 409
+
+    in_gateway(test)
+
+
+def test_history_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    shutil.copy(BAG, tmp_path / "runs" / "cell.bag")
+
+    async def test(gateway: Any) -> None:
+        async with _live(gateway, bags=tmp_path) as live:
+            [bag] = (await live.get("/api/live/bags"))[1]["bags"]
+            runs = (await live.get(f"/api/live/bags/{bag['name']}"))[1]["runs"]
+            key, summary = next(iter(runs.items()))
+            end = (await live.get(f"/api/live/runs/{key}"))[1]
+            assert (end["state"], end["summary"]["state"]) == (summary["state"], summary["state"])
+            early = (await live.get(f"/api/live/runs/{key}?time={end['first'] + 0.1}"))[1]
+            assert early["state"] == "running"
+            assert 0 < len(early["log"]) < len(end["log"])
+            assert (await live.get("/api/live/bags/other.bag"))[0] == 404
+
+    in_gateway(test)
+
+
+def test_without_the_page_the_gateway_says_how_to_get_it(in_gateway: Run, tmp_path: Path) -> None:
+    async def test(gateway: Any) -> None:
+        async with _live(gateway) as live:
+            status, text = await curl(live.address, "/")
+            assert status == 404
+            assert "make" in text
+        (tmp_path / "index.html").write_text("<p>page</p>")
+        async with _live(gateway, page=tmp_path) as live:
+            assert await curl(live.address, "/") == (200, "<p>page</p>")
+            assert (await curl(live.address, "/page/..%2fusers.yaml"))[0] == 404
+
+    in_gateway(test)

@@ -1,0 +1,64 @@
+"""Work masters that elements of the scene define."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from skiros2_common.core.world_element import Element
+from skiros2_gateway.core.problems import Rejected
+from skiros2_gateway.core.work_masters import DEFINITION, WORK_MASTER, WorkMasters, work_masters_of
+from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
+from skiros2_skill.testing import SkillBench
+
+PARK = """
+goal: (skiros:at cora:Robot-1 {Place})
+parameters: [{id: Place, type: "skiros:Location"}]
+"""
+
+
+def element(label: str, definition: str = "") -> Element:
+    made = Element(WORK_MASTER, label)
+    if definition:
+        made.setProperty(DEFINITION, definition)
+    return made
+
+
+def test_element_defines_a_work_master_with_its_label_as_the_id() -> None:
+    (master,), problems = work_masters_of([element("park", PARK)])
+    assert not problems
+    assert master.id == "park"
+    assert master.goal_for({"Place": "skiros:Location-5"}) == '(skiros:at cora:Robot-1 "skiros:Location-5")'
+
+
+def test_each_wrong_element_is_named_and_the_others_are_kept() -> None:
+    wrong = [element("empty"), element("broken", "goal: ["), element("two words", "gaol: x"), element("park", PARK)]
+    masters, problems = work_masters_of([element("park", PARK), *wrong])
+    assert [master.id for master in masters] == ["park"]
+    assert len(problems) == 4
+    for name, reason in zip(problems, ("expected the fields", "while parsing", "gaol", "another element"), strict=True):
+        assert reason in name
+    assert "two words" in problems[2] and "goal: " in problems[2]
+
+
+def test_changes_of_the_scene_take_effect(caplog: pytest.LogCaptureFixture) -> None:
+    async def follow() -> None:
+        with SkillBench() as bench:
+            masters = WorkMasters()
+            eid = bench.wmi.add_element(element("park", PARK)).id
+            SceneWorkMasters(bench.wmi, masters, asyncio.get_running_loop())
+            await asyncio.sleep(0)
+            assert set(masters.all) == {"park"}
+            changed = bench.wmi.get_element(eid)
+            changed.setProperty(DEFINITION, "goal: (skiros:at cora:Robot-1 {Site})")
+            bench.wmi.update_element(changed)
+            await asyncio.sleep(0)
+            assert not masters.all
+            bench.wmi.remove_element(eid)
+            await asyncio.sleep(0)
+            with pytest.raises(Rejected, match="no work master 'park'"):
+                masters.get("park")
+
+    asyncio.run(follow())
+    assert [record.message for record in caplog.records if "Site" in record.message]

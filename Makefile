@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test lint docs bench bench-insertion bench-learning lock clean
+.PHONY: help setup build demo test lint docs bench bench-insertion bench-learning bench-gateway lock clean
 
 python := .venv/bin/python3
 
@@ -47,6 +47,9 @@ bench-insertion: setup  ## insert the piston 20 times for each error of its pose
 
 bench-learning: setup  ## compare optimisers of skill parameters (up to an hour; BENCH_ARGS=--short); write build/learning.json
 	@exec $(python) tests/benchmarks/learning.py $(BENCH_ARGS)
+
+bench-gateway: setup  ## measure the gateway: latency, 100 clients, kills, hostile requests (half an hour; BENCH_ARGS=--short); write build/gateway.json
+	@exec .ci/in_ros $(python) tests/benchmarks/gateway.py $(BENCH_ARGS)
 
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files

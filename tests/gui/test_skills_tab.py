@@ -62,6 +62,11 @@ def _click(qtbot: QtBot, tab: SkillsTab, name: str) -> None:
     qtbot.mouseClick(_child(tab, QPushButton, name), Qt.LeftButton)
 
 
+def _overwrite(qtbot: QtBot, line: QLineEdit, text: str) -> None:
+    line.selectAll()
+    qtbot.keyClicks(line, text)
+
+
 def _states(tab: SkillsTab) -> list[str]:
     return [row.state for row in tab.skills.tasks.rows]
 
@@ -169,6 +174,31 @@ def test_invalid_json_is_reported_while_typing(tab: SkillsTab, qtbot: QtBot) -> 
     assert "this is not JSON" in tab.form.why_not.text()
     marks.setPlainText("")
     assert "Marks" not in tab.form.why_not.text()
+
+
+def test_form_shows_docstring_hints_and_defaults(tab: SkillsTab) -> None:
+    tab.tree.choose(FETCH)
+    assert tab.form.purpose.text() == "Brings a product to the robot."
+    assert _child(tab, QLabel, "hint_Speed").text() == "How fast · 0.1 to 2 m/s · default 0.5"
+    assert _child(tab, QLabel, "hint_Thing").text() == "What to fetch"
+    tab.tree.choose(NOTE)
+    assert not tab.form.purpose.isVisible()
+
+
+def test_values_of_earlier_starts_are_offered_first(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(FETCH)
+    thing = _child(tab, QComboBox, "param_Thing")
+    qtbot.waitUntil(lambda: [thing.itemText(i) for i in range(3)] == ["infer: bolt", "bolt", "nut"])
+    assert not _child(tab, QToolButton, "recent_Times").isVisible()
+    tab.skills.recent.restore({"skiros:Fetch": {"Thing": [tab.window().ids["nut"], "skiros:Gone-9"]}})
+    _overwrite(qtbot, _child(tab, QLineEdit, "param_Times"), "2")
+    _click(qtbot, tab, "startButton")
+    recent = _child(tab, QToolButton, "recent_Times")
+    qtbot.waitUntil(recent.isVisible)
+    qtbot.waitUntil(lambda: [thing.itemText(i) for i in range(3)] == ["infer: bolt", "nut", "bolt"])
+    _overwrite(qtbot, _child(tab, QLineEdit, "param_Times"), "7")
+    recent.menu().actions()[0].trigger()
+    assert _child(tab, QLineEdit, "param_Times").text() == tab.skills.form.fields["Times"].text == "2"
 
 
 def test_reason_of_a_failure_is_shown_below_the_list(tab: SkillsTab, qtbot: QtBot) -> None:

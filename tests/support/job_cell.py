@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from skiros2_gateway.core.job import State
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld
@@ -118,10 +119,44 @@ class JobCell:
 
         return dict(wait_until(ended, timeout, "the end of all jobs"))
 
+    def ended(self) -> int:
+        """How many jobs have ended."""
+        counts = self.rest.get("/api/state")["counts"]
+        return sum(number for key, number in counts.items() if key not in list(State))
+
     def carried(self) -> Counter[tuple[str, str]]:
         """How often each product was carried to each place."""
-        lines = self._carried.read_text().splitlines() if self._carried.exists() else []
-        return Counter((product, place) for product, place in map(str.split, lines))
+        return Counter((product, place) for product, place, _ in self._lines())
+
+    def motions(self) -> list[float]:
+        """When each carrying began (s since the epoch)."""
+        return [float(begin) for _, _, begin in self._lines()]
+
+    def _lines(self) -> list[list[str]]:
+        return [line.split() for line in self._carried.read_text().splitlines()] if self._carried.exists() else []
+
+    def wrong(self, jobs: dict[str, dict[str, Any]]) -> list[str]:
+        """What is wrong with ended jobs: each was done once, or is reported as failed or lost.
+
+        Jobs for the same product and place are counted together. A lost job may have been done. A step that has
+        failed, for example with the world model, may be repeated by another plan of its job.
+        """
+        problems, carried = [], self.carried()
+        least: Counter[tuple[str, str]] = Counter()
+        most: Counter[tuple[str, str]] = Counter()
+        for job_id, job in jobs.items():
+            response, values = job["response"], job["order"]["parameters"]
+            key = values["Product"], values["Place"]
+            outcome = response["outcome"]
+            if outcome not in ("succeeded", "nothing_to_do", "failed", "lost") or not response["message"]:
+                problems.append(f"{job_id} ended as {outcome!r}: {response['message']!r}")
+            started = len(response["steps"])
+            least[key] += outcome == "succeeded"
+            most[key] += max(1, started) if outcome != "nothing_to_do" else started
+        for key in least | most | carried:
+            if not least[key] <= carried[key] <= most[key]:
+                problems.append(f"{key} was done {carried[key]} times, expected {least[key]} to {most[key]}")
+        return problems
 
 
 class Rest:

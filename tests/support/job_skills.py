@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
@@ -10,7 +11,10 @@ from support.team_skills import carry
 
 
 class carry_at_once(carry):
-    """Carries at once. Appends a line `PRODUCT PLACE` to the file in the variable `CARRIED` of the environment."""
+    """Carries at once. Appends a line to the file in the variable `CARRIED` of the environment.
+
+    The line is `PRODUCT PLACE TIME`, the time in s since the epoch.
+    """
 
     def describe(self, description: SkillDescription) -> None:
         self.setDescription(description, type(self).__name__)
@@ -20,6 +24,6 @@ class carry_at_once(carry):
 
     def execute(self) -> State:
         with Path(os.environ["CARRIED"]).open("a") as file:
-            file.write(f"{self.params['Object'].value.id} {self.params['To'].value.id}\n")
+            file.write(f"{self.params['Object'].value.id} {self.params['To'].value.id} {time.time()}\n")
         self.arrive()
         return self.success("done")

@@ -13,9 +13,9 @@ from python_qt_binding.QtWidgets import QApplication
 
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.driver import Driver
+from skiros2_gui.rviz_screenshot import rviz_screenshot
 from skiros2_gui.standalone import StandaloneWindow
-from support.window.driver import Driver
-from support.window.rviz_screenshot import rviz_screenshot
 
 
 def main(label: str, picture: str) -> int:

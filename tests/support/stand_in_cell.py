@@ -84,7 +84,12 @@ class StandInCell:
     async def skills(self) -> dict[str, list[dict[str, Any]]]:
         return {ROBOT: [{"type": "skiros:Place", "label": "place", "parameters": []}]}
 
+    async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        return {"ok": skill == "place", "implementation": skill, "elements": {}, "why": None}
+
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
+        if "nowhere" in goal:
+            return {"state": "impossible", "message": "nobody goes there", "plan": [], "preview": None}
         return {"state": "planned", "message": "", "plan": [STEP], "makespan": 1.0, "why": None, "preview": None}
 
     async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:

@@ -6,9 +6,13 @@ import asyncio
 import ssl
 import urllib.request
 from collections.abc import Iterator
+from typing import Any
 
+import httpx2
 import pytest
 from asyncua import Client, ua
+from mcp import Client as McpClient
+from mcp.client.streamable_http import streamable_http_client
 
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import UNKNOWN_JOB
@@ -23,7 +27,7 @@ pytestmark = pytest.mark.timeout(180)
 def cell(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobCell]:
     ros = Ros(ros_master)
     try:
-        yield JobCell(ros, tmp_path_factory.mktemp("gateway"), products=8)
+        yield JobCell(ros, tmp_path_factory.mktemp("gateway"), products=8, agents="approved")
     finally:
         ros.stop()
 
@@ -56,6 +60,33 @@ def test_viewer_reads_and_does_not_command(cell: JobCell) -> None:
     for path, body in (("/api/jobs", cell.order("viewed", 0)), ("/api/robots/stop", {"robots": []})):
         assert cell.rest.post(path, body, "view")[0] == 403
     assert "viewed" not in cell.jobs()
+
+
+def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
+    async def agent() -> list[Any]:
+        headers = {"Authorization": f"Bearer {TOKENS['operate']}"}
+        async with (
+            httpx2.AsyncClient(headers=headers, timeout=60.0) as http,
+            McpClient(streamable_http_client(f"{cell.rest.address}/mcp", http_client=http)) as client,
+        ):
+            values = {"Object": cell.products[1], "To": cell.stores[0]}
+            start = {"robot": ROBOT, "skill": "carry_at_once", "parameters": values}
+            order = cell.order("of-agent", 1)
+            calls: list[tuple[str, dict[str, Any]]] = [
+                ("list_skills", {}), ("check_start", start),
+                ("check_start", {**start, "parameters": {**values, "Object": "skiros:Product-999"}}),
+                ("preview", {key: order[key] for key in ("work_master", "parameters")}), ("execute", order),
+            ]  # fmt: skip
+            return [(await client.call_tool(name, arguments)).structured_content for name, arguments in calls]
+
+    skills, check, wrong, preview, job = asyncio.run(agent())
+    (skill,) = skills["skills"]
+    assert (skill["label"], skill["parameters"]["required"]) == ("carry_at_once", ["To", "Object"])
+    assert (check["ok"], check["implementation"], check["elements"]["From"]) == (True, "carry_at_once", cell.shelf)
+    assert "skiros:Product-999" in wrong["detail"]
+    assert preview["state"] == "planned" and cell.products[1] in str(preview["preview"])
+    assert job["job"] == "of-agent"
+    assert cell.wait_for(["of-agent"])["of-agent"]["response"]["outcome"] == "succeeded"
 
 
 def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
@@ -98,15 +129,5 @@ def test_each_job_is_done_once_or_reported_although_nodes_are_killed(cell: JobCe
         assert cell.rest.post("/api/jobs", cell.order(job_id, number, store=1))[0] == 201
     for node in ("/gateway", "/tm", "/wm"):
         cell.kill(node)
-    jobs, carried = cell.wait_for(ids, 120.0), cell.carried()
-    for number, job_id in enumerate(ids):
-        times = carried[cell.products[number], cell.stores[1]]
-        response = jobs[job_id]["response"]
-        assert response["outcome"] in ("succeeded", "failed", "lost"), response
-        attempts = sum(step["state"] != "stopped" for step in response["steps"])
-        assert times <= max(1, attempts), f"{job_id} was done {times} times: {response}"
-        if response["outcome"] == "succeeded":
-            assert times >= 1, f"{job_id} was not done: {response}"
-        else:
-            assert response["message"]
+    assert not cell.wrong(cell.wait_for(ids, 120.0))
     assert cell.gateway.running

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from support.display import Display
+from skiros2_gui.display import Display
 from support.programs import Program
 from support.ros import INSTALL, Ros, wait_until
 

@@ -1,9 +1,10 @@
-"""The program that takes the screenshots for the README."""
+"""The programs that take the screenshots of the docs."""
 
 from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -13,26 +14,37 @@ from python_qt_binding.QtGui import QImage
 from support.programs import Program, descendants
 from support.ros import install_environment
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(300)
 
-PICTURES = ("skills", "running", "dark", "world", "rviz", "signals", "teach")
+PICTURES = ("start", "goal", "skills", "running", "dark", "world", "rviz")
+SCREENSHOTS = ("rosrun", "skiros2_gui", "screenshots")
 #: Of each picture (bytes).
 MOST_BYTES = 200_000
 
 
-def start(folder: Path) -> Program:
-    """Starts the program where there is no display and no master."""
+def start(folder: Path, *command: str) -> Program:
+    """Starts a program where there is no display and no master."""
     env = {**install_environment(), "HOME": str(folder)}
     for name in ("DISPLAY", "QT_QPA_PLATFORM", "ROS_MASTER_URI"):
         env.pop(name, None)
     env["PYTHONPATH"] = f"{Path(__file__).parents[1]}:{env.get('PYTHONPATH', '')}"
-    return Program([sys.executable, "-m", "support.window.screenshots", str(folder / "pictures")], env)
+    return Program([*command, str(folder / "pictures")], env)
 
 
 def test_screenshots_show_each_tab_during_a_run(tmp_path: Path) -> None:
-    program = start(tmp_path)
-    assert program.wait(100.0) == 0, program.output
-    for name in PICTURES:
+    program = start(tmp_path, *SCREENSHOTS)
+    assert program.wait(280.0) == 0, program.output
+    check(tmp_path, PICTURES)
+
+
+def test_screenshots_of_cells_show_signals_and_teaching(tmp_path: Path) -> None:
+    program = start(tmp_path, sys.executable, "-m", "support.window.cell_screenshots")
+    assert program.wait(200.0) == 0, program.output
+    check(tmp_path, ("signals", "teach"))
+
+
+def check(tmp_path: Path, names: Sequence[str]) -> None:
+    for name in names:
         path = tmp_path / f"pictures/window_{name}.png"
         picture = QImage(str(path))
         assert (picture.width(), picture.height()) == (1280, 800)
@@ -43,9 +55,9 @@ def test_screenshots_show_each_tab_during_a_run(tmp_path: Path) -> None:
 
 
 def test_terminated_screenshot_program_ends_its_processes(tmp_path: Path) -> None:
-    program = start(tmp_path)
-    program.wait_for_line("QStandardPaths|skiros")
+    program = start(tmp_path, *SCREENSHOTS)
+    program.wait_for_line("window_start")
     family = descendants(program.pid)
     program.signal(signal.SIGTERM)
-    assert program.wait() == 128 + signal.SIGTERM
+    assert program.wait(100.0) == 128 + signal.SIGTERM, program.output
     assert not any(process.running for process in family)

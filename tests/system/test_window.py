@@ -12,15 +12,19 @@ import pytest
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import QApplication
 
+from skiros2_common.core.world_element import Element
+from skiros2_gui.app.events import EventQueue
+from skiros2_gui.app.next_step import next_step
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.system import Part, sentence
 from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.driver import Driver
 from skiros2_msgs.msg import TreeProgress
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import window_monitor
 from support.ros import INSTALL, Ros, RosMaster, wait_until
 from support.rqt_host import RqtHost, provide_rqt
-from support.window.driver import Driver
+from support.window.local_system import LocalSystem
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -181,6 +185,20 @@ def test_two_instances_in_one_rqt_are_independent(
     finally:
         first.close()
         second.close()
+
+
+def test_command_of_the_next_step_starts_a_skill_manager(window: Driver, demo: Ros) -> None:
+    robot = Element("cora:Robot", "skiros:second_robot")
+    robot.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+    WorldModelInterface("/test_window").add_element(robot)
+    system = LocalSystem(EventQueue(lambda: None))
+    system.world.add_element(robot.copy())
+    step = next_step(system)
+    assert step is not None and step.command
+    demo.program(*step.command.split())
+    window.wait_until(lambda: "/second_robot" in window.window.system.managers, "the second robot", timeout=60.0)
+    window.open_tab("Skills")
+    window.wait_for_row("skillTree", "second_robot")
 
 
 def test_standalone_window_ends_with_its_node(ros: Ros) -> None:

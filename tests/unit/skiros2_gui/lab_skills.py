@@ -11,6 +11,12 @@ from skiros2_common.core.world_element import Element
 
 
 class Fetch(SkillDescription):
+    """Brings a product
+    to the robot.
+
+    Not shown.
+    """
+
     def createDescription(self) -> None:
         self.addParam("Box", Element("skiros:LargeBox"), ParamTypes.Inferred, description="Where it lies")
         self.addParam("Thing", Element("skiros:Product"), ParamTypes.Required, description="What to fetch")

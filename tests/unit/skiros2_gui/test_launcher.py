@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from skiros2_gui.display import Display
 from skiros2_gui.launcher import display_problem, rqt_command
-from support.display import Display
 from support.programs import Program
 from support.ros import ROOT
 

@@ -43,6 +43,12 @@ def test_elements_with_the_same_label_are_named_with_their_ids(system: LocalSyst
     assert [names.of(first), names.of(second)] == [f"bolt ({eid.removeprefix('skiros:')})" for eid in (first, second)]
 
 
+def test_parameter_of_a_skill_does_not_make_a_label_ambiguous(system: LocalSystem) -> None:
+    bolt = add(system, "Object")
+    system.world.add_element(Element("skiros:Parameter", "Object"))
+    assert Names(system).of(bolt) == "Object"
+
+
 def test_element_without_label_and_unknown_element_are_named_by_their_ids(system: LocalSystem) -> None:
     plain = add(system, "")
     names = Names(system)

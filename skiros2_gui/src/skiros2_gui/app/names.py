@@ -44,9 +44,11 @@ class Names:
         return name if self.is_unique(label) else f"{name} ({local_name(eid)})"
 
     def is_unique(self, label: str) -> bool:
-        """Returns whether at most one element has a label."""
+        """Returns whether at most one element has a label. Parameters of skills, such as `Arm`, do not count."""
         scene = self._system.scene
-        return scene is None or len(scene.matching(Element("", label), "scene")) < 2
+        if scene is None:
+            return True
+        return sum(e.type != "skiros:Parameter" for e in scene.matching(Element("", label), "scene")) < 2
 
     def in_text(self, text: str) -> str:
         """Returns a text with the names of the elements whose ids are in it as `id`, `id-label` or `id "label"`."""

@@ -123,6 +123,25 @@ class Field:
         return tuple(map(str, self.limits.choices))
 
     @property
+    def default_text(self) -> str:
+        """The declared default for people; "" without one, and for elements, whose labels the editor knows."""
+        default = self.declared.default
+        if not default or self.editor is Editor.ELEMENT:
+            return ""
+        if self.editor is Editor.TRUTH:
+            return "yes" if default[0] else "no"
+        if self.editor is Editor.JSON or default[0] == "":
+            return json.dumps(default if len(default) > 1 else default[0], ensure_ascii=False)
+        return str(default[0])
+
+    @property
+    def hint(self) -> str:
+        """The description, the limits and the default, for people."""
+        has_range = (self.limits.minimum, self.limits.maximum) != (None, None)
+        default = f"default {self.default_text}" if self.default_text else ""
+        return " · ".join(filter(None, (self.declared.description, self.limits.text if has_range else "", default)))
+
+    @property
     def modes(self) -> tuple[ValueMode, ...]:
         """The possible modes; the first is the default."""
         if self.declared.is_element:

@@ -20,6 +20,7 @@ from skiros2_gui.app.tasks import STOP
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import Offer, RobotRow, offers_of, rows_of
 from skiros2_gui.skills.form import ElementChoice, Field, Form, ValueMode, element_choices
+from skiros2_gui.skills.recent import RecentValues, Values, entered
 from skiros2_skill.client.description import Skill, Step
 from skiros2_skill.core.runtime.request import StartPreview
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -94,6 +95,7 @@ class SkillsPresenter:
         self.search = ""
         self.form: Form | None = None
         self.preview: Preview | None = None
+        self.recent = RecentValues()
         self.refused: Refused | None = None
         self.is_starting = False
         self._stop_when_started = False  # the pending start
@@ -152,6 +154,19 @@ class SkillsPresenter:
             self.on_rows()
 
     # -- the chosen skill --------------------------------------------------------------------------------------
+
+    @property
+    def purpose(self) -> str:
+        """The first paragraph of the chosen skill's docstring, as its manager has stored it in the scene."""
+        scene = self._window.system.scene
+        if self.form is None or scene is None:
+            return ""
+        known = scene.matching(Element(self.form.offer.type, self.form.offer.label), "scene")
+        return next((str(text) for e in known if (text := e.value_of("rdfs:comment"))), "")
+
+    def recent_values(self, key: str) -> list[str]:
+        """Returns the last values of a parameter of the chosen skill: texts, or ids of elements."""
+        return self.recent.of(self.form.offer.type, key) if self.form is not None else []
 
     @property
     def is_offered(self) -> bool:
@@ -264,21 +279,22 @@ class SkillsPresenter:
             return
         offer = form.offer
         manager = self._window.system.managers[offer.manager]
-        step = form.step()
+        step, values = form.step(), entered(form)
         action = "tick_once" if ticks_once else "start"
         self.is_starting, self._stop_when_started, self.refused = True, False, None
         self.on_preview()
         self._window.jobs.run(
             lambda: _start(manager, action, step),
-            lambda result: self._started(form, result),
-            lambda error: self._started(form, Refused(error_text(error))),
+            lambda result: self._started(form, result, values),
+            lambda error: self._started(form, Refused(error_text(error)), values),
             activity=f"starting {offer.name} of {offer.manager}",
         )
 
-    def _started(self, form: Form, result: Started | Refused) -> None:
+    def _started(self, form: Form, result: Started | Refused, values: Values) -> None:
         self.is_starting = False
         offer = form.offer
         if isinstance(result, Started):
+            self.recent.note(offer.type, values)
             self.tasks.started(offer.manager, result.task_id, result.nodes, result.stamp)
             self._window.publish(TaskStarted(offer.manager, result.task_id))
             if self._stop_when_started:

@@ -80,11 +80,14 @@ class RestChannel:
 
 
 class OpcuaChannel:
-    """OPC UA Job Control, with asyncua's client."""
+    """OPC UA Job Control, with asyncua's client.
+
+    :param index: of the namespace of the types.
+    """
 
     def __init__(self, client: Client, index: int) -> None:
-        self._client = client
-        self._index = index
+        self.client = client
+        self.index = index
 
     @classmethod
     async def connect(cls, address: str, user: str, token: str, namespace: str) -> OpcuaChannel:
@@ -129,11 +132,11 @@ class OpcuaChannel:
         }
 
     async def close(self) -> None:
-        await self._client.disconnect()
+        await self.client.disconnect()
 
     async def _call(self, name: str, method: str, *arguments: Any) -> Any:
-        place = await self._client.nodes.objects.get_child(f"{self._index}:{name}")
-        return await place.call_method(f"{self._index}:{method}", *arguments)
+        place = await self.client.nodes.objects.get_child(f"{self.index}:{name}")
+        return await place.call_method(f"{self.index}:{method}", *arguments)
 
 
 class MqttChannel:
@@ -152,8 +155,8 @@ class MqttChannel:
         self._subscribed = asyncio.Event()
         self._client = paho.Client(CallbackAPIVersion.VERSION2)
         self._client.on_connect = lambda client, *_: client.subscribe("skiros2/job/#", 1)
-        self._client.on_subscribe = lambda *_: self._loop.call_soon_threadsafe(self._subscribed.set)
-        self._client.on_message = lambda _, __, message: self._loop.call_soon_threadsafe(self._on_message, message)
+        self._client.on_subscribe = lambda *_: self._in_loop(self._subscribed.set)
+        self._client.on_message = lambda _, __, message: self._in_loop(self._on_message, message)
         self._client.connect(host, port)
         self._client.loop_start()
 
@@ -173,6 +176,10 @@ class MqttChannel:
     async def close(self) -> None:
         self._client.disconnect()
         await asyncio.to_thread(self._client.loop_stop)
+
+    def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(call, *arguments)
 
     def _response(self, job_id: str) -> asyncio.Future[Any]:
         if job_id not in self._responses:

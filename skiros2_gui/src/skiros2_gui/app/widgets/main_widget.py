@@ -38,10 +38,12 @@ from skiros2_gui.app.events import (
     WorldChanged,
 )
 from skiros2_gui.app.jobs import Jobs
+from skiros2_gui.app.next_step import ADD, LOAD
 from skiros2_gui.app.problems import ExceptHook, Problems
 from skiros2_gui.app.system import System, missing
 from skiros2_gui.app.widgets.collector import Collector
 from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, text_label
+from skiros2_gui.app.widgets.next_step_bar import NextStepBar
 from skiros2_gui.app.widgets.status import ErrorBar, StatusLine
 from skiros2_gui.app.widgets.stop_bar import StopBar
 from skiros2_gui.app.widgets.stop_control import StopControl, TallTabBar
@@ -224,10 +226,13 @@ class MainWidget(QWidget):
         self.error_bar = ErrorBar(self.shared.problems)
         self.status = StatusLine(self.shared)
         self.stop_bar = StopBar(self.shared)
+        calls = {LOAD: partial(self._in_world_tab, WorldTab.load), ADD: partial(self._in_world_tab, WorldTab.add)}
+        self.next_step = NextStepBar(self.shared, calls)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
         column.addWidget(self.stop_bar)
+        column.addWidget(self.next_step)
         column.addWidget(self.tabs, 1)
         column.addWidget(self.error_bar)
         column.addWidget(self.status)
@@ -243,6 +248,12 @@ class MainWidget(QWidget):
     def _task_started(self, event: TaskStarted) -> None:
         if event.to_front:
             self.tabs.setCurrentIndex(TABS.index(RunTab))
+
+    def _in_world_tab(self, call: Callable[[WorldTab], None]) -> None:
+        """Opens the tab "World model" and calls one of its methods."""
+        number = TABS.index(WorldTab)
+        self.tabs.setCurrentIndex(number)
+        call(self.pages[number].tab)
 
     @property
     def tab(self) -> Tab:
@@ -279,6 +290,7 @@ class MainWidget(QWidget):
         self._excepthook.close()
         self._collector.close()
         self.stop_control.close_timer()
+        self.next_step.close_timer()
         self._bridge.close()
         for page in self.pages:
             try:
@@ -306,6 +318,7 @@ class MainWidget(QWidget):
                 tint(page.banner, background="notice", dark=dark)
             self.error_bar.set_dark(dark)
             self.stop_bar.set_dark(dark)
+            self.next_step.set_dark(dark)
             self.status.set_dark(dark)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

@@ -39,7 +39,7 @@ class GoalBar(QWidget):
         self.sentence.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self.earlier = QToolButton()
         self.earlier.setObjectName("goalEarlier")
-        self.earlier.setText("Earlier ▾")
+        self.earlier.setText("Earlier")
         self.earlier.setToolTip("Goals planned or achieved before")
         self.earlier.setPopupMode(QToolButton.InstantPopup)
         self._menu = QMenu(self)

@@ -47,7 +47,8 @@ class RunTab(QWidget):
         self._folder = ""
         self._tasks = TaskTable(window, "taskChoice", lambda: self.presenter.runs, lambda: self.presenter.run)
         self._tasks.picked.connect(self.presenter.pick)
-        self._details = NodeDetails(Names(window.system))
+        self._names = Names(window.system)
+        self._details = NodeDetails(self._names)
         self._messages = MessageList()
         self._times = TimeList()
         self._breakpoints = BreakpointPanel(self.presenter)
@@ -195,6 +196,7 @@ class RunTab(QWidget):
         has_failed = frame is not None and bool(line) and frame.state(0) == FAILURE
         if frame is not None and frame.has_ended and not has_failed:
             line = ""
+        line = self._names.readable(line)
         text = line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
         if text != self._banner.text():
             self._banner.setText(text)

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from typing import TypeVar
 
-from python_qt_binding.QtCore import QEvent, QObject, QSignalBlocker
+from python_qt_binding.QtCore import QEvent, QObject, QSignalBlocker, Signal
 from python_qt_binding.QtGui import QFontDatabase
-from python_qt_binding.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
+from python_qt_binding.QtWidgets import (
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QMenu,
+    QPlainTextEdit,
+    QToolButton,
+    QWidget,
+)
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.names import label_text
@@ -22,6 +32,9 @@ _UNSET = "unset"
 
 #: A longer list is filled when it gets the focus, which takes time.
 _MAX_AT_ONCE = 500
+
+#: The most characters of a recent value in its menu.
+_MAX_TEXT = 60
 
 
 _editors: list[type[FieldEditor]] = []
@@ -78,6 +91,39 @@ class FieldEditor(QWidget):
     def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
         """Shows the inferred element and the choices."""
 
+    def show_recent(self, values: Sequence[str]) -> None:
+        """Offers the values of earlier starts, texts or ids of elements, the newest first."""
+
+
+class _RecentButton(QToolButton):
+    """Opens a menu of earlier values; hidden without one. Emits `picked` with a value."""
+
+    picked = Signal(str)
+
+    def __init__(self, key: str) -> None:
+        super().__init__()
+        self.setObjectName(f"recent_{key}")
+        self.setText("recent")
+        self.setToolTip("The values of the last starts")
+        self.setPopupMode(QToolButton.InstantPopup)
+        self.setMenu(QMenu(self))
+        self._values: tuple[str, ...] = ()
+        self.hide()
+
+    def show_values(self, values: Sequence[str]) -> None:
+        if tuple(values) != self._values:
+            self._values = tuple(values)
+            self.menu().clear()
+            for value in values:
+                self.menu().addAction(_one_line(value), partial(self.picked.emit, value))
+        self.setVisible(bool(values))
+
+
+def _one_line(value: str) -> str:
+    """Returns a value as the text of a menu, where & marks a key."""
+    text = " ".join(value.split()).replace("&", "&&")
+    return text if len(text) <= _MAX_TEXT else f"{text[: _MAX_TEXT - 1]}…"
+
 
 @register_editor
 class TextEditor(FieldEditor):
@@ -94,6 +140,16 @@ class TextEditor(FieldEditor):
         if ValueMode.UNSET in field.modes:
             self.line.setPlaceholderText(_UNSET)
         self.line.textEdited.connect(lambda text: skills.write(field.key, text))
+        self._recent = _RecentButton(field.key)
+        self._recent.picked.connect(self._take)
+        self.row.addWidget(self._recent)
+
+    def show_recent(self, values: Sequence[str]) -> None:
+        self._recent.show_values(values)
+
+    def _take(self, text: str) -> None:
+        self.line.setText(text)
+        self._skills.write(self.field.key, text)
 
 
 @register_editor
@@ -109,7 +165,7 @@ class NumberEditor(TextEditor):
         hints = [field.declared.description or field.key, field.limits.text]
         self.line.setToolTip("\n".join(hint for hint in hints if hint))
         if field.limits.unit:
-            self.row.addWidget(QLabel(field.limits.unit))
+            self.row.insertWidget(1, QLabel(field.limits.unit))
 
 
 @register_editor
@@ -163,7 +219,12 @@ class JsonEditor(FieldEditor):
         self.box.setToolTip(f"{field.declared.description or field.key}\nin JSON, such as {example}")
         self._fit_text()
         self.box.textChanged.connect(lambda: skills.write(field.key, self.box.toPlainText()))
+        self._recent = _RecentButton(field.key)
+        self._recent.picked.connect(self.box.setPlainText)
+        self.row.addWidget(self._recent)
 
+    def show_recent(self, values: Sequence[str]) -> None:
+        self._recent.show_values(values)
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
@@ -196,15 +257,23 @@ class ElementEditor(FieldEditor):
         self._shown: tuple[object, ...] = ()
         self._found: ElementChoice | None = None
         self._choices: Sequence[ElementChoice] = ()
+        self._recent: Sequence[str] = ()
         self.box.chosen.connect(self._chosen)
         self.show_inferred(None, ())
 
     def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
+        choices = sorted(choices, key=self._rank)
         shown = (found, tuple(choices), self.field.mode, self.field.value)
         if shown == self._shown or self.box.is_in_use:
             return
         self._shown, self._found, self._choices = shown, found, choices
         self._fill(found, choices if len(choices) <= _MAX_AT_ONCE else ())
+
+    def show_recent(self, values: Sequence[str]) -> None:
+        self._recent = values  # listed first by `show_inferred`
+
+    def _rank(self, choice: ElementChoice) -> int:
+        return self._recent.index(choice.id) if choice.id in self._recent else len(self._recent)
 
     def _fill(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
         with QSignalBlocker(self.box):

@@ -35,12 +35,14 @@ class SkillForm(QWidget):
         self._skills = skills
         self._editors: dict[str, FieldEditor] = {}
         self._errors: dict[str, QLabel] = {}
+        self._hints: list[QLabel] = []
         self.title = QLabel()
         self.title.setTextFormat(Qt.PlainText)
         self.reset = QToolButton()
         self.reset.setText("Reset")
         self.reset.setToolTip("Sets all parameters to what the skill declares")
         self.reset.clicked.connect(skills.reset)
+        self.purpose = text_label("skillPurpose")
         head = QHBoxLayout()
         head.addWidget(self.title, 1)
         head.addWidget(self.reset)
@@ -52,6 +54,7 @@ class SkillForm(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addLayout(head)
+        column.addWidget(self.purpose)
         column.addWidget(self.area, 1)
         column.addWidget(self._why_not())
         column.addSpacing(1)
@@ -123,7 +126,7 @@ class SkillForm(QWidget):
     def show_form(self) -> None:
         """Shows the parameters of the chosen skill."""
         form = self._skills.form
-        self._editors, self._errors = {}, {}
+        self._editors, self._errors, self._hints = {}, {}, []
         inside = QWidget()
         rows = QFormLayout(inside)
         rows.setContentsMargins(0, 0, 6, 0)
@@ -140,8 +143,10 @@ class SkillForm(QWidget):
         self.show_status()
 
     def show_status(self) -> None:
-        """Shows the status, and the errors of the fields."""
+        """Shows the status, and the errors and recent values of the fields."""
         skills = self._skills
+        self.purpose.setText(skills.purpose)
+        self.purpose.setVisible(bool(self.purpose.text()))
         status = start_status(skills)
         self.sign.setText(_SIGNS.get(status.status, "…"))
         colour_label(self.sign, _ROLE_COLOURS.get(status.status, ""))
@@ -157,8 +162,11 @@ class SkillForm(QWidget):
         if skills.form is None:
             return
         preview = skills.preview
+        for hint in self._hints:
+            colour_label(hint, "idle")
         for key, editor in self._editors.items():
             field = editor.field
+            editor.show_recent(skills.recent_values(key))
             error = self._errors[key]
             # Errors of empty fields are named in the status only.
             error.setText(f"⚠ {field.error}")
@@ -187,4 +195,9 @@ class SkillForm(QWidget):
         column.setSpacing(1)
         column.addWidget(editor)
         column.addWidget(error)
+        if field.hint:
+            hint = text_label(f"hint_{field.key}", is_selectable=False)
+            hint.setText(field.hint)
+            self._hints.append(hint)
+            column.addWidget(hint)
         return holder

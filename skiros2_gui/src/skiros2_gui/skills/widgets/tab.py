@@ -109,12 +109,14 @@ class SkillsTab(QWidget):
     def settings(self) -> dict[str, Any]:
         return {
             **self.goals.settings(),
+            "recent": self.skills.recent.settings(),
             "across": _text(self.across.saveState()),
             "down": _text(self.down.saveState()),
         }
 
     def restore(self, settings: Mapping[str, Any]) -> None:
         self.goals.restore(settings)
+        self.skills.recent.restore(settings.get("recent"))
         for splitter, name in ((self.across, "across"), (self.down, "down")):
             state = settings.get(name)
             if isinstance(state, str):

@@ -20,6 +20,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_gui.app.names import label_text
 from skiros2_gui.app.widgets.controls import push_button, text_label, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import colour_label
@@ -112,7 +113,7 @@ class TeachPanel(QWidget):
         """Reads the scene and shows everything."""
         presenter = self.presenter
         presenter.refresh()
-        known = [(arm.eid, f"{arm.label} of {arm.robot}") for arm in presenter.arms]
+        known = [(arm.eid, f"{label_text(arm.label)} of {label_text(arm.robot)}") for arm in presenter.arms]
         if known != [(self._arm.itemData(n), self._arm.itemText(n)) for n in range(self._arm.count())]:
             self._arm.clear()
             for eid, text in known:
@@ -120,7 +121,8 @@ class TeachPanel(QWidget):
         if presenter.arm is not None:
             self._arm.setCurrentIndex(self._arm.findData(presenter.arm.eid))
         owner = presenter.owner
-        self._owner.setText(f"Taught of {owner.label or owner.id}" if owner is not None else "No object is selected")
+        name = label_text(owner.label) or owner.id if owner is not None else ""
+        self._owner.setText(f"Taught of {name}" if name else "No object is selected")
         self._show_taught()
         self._status.setText(presenter.status)
         colour_label(self._status, "failure" if presenter.has_failed else "")

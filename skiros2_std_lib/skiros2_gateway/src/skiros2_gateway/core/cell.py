@@ -149,6 +149,9 @@ class Cell(Protocol):
     async def skills(self) -> dict[str, list[dict[str, Any]]]:
         """Returns the skills of each robot as JSON data."""
 
+    async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns whether a skill would start now: {ok, implementation, elements, why}; nothing moves."""
+
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         """Returns the fields of the result of the action MakePlan, decoded."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -18,6 +19,9 @@ class Settings(BaseModel):
     :param http_port, opcua_port: 0: a free port; -1: off.
     :param mqtt: HOST or HOST:PORT of a broker; "": off.
     :param bags: folder of recorded runs to look at in the page; "": none.
+    :param agents: the Model Context Protocol at `/mcp`: off; a person approves what agents start (ask), or this setting
+        does (approved).
+    :param approval_timeout: how long an agent's request waits for a person (s).
     :param jobs_at_once: 0: as many as there are robots.
     :param rate, burst: requests per second and user.
     :param max_body: the largest request (bytes).
@@ -39,6 +43,8 @@ class Settings(BaseModel):
     certificate: str = ""
     key: str = ""
     bags: str = ""
+    agents: Literal["off", "ask", "approved"] = "off"
+    approval_timeout: float = Field(300.0, gt=0.0)
     jobs_at_once: int = Field(0, ge=0, le=1000)
     rate: float = Field(100.0, gt=0.0)
     burst: float = Field(300.0, ge=1.0)

@@ -18,7 +18,9 @@ from fastapi import APIRouter
 from pydantic import ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.access import Access, read_users
+from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job_control import JobControl
@@ -88,7 +90,13 @@ async def _serve(settings: Settings) -> None:
         control.start(cell)
         rospy.on_shutdown(end)
         if settings.http_port >= 0:
-            await _start_http(service, settings, _live_view(service, cell, settings, stack), stack)
+            routers = _live_view(service, cell, settings, stack)
+            if settings.agents != "off":
+                approvals = Approvals(events, is_needed=settings.agents == "ask", timeout=settings.approval_timeout)
+                agents = AgentServer(service, approvals, settings.max_body)
+                await stack.enter_async_context(agents.running())
+                routers.append(agents.router())
+            await _start_http(service, settings, routers, stack)
         if settings.opcua_port >= 0:
             opcua = OpcuaServer(service, settings)
             await opcua.start()

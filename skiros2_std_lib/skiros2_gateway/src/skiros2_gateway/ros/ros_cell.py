@@ -24,6 +24,7 @@ from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.goals import AchieveGoals
 from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
+from skiros2_gateway.ros.start_check import check_start
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.actions import condition_predicates
@@ -231,6 +232,12 @@ class RosCell:
             }
 
         return await self.in_thread(read)
+
+    async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        client = self._robots.agents.get(robot)
+        if client is None:
+            raise UnknownName(f"no robot {robot} is connected; there are: {', '.join(self._robots.agents) or 'none'}")
+        return await self.in_thread(check_start, client, skill, dict(parameters))
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         def make() -> Any:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
-from support.window.driver import TIMEOUT, Driver
+from skiros2_gui.driver import Driver
 
 #: The least share of pixels of locations, and of handles.
 LOCATIONS, HANDLES = 0.01, 0.00002
@@ -20,11 +20,10 @@ SETTLING_SECONDS = 3.0
 _Channel = NDArray[np.int16]
 
 
-def rviz_screenshot(driver: Driver, timeout: float = TIMEOUT) -> QImage:
+def rviz_screenshot(driver: Driver) -> QImage:
     """Opens rviz in the window, and takes a screenshot once locations and the selected element's handles are drawn.
 
     :param driver: of a window on a screen, with the tab of rviz and a movable element selected.
-    :param timeout: s.
     :raises LookupError: the window has no such tab.
     :raises TimedOut: rviz does not draw them.
     """
@@ -35,7 +34,7 @@ def rviz_screenshot(driver: Driver, timeout: float = TIMEOUT) -> QImage:
         picture = window_screenshot(driver)
         return picture if is_drawn(picture) else None
 
-    driver.wait_until(drawn, "rviz to draw locations and handles", timeout)
+    driver.wait_until(drawn, "rviz to draw locations and handles")
     driver.process_for(SETTLING_SECONDS)
     return window_screenshot(driver)
 

@@ -33,6 +33,7 @@ class Display:
         self._server = subprocess.Popen(
             [*command, "+extension", "GLX", "-nolisten", "tcp", "-noreset"],
             pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C ends the program first: Qt aborts it without its display
         )  # fmt: skip
         os.close(write)
         with os.fdopen(read) as pipe:  # Xvfb writes its display number when it is ready

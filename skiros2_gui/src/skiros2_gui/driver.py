@@ -32,10 +32,12 @@ class Driver:
     """Used in the Qt thread. Widgets are found by their object names.
 
     :param window: the window; it has to be shown.
+    :param timeout: of waiting (s).
     """
 
-    def __init__(self, window: QWidget) -> None:
+    def __init__(self, window: QWidget, timeout: float = TIMEOUT) -> None:
         self.window = window
+        self.timeout = timeout
 
     def widget(self, name: str) -> Any:
         """Returns the visible widget of that name, or else the first one.
@@ -126,11 +128,13 @@ class Driver:
         while time.monotonic() < end:
             _process()
 
-    def wait_until(self, condition: Callable[[], T], what: str, timeout: float = TIMEOUT) -> T:
+    def wait_until(self, condition: Callable[[], T], what: str, timeout: float | None = None) -> T:
         """Processes events until the condition is true; returns its value.
 
-        :raises TimedOut: it is not true within `timeout` (s); the stacks of all threads are dumped to stderr.
+        :param timeout: s; None: that of the driver.
+        :raises TimedOut: it is not true within the timeout; the stacks of all threads are dumped to stderr.
         """
+        timeout = self.timeout if timeout is None else timeout
         end = time.monotonic() + timeout
         while not (value := condition()):
             if time.monotonic() > end:

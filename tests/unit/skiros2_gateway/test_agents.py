@@ -1,0 +1,151 @@
+"""Agents: the client of the package `mcp` against the served application, with a stand-in for the cell."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import httpx2
+import jsonschema
+import pytest
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+
+from skiros2_gateway.agents.server import AgentServer
+from skiros2_gateway.agents.tools import schema_of
+from skiros2_gateway.core.approvals import Approvals
+from support.http_gateway import curl, served
+from support.stand_in_cell import ROBOT
+from unit.skiros2_gateway.conftest import TOKENS
+
+Run = Callable[..., None]
+GOAL = {"id": "a", "goal": "(at robot home)"}
+
+
+class Agent:
+    """A client with a token, and the address of the gateway."""
+
+    def __init__(self, client: Client, address: str) -> None:
+        self.client = client
+        self.address = address
+
+    async def call(self, tool: str, **arguments: Any) -> Any:
+        """Calls a tool; returns its data, which are an error's if it has a `code`."""
+        result = await self.client.call_tool(tool, arguments)
+        assert result.is_error == ("code" in result.structured_content)
+        return result.structured_content
+
+
+@asynccontextmanager
+async def connected(gateway: Any, user: str, **approval: Any) -> AsyncIterator[Agent]:
+    server = AgentServer(gateway.service, Approvals(gateway.events, **approval))
+    async with server.running(), served(gateway.service, routers=[server.router()]) as address:
+        headers = {"Authorization": f"Bearer {TOKENS[user]}"}
+        async with (
+            httpx2.AsyncClient(headers=headers, timeout=60.0) as http,
+            Client(streamable_http_client(f"{address}/mcp", http_client=http)) as client,
+        ):
+            yield Agent(client, address)
+
+
+def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "view") as agent:
+            tools = {tool.name: tool for tool in (await agent.client.list_tools()).tools}
+            assert set(tools) == {
+                "list_skills", "query_world", "check_start", "plan", "preview", "execute", "stop", "explain", "history"
+            }
+            assert [name for name, tool in tools.items() if not tool.annotations.read_only_hint] == ["execute", "stop"]
+            jsonschema.validate(GOAL, tools["execute"].input_schema)
+            assert (await agent.call("list_skills"))["skills"][0]["robot"] == ROBOT
+            found = await agent.call("query_world", type="demo:Tray")
+            assert [element["id"] for element in found["elements"]] == ["Tray-1"]
+            assert (await agent.call("query_world", sparql="SELECT ?x WHERE {}"))["columns"] == ["x"]
+            assert (await agent.call("check_start", robot=ROBOT, skill="place"))["ok"]
+            assert (await agent.call("plan", goal="(at robot home)"))["state"] == "planned"
+            place = {"work_master": "place", "parameters": {"Tray": "Tray-1"}}
+            assert (await agent.call("preview", **place))["state"] == "planned"
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+def test_job_of_an_agent_starts_when_another_user_approves(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "operate") as agent:
+            execution = asyncio.create_task(agent.call("execute", **GOAL))
+            maintainer, operator, viewer = (TOKENS[user] for user in ("maintain", "operate", "view"))
+            while not (found := (await curl(agent.address, "/api/approvals", token=viewer))[1]["approvals"]):
+                await asyncio.sleep(0.01)
+            assert not gateway.cell.sent
+            assert (found[0]["user"], found[0]["what"]["plan"][0]["label"]) == ("operate", "place")
+            path = f"/api/approvals/{found[0]['number']}/approve"
+            for token, status in ((operator, 403), (viewer, 403), ("", 401), (maintainer, 200)):
+                assert (await curl(agent.address, path, "-X", "POST", token=token))[0] == status
+            assert (await execution)["state"] == "AllowedToStart"
+            assert [goal.id for goal in gateway.cell.sent] == ["a"]
+            assert gateway.store.history("a")[0]["comment"] == "approved by maintain"
+            gateway.cell.end("a", "failed", "the gripper is empty")
+            await gateway.collected("a")
+            assert (await agent.call("explain", job="a"))["message"] == "the gripper is empty"
+            assert [job["job"] for job in (await agent.call("history"))["jobs"]] == ["a"]
+            assert (await agent.call("history", job="a"))["history"][-1]["method"] == "collected"
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize(("approval", "answer"), [({}, "reject"), ({"timeout": 0.05}, "")])
+def test_job_that_nobody_approves_does_not_start(in_gateway: Run, approval: dict[str, Any], answer: str) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "operate", **approval) as agent:
+            execution = asyncio.create_task(agent.call("execute", **GOAL))
+            if answer:
+                request = (agent.address, f"/api/approvals/1/{answer}", "-X", "POST")
+                while (await curl(*request, token=TOKENS["maintain"]))[0] != 200:
+                    await asyncio.sleep(0.01)
+            assert (await execution)["code"] == "refused"
+            assert not list(gateway.store.jobs())
+
+    in_gateway(test)
+
+
+def test_agent_without_role_valid_plan_or_right_arguments_is_refused(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "view", is_needed=False) as agent:
+            assert (await agent.call("execute", **GOAL))["code"] == "denied"
+            assert (await agent.call("stop"))["code"] == "denied"
+        async with connected(gateway, "operate", is_needed=False) as agent:
+            assert "nobody goes there" in (await agent.call("execute", id="a", goal="(at nowhere)"))["detail"]
+            wrong = await agent.call("execute", id="a b", goal="(at robot home)", robots=["/other"], colour="red")
+            assert {problem["where"] for problem in wrong["problems"]} == {"colour"}
+            assert (await agent.call("move"))["code"] == "unknown_name"
+            assert not list(gateway.store.jobs())
+            assert (await agent.call("execute", **GOAL))["state"] == "AllowedToStart"
+            gateway.cell.accept("a")
+            assert (await agent.call("stop", job="a"))["job"] == "a"
+            assert gateway.cell.stopped == ["a"]
+
+    in_gateway(test)
+
+
+def test_request_without_a_token_is_refused(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "view") as agent:
+            request = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
+            assert (await curl(agent.address, "/mcp", body=request))[0] == 401
+
+    in_gateway(test)
+
+
+def test_schema_of_parameters_has_types_limits_and_required_ones() -> None:
+    parameters = [
+        {"key": "Object", "kind": "required", "type": "skiros:Product", "default": [], "description": "what"},
+        {"key": "Speed", "kind": "optional", "type": "float", "default": [1.0], "unit": "m/s", "maximum": 2.0},
+    ]
+    schema = schema_of(parameters)
+    jsonschema.validate({"Object": "Product-1", "Speed": 2.0}, schema)
+    for wrong in ({}, {"Object": 1}, {"Object": "x", "Speed": 3.0}, {"Object": "x", "Other": 1}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(wrong, schema)

@@ -54,7 +54,7 @@ bench-gateway: setup  ## measure the gateway: latency, 100 clients, kills, hosti
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
 	@python3 -m venv build/lock && build/lock/bin/pip install --quiet uv==0.13.9
-	@cd requirements && for list in run core planner sim learning dev gateway browser bench docs; do \
+	@cd requirements && for list in run core planner sim learning dev gateway browser export bench docs; do \
 		../build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
 			$$([ $$list != core ] || echo --constraint run.txt) $$list.in --output-file $$list.txt || exit; \

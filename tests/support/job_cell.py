@@ -135,13 +135,15 @@ class JobCell:
     def _lines(self) -> list[list[str]]:
         return [line.split() for line in self._carried.read_text().splitlines()] if self._carried.exists() else []
 
-    def wrong(self, jobs: dict[str, dict[str, Any]]) -> list[str]:
+    def wrong(self, jobs: dict[str, dict[str, Any]], before: Counter[tuple[str, str]] | None = None) -> list[str]:
         """What is wrong with ended jobs: each was done once, or is reported as failed or lost.
 
         Jobs for the same product and place are counted together. A lost job may have been done. A step that has
         failed, for example with the world model, may be repeated by another plan of its job.
+
+        :param before: what was carried before these jobs.
         """
-        problems, carried = [], self.carried()
+        problems, carried = [], self.carried() - (before or Counter())
         least: Counter[tuple[str, str]] = Counter()
         most: Counter[tuple[str, str]] = Counter()
         for job_id, job in jobs.items():

@@ -88,6 +88,7 @@ class OpcuaChannel:
     def __init__(self, client: Client, index: int) -> None:
         self.client = client
         self.index = index
+        self._nodes: dict[str, Any] = {}
 
     @classmethod
     async def connect(cls, address: str, user: str, token: str, namespace: str) -> OpcuaChannel:
@@ -135,8 +136,9 @@ class OpcuaChannel:
         await self.client.disconnect()
 
     async def _call(self, name: str, method: str, *arguments: Any) -> Any:
-        place = await self.client.nodes.objects.get_child(f"{self.index}:{name}")
-        return await place.call_method(f"{self.index}:{method}", *arguments)
+        if name not in self._nodes:
+            self._nodes[name] = await self.client.nodes.objects.get_child(f"{self.index}:{name}")
+        return await self._nodes[name].call_method(f"{self.index}:{method}", *arguments)
 
 
 class MqttChannel:

@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test lint bench bench-insertion bench-learning bench-gateway lock clean
+.PHONY: help setup build demo test lint docs bench bench-insertion bench-learning bench-gateway lock clean
 
 python := .venv/bin/python3
 
@@ -34,6 +34,10 @@ lint: setup  ## check style and types
 	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .
 	@echo "mypy" && $(python) -m mypy --no-error-summary
 
+docs:  ## build the documentation's site with a generated reference in build/docs/site; fails on broken links and missing entries
+	@.ci/setup run planner sim learning gateway dev docs
+	@exec .ci/in_ros $(python) docs/site/build.py
+
 bench: setup  ## measure, print a table, write build/bench.json
 	@$(python) -m pip install --quiet --require-hashes --requirement requirements/bench.txt || echo "some planners are missing"
 	@exec .ci/in_ros $(python) tests/benchmarks/run.py --json build/bench.json
@@ -50,7 +54,7 @@ bench-gateway: setup  ## measure the gateway: latency, 100 clients, kills, hosti
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
 	@python3 -m venv build/lock && build/lock/bin/pip install --quiet uv==0.13.9
-	@cd requirements && for list in run core planner sim learning dev gateway browser bench; do \
+	@cd requirements && for list in run core planner sim learning dev gateway browser export bench docs; do \
 		../build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
 			$$([ $$list != core ] || echo --constraint run.txt) $$list.in --output-file $$list.txt || exit; \

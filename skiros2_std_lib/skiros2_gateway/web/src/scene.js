@@ -16,6 +16,7 @@ export class Scene {
   #bodies = new Map(); // a list of meshes by robot
   #files = new Map(); // promises of meshes by URL
   #isWanted = false;
+  #isCameraChosen = false;
 
   constructor(panel, cell, selection) {
     [this.cell, this.selection, this.panel] = [cell, selection, panel];
@@ -30,6 +31,7 @@ export class Scene {
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.target.set(1, 0, 0.3);
     this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("start", () => (this.#isCameraChosen = true));
     const sun = new three.DirectionalLight(0xffffff, 2);
     sun.position.set(-3, -5, 8);
     this.scene.add(new three.HemisphereLight(0xffffff, 0x8a8f98, 1.8), sun);
@@ -92,7 +94,7 @@ export class Scene {
     const half = Math.min(this.camera.fov, this.camera.fov * this.camera.aspect) / 2;
     const distance = Math.max(1, sphere.radius) / Math.sin((half * Math.PI) / 180);
     this.controls.target.copy(sphere.center);
-    this.camera.position.copy(sphere.center).addScaledVector(new three.Vector3(-0.55, -0.6, 0.58).normalize(), 0.85 * distance);
+    this.camera.position.copy(sphere.center).addScaledVector(new three.Vector3(-0.55, -0.6, 0.58).normalize(), distance);
     this.controls.update();
     this.draw();
   }
@@ -207,6 +209,7 @@ export class Scene {
         if (part.isMesh && !(hasMaterials && part.material.name)) part.material = material;
       });
       group.add(copy);
+      if (!this.#isCameraChosen) this.fit();
       this.draw();
     }, (error) => console.warn(`${url}: ${error.message ?? error}`));
     return group;

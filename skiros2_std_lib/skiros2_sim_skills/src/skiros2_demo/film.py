@@ -34,6 +34,7 @@ _ROWS = 4
 #: Number of values of a step that are shown.
 _VALUES = 3
 _STATES = {"waiting": IDLE, "running": RUNNING, "succeeded": SUCCESS, "failed": FAILURE}
+_STARTED = [*_STATES][1:]
 #: Number of colours of the GIF.
 _PALETTE = 96
 #: The film's speed, times real time; the shortest time of a picture, and that of the last one (ms).
@@ -99,8 +100,8 @@ class Film:
 
     def steps(self, steps: Sequence[Step]) -> None:
         """Sets the steps of the plan; those of an earlier plan stay if they have started. Any thread."""
-        started = {number: step for number, step in self._steps.items() if step.get("state", "waiting") != "waiting"}
-        self._steps = started | {step["number"]: step for step in steps}
+        started = {number: step for number, step in self._steps.items() if step.get("state") in _STARTED}
+        self._steps = started | {step["number"]: step for step in steps if step.get("state") in _STATES}
 
     def event(self, text: str) -> None:
         """Sets the text of a disturbance. Any thread."""

@@ -48,6 +48,8 @@ class CommandResult:
 
 
 class Parser(argparse.ArgumentParser):
+    """A parser of arguments that reports wrong usage in one line."""
+
     def error(self, message: str) -> NoReturn:
         """Reports a usage error in one line."""
         self.exit(USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")

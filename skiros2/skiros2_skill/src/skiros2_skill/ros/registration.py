@@ -92,7 +92,7 @@ class Registration:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
             element.setProperty("skiros:PythonModule", implementation.module)
-            element.setProperty("rdfs:comment", _purpose(type(implementation.declared.skill_description)))
+            element.setProperty("rdfs:comment", purpose_of(type(implementation.declared.skill_description)))
             element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
             self._wmi.add_element(element)
             added[element.id] = (element.type, element.label)
@@ -176,7 +176,7 @@ class Registration:
         self._wmi.add_class(implementation.type, parent)
 
 
-def _purpose(described: type) -> str:
+def purpose_of(described: type) -> str:
     """The first paragraph of the class's own docstring, on one line."""
     doc = described.__doc__ if described is not SkillDescription else ""
     return " ".join(inspect.cleandoc(doc or "").partition("\n\n")[0].split())

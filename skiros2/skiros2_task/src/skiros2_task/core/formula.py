@@ -93,6 +93,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Not:
+    """True when its part is false."""
+
     part: Formula
 
     def __str__(self) -> str:
@@ -101,6 +103,8 @@ class Not:
 
 @dataclass(frozen=True)
 class And:
+    """True when all parts are true."""
+
     parts: tuple[Formula, ...]
 
     def __str__(self) -> str:
@@ -109,6 +113,8 @@ class And:
 
 @dataclass(frozen=True)
 class Or:
+    """True when one of the parts is true."""
+
     parts: tuple[Formula, ...]
 
     def __str__(self) -> str:

@@ -69,6 +69,8 @@ class Name:
 
 @dataclass(frozen=True)
 class ParsedAtom:
+    """A predicate with terms: `(skiros:contain demo:Tray-12 ?x)`."""
+
     predicate: Name
     terms: tuple[Name, ...]
 
@@ -85,25 +87,40 @@ class ParsedComparison:
 
 @dataclass(frozen=True)
 class ParsedEquality:
+    """`(= ONE OTHER)`: the same element."""
+
     one: Name
     other: Name
 
 
 @dataclass(frozen=True)
 class ParsedNot:
+    """`(not PART)`."""
+
     part: ParsedGoal
 
 
 @dataclass(frozen=True)
 class ParsedJunction:
-    every: bool  # and, or
+    """`(and PARTS)` or `(or PARTS)`.
+
+    :param every: `and`.
+    """
+
+    every: bool
     parts: tuple[ParsedGoal, ...]
 
 
 @dataclass(frozen=True)
 class ParsedQuantifier:
-    every: bool  # forall, exists
-    variables: tuple[tuple[Name, Name | None], ...]  # (variable, class or None)
+    """`(forall (VARIABLES) BODY)` or `(exists (VARIABLES) BODY)`.
+
+    :param every: `forall`.
+    :param variables: each with its class, if one is given.
+    """
+
+    every: bool
+    variables: tuple[tuple[Name, Name | None], ...]
     body: ParsedGoal
 
 

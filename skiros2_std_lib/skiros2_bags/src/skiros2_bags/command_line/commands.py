@@ -19,7 +19,7 @@ from skiros2_bags.core.run import Run, check
 from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.command_line.command import REFUSED, CommandResult, UsageError, user
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_runs.core.history import NodeHistory, SkillRun, node_histories
@@ -237,6 +237,29 @@ def plot(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResu
     output = arguments.output or run.path.with_suffix(".png")
     save_gantt(run, output, arguments.depth)
     return CommandResult([str(output)], {"file": str(output)})
+
+
+def export(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Writes the run for other tools: BAG.mcap for Foxglove and Lichtblick, BAG.rrd for the Rerun viewer."""
+    folder = arguments.output or run.path.parent
+    files = []
+    try:
+        if arguments.format in ("all", "mcap"):
+            from skiros2_bags.core.mcap_export import export_mcap  # optional packages
+
+            export_mcap(run, folder / f"{run.path.stem}.mcap")
+            files.append(str(folder / f"{run.path.stem}.mcap"))
+        if arguments.format in ("all", "rerun"):
+            from skiros2_bags.core.rerun_export import export_rerun
+
+            export_rerun(run, folder / f"{run.path.stem}.rrd")
+            files.append(str(folder / f"{run.path.stem}.rrd"))
+    except ModuleNotFoundError as error:
+        install = "pip install -r requirements/export.txt"
+        raise ConfigurationError(f"the package {error.name} is missing; install it with: {install}") from error
+    except OSError as error:
+        raise BagError(f"{folder}: the export cannot be written: {error}") from error
+    return CommandResult(files, {"files": files})
 
 
 #: Relations along which the tree of a scene is printed; a bag contains no ontologies to derive them from.

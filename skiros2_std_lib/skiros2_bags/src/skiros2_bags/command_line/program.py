@@ -87,6 +87,12 @@ def _plot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--depth", type=int, default=0, metavar="N", help="maximum depth of skills in the tree")
 
 
+def _export(parser: argparse.ArgumentParser) -> None:
+    formats = ("all", "mcap", "rerun")
+    parser.add_argument("--format", choices=formats, default="all", help="what to write (default: %(default)s)")
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="for the files (default: beside BAG)")
+
+
 def _restore(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", default="", metavar="TIME", help="time of the scene (default: end of the bag)")
     parser.add_argument("--partial", action="store_true", help="accept missing changes")
@@ -103,6 +109,7 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "changes": (commands.changes, _changes, _TIMES),
     "diff": (commands.diff, _diff, "Status 1: there are differences."),
     "plot": (commands.plot, _plot),
+    "export": (commands.export, _export),
     "restore": (
         commands.restore,
         _restore,

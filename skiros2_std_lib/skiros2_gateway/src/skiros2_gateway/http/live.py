@@ -139,15 +139,14 @@ def page_router(folder: Path) -> APIRouter:
     :param folder: of the bundled files.
     """
     router = APIRouter()
-    files = {path.name: path for path in folder.glob("*")} if folder.is_dir() else {}
     headers = {"Content-Security-Policy": _POLICY}
 
     @router.get("/", include_in_schema=False)
     async def page() -> Response:
-        if "index.html" not in files:
+        if not (folder / "index.html").is_file():
             text = "The page is not installed. Run: make setup (it needs npm); REST works: see /openapi.json\n"
             return Response(text, 404, media_type="text/plain")
-        return FileResponse(files["index.html"], headers=headers)
+        return FileResponse(folder / "index.html", headers=headers)
 
     @router.get("/page/states.css", include_in_schema=False)
     async def colours() -> Response:
@@ -156,9 +155,9 @@ def page_router(folder: Path) -> APIRouter:
 
     @router.get("/page/{name}", include_in_schema=False)
     async def asset(name: str) -> FileResponse:
-        if name not in files:
+        if name not in [path.name for path in folder.glob("*")]:
             raise UnknownName(f"the page has no file {name}")
-        return FileResponse(files[name], headers=headers)
+        return FileResponse(folder / name, headers=headers)
 
     return router
 

@@ -1,0 +1,331 @@
+"""The pages of the reference that are read from the platform: skills, vocabulary, ROS interface, commands, errors.
+
+Each function returns a page of Markdown, and adds to `problems` what is missing.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import inspect
+import io
+import os
+import re
+import runpy
+import sys
+import xml.etree.ElementTree as xml
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rdflib import OWL, RDF, RDFS, Graph, URIRef
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_skill.core.library.description import Described, Descriptions, Undescribed
+from skiros2_skill.core.tree.compound import SkillBase
+from skiros2_skill.ros.registration import purpose_of
+
+ROOT = Path(__file__).resolve().parents[2]
+#: The sources of all packages, by package.
+SOURCES = {
+    path.name: path
+    for pattern in ("skiros2/*/src/*", "skiros2_std_lib/*/src/*", "skiros2_gui/src/*")
+    for path in sorted(ROOT.glob(pattern))
+    if (path / "__init__.py").is_file()
+}
+SKILLS = (
+    *("skiros2_std_skills", "skiros2_demo_skills", "skiros2_sim_skills", "skiros2_contact_skills"),
+    *("skiros2_teaching", "skiros2_perception"),
+)
+
+
+def table(headers: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table; "" without rows."""
+    lines = ["| " + " | ".join(_cell(cell) for cell in row) + " |" for row in rows]
+    if not lines:
+        return ""
+    return "\n".join(["", "| " + " | ".join(headers) + " |", "|" + "---|" * len(headers), *lines, ""])
+
+
+def _cell(value: object) -> str:
+    return " ".join(str(value).split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def code(value: object) -> str:
+    """A text as code; "" stays."""
+    return f"`{value}`" if str(value) else ""
+
+
+# -- skills ------------------------------------------------------------------------------------------------------------
+
+
+def skills(problems: list[str]) -> str:
+    """The skills of the standard libraries, by their descriptions."""
+    page = ["# Standard skills", "Read from the descriptions themselves. Types have the prefix `skiros:`."]
+    for package in SKILLS:
+        loader = PluginLoader()
+        loader.load(package, (PrimitiveBase, SkillBase))
+        problems += [f"{package}: {module}: {failure}" for module, failure in loader.failures.items()]
+        descriptions = Descriptions(None, loader)
+        described = sorted(descriptions.all(), key=lambda each: (each.skill.type, each.skill.label))
+        unknown = [found for cls in loader if isinstance(found := descriptions.of(cls), Undescribed)]
+        unknown = [each for each in unknown if each.cls.__name__[0].islower()]  # others are base classes
+        problems += [f"{package}: {each.cls.__name__}: {each.reason}" for each in unknown]
+        if described:
+            page += [f"## {package}", *(_skill(each, problems) for each in described)]
+    return "\n\n".join(page) + "\n"
+
+
+def _skill(described: Described, problems: list[str]) -> str:
+    skill, cls = described.skill, described.cls
+    text = purpose_of(cls) or inspect.getdoc(cls) or ""
+    if not text:
+        problems.append(f"{cls.__module__}.{cls.__name__}: no docstring")
+    kind = "compound" if isinstance(skill, SkillBase) else "primitive"
+    lines = [f"### {skill.label}", text, f"{kind} `{cls.__module__}.{cls.__name__}`, type `{skill.type}`"]
+    rows = [
+        (code(key), _kind(param), code(_type(param)), _default(param), _meaning(param))
+        for key, param in skill.params.items()
+    ]
+    lines.append(table(("parameter", "kind", "type", "default", "meaning"), rows))
+    stages = {"pre": skill.pre_conditions, "hold": skill.hold_conditions, "post": skill.post_conditions}
+    conditions = [
+        (stage, code(each.label), each.getDescription()) for stage, some in stages.items() for each in some
+    ]
+    lines.append(table(("condition", "name", "meaning"), conditions))
+    return "\n\n".join(line for line in lines if line)
+
+
+def _kind(param: Param) -> str:
+    return next(kind.name.lower() for kind in ParamTypes if param.paramTypeIs(kind))
+
+
+def _type(param: Param) -> str:
+    return param.element_type if param.is_element else param.dataType().__name__
+
+
+def _meaning(param: Param) -> str:
+    return ", ".join(filter(None, (param.description, param.limits.text)))
+
+
+def _default(param: Param) -> str:
+    values = [] if param.is_element else param.getDefaultValues()
+    return code(", ".join(str(value) for value in values if value is not None))
+
+
+# -- vocabulary --------------------------------------------------------------------------------------------------------
+
+
+def vocabulary(problems: list[str]) -> str:
+    """Classes, relations and properties of the platform's ontologies."""
+    graph = Graph()
+    for file in sorted((ROOT / "ontologies").glob("*.ttl")):
+        graph.parse(file)
+    names = {term: graph.qname(term) for term in graph.subjects(RDF.type) if isinstance(term, URIRef)}
+    page = ["# Vocabulary", "The platform's ontologies, in `ontologies/`. A workspace adds its own."]
+    groups = (
+        ("Classes", OWL.Class, RDFS.subClassOf), ("Relations", OWL.ObjectProperty, RDFS.subPropertyOf),
+        ("Properties", OWL.DatatypeProperty, RDFS.subPropertyOf),
+    )  # fmt: skip
+    for title, kind, above in groups:
+        rows = []
+        for term in sorted(set(graph.subjects(RDF.type, kind)) & set(names), key=lambda term: names[term].lower()):
+            comment = str(graph.value(term, RDFS.comment) or "")
+            if not comment and names[term].startswith("skiros:"):
+                problems.append(f"ontologies: {names[term]} has no rdfs:comment")
+            row = [code(names[term]), _terms(graph, names, term, above), comment]
+            if kind != OWL.Class:
+                row[2:2] = [_terms(graph, names, term, RDFS.domain), _terms(graph, names, term, RDFS.range)]
+            rows.append(row)
+        headers = ("name", "under", "of", "value", "meaning") if kind != OWL.Class else ("name", "under", "meaning")
+        page += [f"## {title}", table(headers, rows)]
+    return "\n\n".join(page) + "\n"
+
+
+def _terms(graph: Graph, names: dict[URIRef, str], term: object, relation: URIRef) -> str:
+    found = [names.get(each) or graph.qname(each) for each in graph.objects(term, relation) if isinstance(each, URIRef)]
+    return ", ".join(code(name) for name in sorted(found))
+
+
+# -- ROS ---------------------------------------------------------------------------------------------------------------
+
+_CALLS = {
+    "Publisher": "publishes",
+    "Subscriber": "subscribes",
+    "Service": "service",
+    "ActionServer": "action",
+    "get_param": "parameter",
+}
+
+
+@dataclass(frozen=True, order=True)
+class _Interface:
+    package: str
+    module: str
+    what: str
+    name: str
+    type: str
+
+
+def ros_interface(problems: list[str]) -> str:
+    """Launch arguments; topics, services, actions and parameters of the nodes; message definitions."""
+    page = ["# ROS interface", "## Launch files"]
+    for file in sorted([*ROOT.glob("launch/*.launch"), *ROOT.glob("skiros2_std_lib/*/launch/*.launch")]):
+        tree = xml.parse(file)
+        package = "skiros2" if file.parent.parent == ROOT else file.parent.parent.name
+        arguments = [each for each in tree.getroot() if each.tag == "arg" and "value" not in each.attrib]
+        problems += [f"{file.name}: argument {a.get('name')} has no doc" for a in arguments if not a.get("doc")]
+        page += [f"### {package} {file.name}", f"`roslaunch {package} {file.name}`"]
+        rows = [(code(a.get("name")), code(a.get("default", "(required)")), a.get("doc", "")) for a in arguments]
+        page.append(table(("argument", "default", "meaning"), rows))
+    page += [
+        "## Topics, services, actions, parameters",
+        "Read from the sources, for all names that are written there as a text. `~` is the name of the node; `{...}` "
+        "is known when the node runs.",
+    ]
+    found = sorted(set(_interfaces()))
+    for package in dict.fromkeys(each.package for each in found):
+        mine = [each for each in found if each.package == package]
+        rows = [(each.what, code(each.name), code(each.type), code(each.module)) for each in mine]
+        page += [f"### {package}", table(("kind", "name", "type or default", "module"), rows)]
+    page.append("## Messages, services, actions")
+    for folder in sorted(ROOT.glob("**/*_msgs/package.xml")):
+        if "build" not in folder.parts and "install" not in folder.parts:
+            page += list(_messages(folder.parent))
+    return "\n\n".join(page) + "\n"
+
+
+def _interfaces() -> Iterator[_Interface]:
+    for package, source in SOURCES.items():
+        for file in sorted(source.rglob("*.py")):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.Call) and node.args and (what := _CALLS.get(_name(node.func))):
+                    name = _text(node.args[0])
+                    kind = ast.unparse(node.args[1]).rpartition(".")[2] if len(node.args) > 1 else ""
+                    if name:
+                        yield _Interface(package, file.relative_to(source).as_posix(), what, name, kind)
+
+
+def _name(function: ast.expr) -> str:
+    """The name of a called function of rospy or actionlib; "" for others."""
+    if isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
+        return function.attr if function.value.id in ("rospy", "actionlib") else ""
+    return ""
+
+
+def _text(node: ast.expr) -> str:
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(
+            str(part.value) if isinstance(part, ast.Constant) else "{" + ast.unparse(part.value) + "}"
+            for part in node.values
+            if isinstance(part, ast.Constant | ast.FormattedValue)
+        )
+    return ""
+
+
+def _messages(package: Path) -> Iterator[str]:
+    for folder in ("msg", "srv", "action"):
+        for file in sorted((package / folder).glob(f"*.{folder}")):
+            yield f"### {package.name}/{file.stem} ({folder})\n\n```\n{file.read_text().strip()}\n```"
+
+
+# -- commands ----------------------------------------------------------------------------------------------------------
+
+
+def commands(problems: list[str]) -> str:
+    """The help of each command."""
+    page = ["# Commands", "`rosrun PACKAGE COMMAND`; without ROS, `skiros2 COMMAND`."]
+    os.environ["COLUMNS"] = "110"
+    files = sorted([*ROOT.glob("skiros2/*/nodes/*"), *ROOT.glob("skiros2_std_lib/*/nodes/*")])
+    for package in dict.fromkeys(file.parent.parent.name for file in files):
+        mine = [f for f in files if f.parent.parent.name == package and not f.name.endswith("_node") and f.is_file()]
+        page += [f"## {package}"] if mine else []
+        for file in mine:
+            shown = help_of(file)
+            if not shown.startswith("usage: "):
+                problems.append(f"{package} {file.name}: --help shows no usage")
+            page.append(f"### {package} {file.name}\n\n```\n{shown.rstrip()}\n```")
+    return "\n\n".join(page) + "\n"
+
+
+def help_of(program: Path) -> str:
+    """What `--help` prints."""
+    before, out = sys.argv, io.StringIO()
+    sys.argv = [str(program), "--help"]
+    try:
+        with contextlib.redirect_stdout(out), contextlib.suppress(SystemExit):
+            runpy.run_path(str(program), run_name="__main__")
+    finally:
+        sys.argv = before
+    return out.getvalue()
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+
+
+def errors(problems: list[str]) -> str:
+    """The classes of errors with their codes, and the codes of lint."""
+    page = [
+        "# Error codes",
+        "## Errors",
+        "Each derives from `SkirosError`. `code` is the kind of error where only texts are transmitted; services carry "
+        "it in their replies.",
+    ]
+    classes: list[_Class] = []
+    faults: set[str] = set()
+    for package, source in SOURCES.items():
+        for file in sorted(source.rglob("*.py")):
+            tree = ast.parse(file.read_text())
+            module = ".".join([package, *file.relative_to(source).with_suffix("").parts]).removesuffix(".__init__")
+            classes += [_class(node, module) for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+            if "/lint/" in file.as_posix():
+                faults.update(_fault_codes(tree))
+    derived = _derived(classes)
+    problems += [f"{each.module}.{each.name}: an error without docstring" for each in derived if not each.doc]
+    rows = [(code(each.code), code(each.name), code(each.module), each.doc) for each in derived]
+    page.append(table(("code", "class", "module", "meaning"), sorted(rows)))
+    page += ["## Codes of lint", ", ".join(code(name) for name in sorted(faults))]
+    return "\n\n".join(page) + "\n"
+
+
+@dataclass(frozen=True)
+class _Class:
+    name: str
+    module: str
+    bases: tuple[str, ...]
+    code: str
+    doc: str
+
+
+def _class(node: ast.ClassDef, module: str) -> _Class:
+    bases = tuple(ast.unparse(base).rpartition(".")[2] for base in node.bases)
+    codes = [
+        str(each.value.value) for each in node.body
+        if isinstance(each, ast.Assign) and isinstance(each.value, ast.Constant)
+        and [ast.unparse(target) for target in each.targets] == ["code"]
+    ]  # fmt: skip
+    return _Class(node.name, module, bases, "".join(codes), (ast.get_docstring(node) or "").partition("\n\n")[0])
+
+
+def _derived(classes: Sequence[_Class]) -> list[_Class]:
+    """`SkirosError` and the classes that derive from it, each with the code that it inherits."""
+    result = {each.name: each for each in classes if each.name == SkirosError.__name__}
+    size = 0
+    while size < len(result):
+        size = len(result)
+        for each in classes:
+            above = next((result[base] for base in each.bases if base in result), None)
+            if above is not None and each.name not in result:
+                result[each.name] = replace(each, code=each.code or above.code)
+    return list(result.values())
+
+
+def _fault_codes(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and re.fullmatch(r"[a-z]+(-[a-z]+)+", str(node.value)):
+            yield str(node.value)

@@ -1,7 +1,7 @@
 """The gateway's page in Debian's chromium, on a cell of real nodes: `BROWSER=1 pytest tests/system/test_page.py`.
 
-Not part of a usual run yet: on an overloaded machine 3 of 10 runs failed, when the dialog was open before the elements
-had arrived. The dialog now follows them; this has not been tried often enough.
+Not part of a usual run yet: on an overloaded machine 3 of 11 runs failed. One opened the dialog before the elements had
+arrived; the dialog now follows them, which has not been tried often enough.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ import getpass
 import json
 import math
 import os
+import select
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -95,8 +96,10 @@ def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, 
         return getattr(error, "status", refused)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # a command that prints itself; the reader has closed the pipe
-        return OK
+    except BrokenPipeError:
+        if _has_reader():
+            raise
+        return OK  # a command that prints itself
     lines = result.lines
     if as_json and result.data is not None:
         data = result.data() if callable(result.data) else result.data
@@ -106,6 +109,13 @@ def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, 
     except BrokenPipeError:
         return OK
     return result.status
+
+
+def _has_reader() -> bool:
+    """Whether stdout is still read: the pipe is not closed."""
+    poll = select.poll()
+    poll.register(sys.stdout.fileno(), 0)
+    return not any(event & select.POLLERR for _, event in poll.poll(0))
 
 
 def end(status: int) -> NoReturn:

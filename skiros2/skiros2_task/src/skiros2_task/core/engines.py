@@ -209,7 +209,8 @@ class EngineProcesses:
                 except OSError:  # the process has died
                     self._stop()
                     self._process, self._requests = _start()
-                    self._request(folder, theirs)
+                    with contextlib.suppress(OSError):  # it has died too: there will be no answer
+                        self._request(folder, theirs)
                 return Connection(ours.detach())
 
     def _request(self, folder: Path, connection: socket.socket) -> None:

@@ -137,8 +137,7 @@ def api_page(package: str, problems: list[str]) -> str:
             if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
         ]  # fmt: skip
         lacking = [node.name for node in public if isinstance(node, ast.ClassDef) and not ast.get_docstring(node)]
-        if not module.endswith(".agents.tools"):  # arguments of tools: their fields have descriptions
-            problems += [f"{module}.{name}: a public class without docstring" for name in lacking]
+        problems += [f"{module}.{name}: a public class without docstring" for name in lacking]
         if public and "templates" not in parts:
             modules.append(f"## {module}\n\n::: {module}\n")
     return "\n".join([f"# {package}\n", *modules]) if modules else ""

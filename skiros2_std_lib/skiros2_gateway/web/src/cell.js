@@ -57,6 +57,11 @@ export class Cell extends EventTarget {
     return this.document?.elements[id]?.label || localName(String(id));
   }
 
+  // A text for people: with the names of the elements in it.
+  withLabels(text) {
+    return text.replace(/[\w.]+:[\w.]+-\d+/g, (id) => this.label(id));
+  }
+
   async connect() {
     clearTimeout(this.#retry);
     this.#source?.close();

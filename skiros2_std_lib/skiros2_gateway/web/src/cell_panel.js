@@ -25,9 +25,11 @@ export class CellPanel {
     this.newJob = h("button", { class: "primary small", id: "new-job", onclick: () => openJobDialog(cell) }, "New job");
     this.runsTitle = h("h2", {}, "Runs");
     this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("", {}) }, "Back to the cell");
-    panel.append(
+    this.now = h("div", {},
       h("header", {}, h("h2", {}, "Robots")), this.robots,
-      h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs,
+      h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs);
+    panel.append(
+      this.now,
       h("header", {}, this.runsTitle, this.bagsBack), this.runs,
       h("details", { ontoggle: (event) => event.target.open && this.#readBags() },
         h("summary", {}, "Recorded runs"), this.bags),
@@ -45,6 +47,7 @@ export class CellPanel {
     const runs = Object.entries(this.run.bagName ? this.run.bag : this.cell.document.runs);
     setText(this.runsTitle, this.run.bagName ? `Runs in ${this.run.bagName}` : "Runs");
     this.bagsBack.hidden = !this.run.bagName;
+    this.now.hidden = Boolean(this.run.bagName);
     runs.sort(([, a], [, b]) => b.start - a.start);
     keyed(this.runs, runs, ([key]) => key, () => this.#makeRun(), (element, entry) => this.#showRun(element, entry));
     empty(this.runs, "No task has run yet.");
@@ -84,13 +87,13 @@ export class CellPanel {
     const hasFailed = state === "Aborted" || !REACHED.has(response.outcome);
     const role = hasFailed ? "failure" : (JOB_ROLES[state] ?? "idle");
     const values = Object.values(order.parameters).map((value) => this.cell.label(value)).join(", ");
-    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : job.goal);
+    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : this.cell.withLabels(job.goal));
     const word = state === "Ended" && hasFailed ? response.outcome.replaceAll("_", " ") : JOB_WORDS[state];
     const steps = Object.values(goal?.steps ?? {});
     const done = steps.filter((step) => step.state === "succeeded").length;
     const progress = goal?.plan.length ? `step ${Math.min(done + 1, goal.plan.length)} of ${goal.plan.length}` : (goal?.phase ?? "");
     const took = response.started ? `took ${duration(response.ended - response.started)}` : "";
-    fill(element, role, title, word, hasFailed ? response.message : state === "Running" ? progress : took || job.id);
+    fill(element, role, title, word, hasFailed ? this.cell.withLabels(response.message) : state === "Running" ? progress : took || job.id);
     const allowed = JOB_METHODS[state];
     this.#showButtons(element, Object.fromEntries(["start", "pause", "resume", "stop", "cancel", "clear"]
       .map((method) => [method, allowed.includes(method)])));

@@ -46,7 +46,7 @@ export class PlanView {
   #title(id) {
     const job = this.cell.document.jobs[id];
     const values = Object.values(job?.order.parameters ?? {}).map((value) => this.cell.label(value)).join(", ");
-    return job?.order.work_master ? `${job.order.work_master.replaceAll("_", " ")}: ${values}` : job?.goal || id;
+    return job?.order.work_master ? `${job.order.work_master.replaceAll("_", " ")}: ${values}` : this.cell.withLabels(job?.goal || id);
   }
 
   #draw(goal) {
@@ -82,7 +82,7 @@ export class PlanView {
       place(row.actual, percent(known.began), percent(end));
       row.title = `${step.label}: ${known.state}, ${duration(end - known.began)}, planned ${duration(step.end - step.start)}`
         + (known.message ? `\n${known.message}` : "");
-      setText(row.actual, duration(end - known.began));
+      setText(row.actual, duration(end - known.began).replace(" ", "\u00a0")); // a text in two parts would be cut
     });
   }
 

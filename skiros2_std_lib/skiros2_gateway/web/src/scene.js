@@ -6,7 +6,7 @@ import { ColladaLoader } from "three/addons/loaders/ColladaLoader.js";
 import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 
-import { h } from "./dom.js";
+import { clock, h, setText } from "./dom.js";
 
 const LABEL_HEIGHT = 0.11; // m
 
@@ -18,11 +18,14 @@ export class Scene {
   #isWanted = false;
   #isCameraChosen = false;
 
-  constructor(panel, cell, selection) {
-    [this.cell, this.selection, this.panel] = [cell, selection, panel];
+  #shown = null; // the run's scene that is shown, null: the live document
+
+  constructor(panel, cell, run, selection) {
+    [this.cell, this.run, this.selection, this.panel] = [cell, run, selection, panel];
     this.renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    panel.append(this.renderer.domElement, h("i", { class: "label-style" }));
+    this.moment = h("span", { class: "moment chip paused", hidden: true });
+    panel.append(this.renderer.domElement, h("i", { class: "label-style" }), this.moment);
     three.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.scene = new three.Scene();
     this.camera = new three.PerspectiveCamera(45, 1, 0.05, 200);
@@ -54,9 +57,19 @@ export class Scene {
     this.draw();
   }
 
+  // Shows another time of the run.
+  takeRun() {
+    if (this.#shown === this.run.scene) return;
+    this.#shown = this.run.scene;
+    this.moment.hidden = !this.#shown;
+    if (this.#shown) setText(this.moment, `at ${clock(this.run.sceneTime)}`);
+    this.take(null);
+  }
+
   // Takes over a patch of the document; null: the whole document.
   take(patch) {
-    const { document } = this.cell;
+    if (patch && this.#shown) return; // an earlier time is shown
+    const document = this.run.shownScene;
     if (!patch) {
       for (const id of [...this.#elements.keys()]) if (!document.elements[id]) this.#remove(id);
       for (const robot of [...this.#bodies.keys()]) if (!document.bodies[robot]) this.#showBody(robot, []);
@@ -85,16 +98,26 @@ export class Scene {
 
   // Moves the camera so that all elements are in sight.
   fit() {
-    const box = new three.Box3();
     this.scene.updateMatrixWorld();
-    for (const { body } of this.#elements.values()) if (body) box.expandByObject(body);
-    for (const meshes of this.#bodies.values()) for (const mesh of meshes) box.expandByObject(mesh);
-    if (box.isEmpty()) return;
-    const sphere = box.getBoundingSphere(new three.Sphere());
-    const half = Math.min(this.camera.fov, this.camera.fov * this.camera.aspect) / 2;
-    const distance = Math.max(1, sphere.radius) / Math.sin((half * Math.PI) / 180);
-    this.controls.target.copy(sphere.center);
-    this.camera.position.copy(sphere.center).addScaledVector(new three.Vector3(-0.55, -0.6, 0.58).normalize(), distance);
+    const bodies = [...[...this.#elements.values()].map((entry) => entry.body).filter(Boolean), ...[...this.#bodies.values()].flat()];
+    const boxes = bodies.map((body) => new three.Box3().setFromObject(body)).filter((box) => !box.isEmpty());
+    if (!boxes.length) return;
+    const centre = boxes.reduce((all, box) => all.union(box), new three.Box3()).getCenter(new three.Vector3());
+    // Each corner of a box is within the picture if the camera is this far from the centre.
+    const back = new three.Vector3(-0.55, -0.6, 0.58).normalize();
+    const right = new three.Vector3().crossVectors(this.camera.up, back).normalize();
+    const up = new three.Vector3().crossVectors(back, right);
+    const high = Math.tan((this.camera.fov * Math.PI) / 360);
+    let distance = 1;
+    for (const { min, max } of boxes) {
+      for (let corner = 0; corner < 8; corner++) {
+        const at = new three.Vector3(...["x", "y", "z"].map((axis, i) => (corner & (1 << i) ? max : min)[axis])).sub(centre);
+        const side = Math.max(Math.abs(at.dot(up)) / high, Math.abs(at.dot(right)) / (high * this.camera.aspect));
+        distance = Math.max(distance, 1.06 * (side + at.dot(back)));
+      }
+    }
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(back, distance);
     this.controls.update();
     this.draw();
   }
@@ -140,7 +163,7 @@ export class Scene {
     entry.marker = marker;
     // An element that tf moves has its pose there; the frame of any other one is where the element is.
     const own = this.#frame(marker.own);
-    if (!this.cell.document.frames[marker.own]) {
+    if (!this.run.shownScene.frames[marker.own]) {
       place(own, marker.pose);
       this.#attach(own, this.#frame(marker.frame));
     }
@@ -203,6 +226,7 @@ export class Scene {
   #load(url, material, hasMaterials = false) {
     const group = new three.Group();
     if (!this.#files.has(url)) this.#files.set(url, readMesh(url));
+    this.#loads(1);
     this.#files.get(url).then((object) => {
       const copy = object.clone(true);
       copy.traverse((part) => {
@@ -211,8 +235,13 @@ export class Scene {
       group.add(copy);
       if (!this.#isCameraChosen) this.fit();
       this.draw();
-    }, (error) => console.warn(`${url}: ${error.message ?? error}`));
+    }, (error) => console.warn(`${url}: ${error.message ?? error}`)).finally(() => this.#loads(-1));
     return group;
+  }
+
+  // Counts the meshes that are being read, for programs that wait for the picture.
+  #loads(number) {
+    this.panel.dataset.loading = Number(this.panel.dataset.loading ?? 0) + number;
   }
 
   #pick(event) {

@@ -14,7 +14,6 @@ from __future__ import annotations
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +24,6 @@ import rerun.blueprint as rrb
 from rerun.urdf import UrdfTree
 
 from skiros2_bags.core.bag_file import MONITOR, Message
-from skiros2_bags.core.bag_writer import PARAMETERS
 from skiros2_bags.core.run import Run
 from skiros2_common.core.world_element import Element
 from skiros2_runs.core.states import FAILURE, state_name
@@ -191,9 +189,7 @@ class _Export:
 
     def _write_robots(self) -> list[str]:
         """Writes the robots. Returns their entities."""
-        found: dict[str, tuple[str, str]] = {}
-        for message in self.run.messages(PARAMETERS):
-            found.update(_descriptions(json.loads(message.content.data)))
+        found = self.run.robot_descriptions()
         for name, (urdf, prefix) in found.items():
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "robot.urdf"
@@ -233,16 +229,6 @@ def _image(content: Any) -> Any:
         pixels = data[:, : content.width * np.dtype(kind).itemsize].copy().view(order + kind)
         return rr.DepthImage(pixels.astype(kind), meter=1.0 / unit)
     return None
-
-
-def _descriptions(parameters: Any, name: str = "") -> Iterator[tuple[str, tuple[str, str]]]:
-    """Yields the URDF and the tf prefix of each `robot_description` by the name of its namespace."""
-    if not isinstance(parameters, dict):
-        return
-    if isinstance(parameters.get("robot_description"), str):
-        yield name, (parameters["robot_description"], str(parameters.get("tf_prefix", "")))
-    for key, value in parameters.items():
-        yield from _descriptions(value, f"{name}_{key}".strip("_"))
 
 
 def _path(*parts: str) -> str:

@@ -27,6 +27,8 @@ from skiros2_common.core.names import nearest
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
 from skiros2_gateway.core.run_view import summary_data, tree_patch
+from skiros2_gateway.core.scene_history import TABLES, SceneHistory
+from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.core.service import Service
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.progress import NodeMessage
@@ -63,6 +65,9 @@ class LiveCell(Protocol):
     async def command(self, action: str, robot: str, task: int) -> None:
         """Applies one of `TASK_ACTIONS` to a task."""
 
+    def recorded_view(self) -> SceneView:
+        """Returns the view for scenes of bags. Its methods block."""
+
     def mesh_file(self, url: str) -> Path:
         """Returns the file of a mesh in the document, or of a file beside one.
 
@@ -81,6 +86,7 @@ class LiveView:
         self._loop = asyncio.get_running_loop()
         self.stream = EventStream(kept=_KEPT, behind=_KEPT)
         self.runs = Runs()
+        self.scenes = SceneHistory()
         self._keys: dict[str, TaskRun] = {}
         self._count = 0
         self._document: dict[str, Any] = {table: {} for table in _TABLES}
@@ -156,11 +162,8 @@ class LiveView:
         :param value: JSON data; None removes the entry.
         """
         entries = self._document[table]
-        if value is None:
-            patch: dict[str, Any] = {key: None} if key in entries else {}
-        else:
-            patch = merge_patch({key: entries[key]} if key in entries else {}, {key: without_none(value)})
-        self._apply({table: patch} if patch else {})
+        new = {} if value is None else {key: without_none(value)}
+        self._change(table, {key: entries[key]} if key in entries else {}, new)
 
     def entry(self, table: str, key: str) -> Mapping[str, Any]:
         """Returns an entry of a table; empty if there is none."""
@@ -169,7 +172,13 @@ class LiveView:
 
     def replace(self, table: str, entries: Mapping[str, Any]) -> None:
         """Replaces a table."""
-        patch = merge_patch(self._document[table], without_none(entries))
+        self._change(table, self._document[table], without_none(entries))
+
+    def _change(self, table: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
+        """Replaces entries of a table by others."""
+        patch = merge_patch(before, after)
+        for key in patch if table in TABLES else ():
+            self.scenes.add(table, key, self._clock(), after.get(key))
         self._apply({table: patch} if patch else {})
 
     def put_goal(self, goal_id: str, phase: str, message: str, plan: list[Any], steps: list[Any]) -> None:

@@ -6,6 +6,7 @@
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
   are missing, so read the document again.
 - `GET /api/live/runs/KEY?time=T`: a run at a time, see `run_view.history_data`; also of a bag.
+- `GET /api/live/runs/KEY/scene?time=T`: `elements`, `frames` and `bodies` of the document at that time.
 - `GET /api/live/runs/KEY/why`: why it failed. `GET /api/live/runs/KEY/nodes/ID?time=T`: parameters and conditions of a
   node, of a task that has ended as they were last read.
 - `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task.
@@ -110,6 +111,15 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         if values is None:
             raise UnknownName(f"the values of node {node} of {key} were not read while it ran")
         return values.to_dict()
+
+    @router.get("/runs/{key:path}/scene")
+    async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: float) -> Response:
+        """Elements and robots at a time."""
+        service.view(caller)
+        find(key)
+        if key.startswith("bag/"):
+            return _json(await asyncio.to_thread(bags.scene_at, key, time, cell.recorded_view()))
+        return _json(view.scenes.at(time))
 
     @router.get("/runs/{key:path}")
     async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: float | None = None) -> Response:

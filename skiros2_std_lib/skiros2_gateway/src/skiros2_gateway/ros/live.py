@@ -23,7 +23,7 @@ from skiros2_common.core.signals import SIGNAL, TOPIC, Signal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.signals import RosSignals
 from skiros2_gateway.core.live import LiveView
-from skiros2_gateway.core.scene_view import SceneView
+from skiros2_gateway.core.scene_view import SceneView, frames_data
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_gui.view3d.marker_set import ChangedElements
 from skiros2_msgs import msg as msgs
@@ -42,6 +42,9 @@ _RATE = 25.0
 #: The pause after the world model has not answered (s).
 _RETRY_DELAY = 1.0
 
+#: What viewers may read of the folders with meshes: also materials and textures.
+_MESH_FILES = (".stl", ".obj", ".dae", ".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga")
+
 _COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start", "step": "tick_once"}
 
 
@@ -53,6 +56,7 @@ class LiveRos:
         self._view = view
         self._loop = asyncio.get_running_loop()
         self._scene: _SceneReader | None = None
+        self._recorded: SceneView | None = None
         self._signals = _SignalReader(view, self._loop)
         self._frames = _Frames()
         self._descriptions: dict[str, tuple[str, str]] = {}
@@ -88,14 +92,28 @@ class LiveRos:
     async def command(self, action: str, robot: str, task: int) -> None:
         await self._cell.in_thread(self._client(robot).command, _COMMANDS[action], task)
 
+    def recorded_view(self) -> SceneView:
+        if self._recorded is None:
+            self._recorded = SceneView(self._is_subclass, _mesh_folders())
+        return self._recorded
+
+    def _is_subclass(self, child: str, parent: str) -> bool:
+        """Whether one class is a subclass of another one, as far as the world model knows both."""
+        wm = self._cell.world_model
+        try:
+            return wm is not None and wm.is_subclass(child, parent)
+        except UnknownName:
+            return False
+
     def mesh_file(self, url: str) -> Path:
-        meshes = self._scene.view.meshes if self._scene is not None else set()
+        views = [self._scene.view if self._scene is not None else None, self._recorded]
+        meshes = {mesh for view in views if view is not None for mesh in view.meshes}
         base, _, extra = url.rpartition("/")
         # A mesh file names textures and materials beside itself.
         if url not in meshes and not any(mesh.rpartition("/")[0] == base for mesh in meshes):
             raise UnknownName(f"no element or robot has the mesh {url}")
-        if ".." in extra or not extra:
-            raise UnknownName(f"{url} is no file beside a mesh")
+        if ".." in extra or Path(extra).suffix.lower() not in _MESH_FILES:
+            raise UnknownName(f"{url} is no mesh, and no material or texture beside one")
         if url.startswith("package://"):
             package, _, rest = url.removeprefix("package://").partition("/")
             try:
@@ -129,8 +147,7 @@ class LiveRos:
         while True:
             wm = self._cell.world_model
             if self._scene is None and wm is not None:
-                folders = [str(folder) for folder in [rospy.get_param("wm/workspace_dir", "")] if folder]
-                self._scene = _SceneReader(wm, SceneView(wm.is_subclass, folders), self._on_elements)
+                self._scene = _SceneReader(wm, SceneView(wm.is_subclass, _mesh_folders()), self._on_elements)
             for robot in self._cell.robots.robots.values():
                 if not robot.is_connected:
                     self._view.mark_lost(robot.name)
@@ -249,11 +266,7 @@ class _Frames:
 
     def add(self, message: Any) -> None:
         """In threads of ROS."""
-        frames = {}
-        for transform in message.transforms:
-            t, q = transform.transform.translation, transform.transform.rotation
-            pose = [round(value, 4) for value in (t.x, t.y, t.z, q.x, q.y, q.z, q.w)]
-            frames[transform.child_frame_id.lstrip("/")] = [transform.header.frame_id.lstrip("/"), *pose]
+        frames = frames_data(message)
         with self._lock:
             self._changed.update(frames)
 
@@ -310,6 +323,10 @@ class _SignalReader:
             low, high = min(value, known.get("low", value)), max(value, known.get("high", value))
             number = float(f"{value:.5g}")
             self._values[eid] = {"value": number, "low": float(f"{low:.5g}"), "high": float(f"{high:.5g}"), "time": now}
+
+
+def _mesh_folders() -> list[str]:
+    return [str(folder) for folder in [rospy.get_param("wm/workspace_dir", "")] if folder]
 
 
 def _may_be_signal(data: dict[str, Any] | None) -> bool:

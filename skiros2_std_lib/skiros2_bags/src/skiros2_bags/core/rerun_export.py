@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.urdf import UrdfTree
@@ -37,8 +36,8 @@ _TF, _TF_STATIC = "/tf", "/tf_static"
 _IMAGE, _COMPRESSED, _WRENCH = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "geometry_msgs/WrenchStamped"
 _FEEDBACK = "skiros2_msgs/AchieveActionFeedback"
 
-#: Ends a state. A plain None would leave the state as it is.
-_NO_STATE = pa.array([None], pa.string())
+#: Ends a state. None would leave the state as it is, and `rerun rrd verify` refuses an array with a null.
+_NO_STATE = ""
 
 #: Channels and type of the encodings of `sensor_msgs/Image` that are shown; of depth images the unit (m).
 _COLOURS: dict[str, tuple[Literal["RGB", "BGR", "RGBA", "BGRA", "L"], int]] = {

@@ -59,7 +59,7 @@ export class Cell extends EventTarget {
 
   // A text for people: with the names of the elements in it.
   withLabels(text) {
-    return text.replace(/[\w.]+:[\w.]+-\d+/g, (id) => this.label(id));
+    return text.replace(/[\w.]+:[\w.]+-\d+/g, (id) => this.document?.elements[id]?.label || id);
   }
 
   async connect() {

@@ -54,7 +54,7 @@ export class RunBar {
 
   #seek() {
     const summary = this.run.summary;
-    const isEnd = this.slider.valueAsNumber >= Number(this.slider.max) - 0.01;
+    const isEnd = this.slider.valueAsNumber > 0.999 * Number(this.slider.max);
     this.run.select(this.run.key, isEnd && !this.run.bagName ? null : summary.start + this.slider.valueAsNumber);
   }
 

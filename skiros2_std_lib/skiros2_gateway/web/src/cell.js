@@ -54,7 +54,7 @@ export class Cell extends EventTarget {
 
   // The name of an element for people: its label, or its id.
   label(id) {
-    return this.document?.elements[id]?.label || localName(String(id));
+    return localName(this.document?.elements[id]?.label || String(id));
   }
 
   // A text for people: with the names of the elements in it.

@@ -99,7 +99,10 @@ export class ShownRun extends EventTarget {
     [this.bagName, this.bag] = [name, runs];
     const first = Object.keys(runs)[0] ?? null;
     if (first) this.select(first, runs[first].start);
-    else if (!name && this.key?.startsWith("bag/")) this.select(null);
+    else if (!name && this.key?.startsWith("bag/")) {
+      this.select(null);
+      this.refresh();
+    }
     this.#changed();
   }
 

@@ -8,7 +8,7 @@ import { STLLoader } from "three/addons/loaders/STLLoader.js";
 
 import { clock, h, setText } from "./dom.js";
 
-const LABEL_HEIGHT = 0.11; // m
+const LABEL_HEIGHT = 20; // pixels, at any distance
 
 export class Scene {
   #frames = new Map(); // three.Group by the name of the tf frame
@@ -92,8 +92,27 @@ export class Scene {
         this.scene.updateMatrixWorld();
         this.outline.setFromObject(selected.children[0] ?? selected);
       }
+      this.#placeLabels();
       this.renderer.render(this.scene, this.camera);
     });
+  }
+
+  // Hides labels that would cover others; those of small elements stay.
+  #placeLabels() {
+    this.scene.updateMatrixWorld();
+    this.camera.updateMatrixWorld();
+    const taken = [];
+    const high = (2 * LABEL_HEIGHT) / this.panel.clientHeight; // of the picture, which is 2 high
+    const entries = [...this.#elements.values()].filter((entry) => entry.label);
+    const extent = ({ group, marker }) => (group.userData.id === this.selection.id ? -1 : Math.max(...marker.size));
+    for (const { label } of entries.sort((a, b) => extent(a) - extent(b))) {
+      const unit = high * Math.tan((this.camera.fov * Math.PI) / 360);
+      label.scale.set(unit * label.userData.aspect, unit, 1);
+      const { x, y, z } = new three.Vector3().setFromMatrixPosition(label.matrixWorld).project(this.camera);
+      const half = (high * label.userData.aspect) / this.camera.aspect / 2;
+      label.visible = z < 1 && !taken.some((other) => Math.abs(x - other.x) < half + other.half && Math.abs(y - other.y) < high);
+      if (label.visible) taken.push({ x, y, half });
+    }
   }
 
   // Moves the camera so that all elements are in sight.
@@ -183,9 +202,11 @@ export class Scene {
     if (body) group.add(body);
     let label = null;
     if (marker.shape !== "axes") {
-      label = new three.Sprite(new three.SpriteMaterial({ depthTest: false, transparent: true }));
+      label = new three.Sprite(new three.SpriteMaterial({ depthTest: false, transparent: true, sizeAttenuation: false }));
+      label.renderOrder = 1; // over transparent elements
+      label.center.set(0.5, -0.1);
+      label.position.z = marker.size[2] / 2;
       paint(label, marker.text);
-      label.position.z = marker.size[2] / 2 + LABEL_HEIGHT;
       group.add(label);
     }
     return { group, body, label, marker };
@@ -275,8 +296,10 @@ function place(object, [x, y, z, qx, qy, qz, qw]) {
 
 function dispose(object) {
   object.traverse((part) => {
-    part.material?.map?.dispose();
-    part.material?.dispose();
+    for (const material of [part.material ?? []].flat()) {
+      material.map?.dispose();
+      material.dispose();
+    }
   });
 }
 
@@ -319,5 +342,5 @@ function paint(sprite, text) {
   sprite.material.map = new three.CanvasTexture(canvas);
   sprite.material.map.colorSpace = three.SRGBColorSpace;
   sprite.material.needsUpdate = true;
-  sprite.scale.set((LABEL_HEIGHT * canvas.width) / canvas.height, LABEL_HEIGHT, 1);
+  sprite.userData.aspect = canvas.width / canvas.height;
 }

@@ -43,7 +43,7 @@ export class WorldView {
       item.style.setProperty("--depth", row.depth);
       item.classList.toggle("selected", row.id === this.selection.id);
       setText(item.children[0], row.isParent ? (this.#collapsed.has(row.id) ? "▸" : "▾") : "");
-      setText(item.children[1], elements[row.id].label || localName(row.id));
+      setText(item.children[1], localName(elements[row.id].label || row.id));
       setText(item.children[2], localName(elements[row.id].type));
     });
     this.#showDetails(elements[this.selection.id]);
@@ -85,7 +85,7 @@ export class WorldView {
   #showDetails(element) {
     this.details.hidden = !element;
     if (!element) return;
-    setText(this.title, element.label || element.id);
+    setText(this.title, localName(element.label || element.id));
     const known = Object.entries(element.properties).filter(([, values]) => values.length);
     const facts = known.map(([key, values]) => [localName(key), values.map(number).join(", ")]);
     showFacts(this.facts, [["Id", element.id], ["Type", element.type], ...facts.sort(([a], [b]) => a.localeCompare(b))]);

@@ -139,8 +139,15 @@ def test_history_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) 
     async def test(gateway: Any) -> None:
         async with _live(gateway, bags=tmp_path) as live:
             [bag] = (await live.get("/api/live/bags"))[1]["bags"]
-            runs = (await live.get(f"/api/live/bags/{bag['name']}"))[1]["runs"]
-            key, summary = next(iter(runs.items()))
+            opened = (await live.get(f"/api/live/bags/{bag['name']}"))[1]
+            [goal] = opened["goals"].values()
+            assert (goal["phase"], goal["goal"]) == ("succeeded", "(skiros:contain demo:Tray-12 skiros:Product-14)")
+            assert goal["plan"][0]["label"] == "drive"
+            states = [goal["steps"][str(step["number"])] for step in goal["plan"]]
+            assert {step["state"] for step in states} == {"succeeded"}
+            begins = [goal["start"], *(step["began"] for step in states)]
+            assert begins == sorted(begins)
+            key, summary = next(iter(opened["runs"].items()))
             end = (await live.get(f"/api/live/runs/{key}"))[1]
             assert (end["state"], end["summary"]["state"]) == (summary["state"], summary["state"])
             early = (await live.get(f"/api/live/runs/{key}?time={end['first'] + 0.1}"))[1]

@@ -24,7 +24,7 @@ export class CellPanel {
     [this.robots, this.jobs, this.runs, this.bags] = [list(), list(), list(), list()];
     this.newJob = h("button", { class: "primary small", id: "new-job", onclick: () => openJobDialog(cell) }, "New job");
     this.runsTitle = h("h2", {}, "Runs");
-    this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("", {}) }, "Back to the cell");
+    this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("") }, "Back to the cell");
     this.now = h("div", {},
       h("header", {}, h("h2", {}, "Robots")), this.robots,
       h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs);
@@ -132,9 +132,9 @@ export class CellPanel {
     try {
       const { bags } = await request("/api/live/bags");
       const open = async (name) => {
-        const { runs } = await request(`/api/live/bags/${encodeURIComponent(name)}`);
+        const { runs, goals } = await request(`/api/live/bags/${encodeURIComponent(name)}`);
         if (!Object.keys(runs).length) throw new Error(`${name} has no runs`);
-        this.run.openBag(name, runs);
+        this.run.openBag(name, runs, goals);
       };
       keyed(this.bags, bags, (bag) => bag.name, (bag) => {
         const element = card();

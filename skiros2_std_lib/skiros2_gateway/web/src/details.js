@@ -109,7 +109,7 @@ export class NodeDetails {
       const text = `${symbol} ${each.stage}  ${each.text}${each.found ? `  (${each.found})` : ""}`;
       setText(item, text);
     });
-    showFacts(this.parameters, (status?.params ?? []).map(({ key, value, source }) => [key, value ? `${value}  (${source})` : "unset"]));
+    showFacts(this.parameters, (status?.params ?? []).map(({ key, value, source }) => [key, value ? `${this.cell.withLabels(value, run.shownScene.elements)}  (${source})` : "unset"]));
     for (const title of this.element.querySelectorAll("h4")) title.hidden = !title.nextElementSibling.children.length;
   }
 

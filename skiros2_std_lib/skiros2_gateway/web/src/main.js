@@ -27,7 +27,7 @@ const views = [
   [document.getElementById("run-bar"), new RunBar(document.getElementById("run-bar"), cell, run)],
   [panelOf("tree"), new TreeView(panelOf("tree"), run, () => cell.styles)],
   [panelOf("tree"), new NodeDetails(panelOf("tree"), cell, run)],
-  [panelOf("plan"), new PlanView(panelOf("plan"), cell)],
+  [panelOf("plan"), new PlanView(panelOf("plan"), cell, run)],
   [panelOf("log"), new LogView(panelOf("log"), cell, run)],
   [panelOf("signals"), signals],
   [panelOf("world"), new WorldView(panelOf("world"), cell, run, selection)],

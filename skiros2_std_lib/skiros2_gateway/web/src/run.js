@@ -8,6 +8,7 @@ export class ShownRun extends EventTarget {
   time = null; // s since the epoch; null: live
   node = null; // the id of the selected node
   bag = {}; // the runs of an open bag, by key
+  bagGoals = {};
   bagName = "";
   scene = null; // elements, frames and bodies at the shown time; null: those of the live document
   #history = null;
@@ -76,6 +77,11 @@ export class ShownRun extends EventTarget {
     return this.scene ?? this.cell.document;
   }
 
+  // The goals of the cell, or of the open bag.
+  get goals() {
+    return this.bagName ? this.bagGoals : this.cell.document.goals;
+  }
+
   selectNode(id) {
     this.node = id;
     this.#changed();
@@ -95,8 +101,9 @@ export class ShownRun extends EventTarget {
     } else if (isGone) this.select(null);
   }
 
-  openBag(name, runs) {
-    [this.bagName, this.bag] = [name, runs];
+  // Opens a bag, with its runs and goals by key; "" closes it.
+  openBag(name, runs = {}, goals = {}) {
+    [this.bagName, this.bag, this.bagGoals] = [name, runs, goals];
     const first = Object.keys(runs)[0] ?? null;
     if (first) this.select(first, runs[first].start);
     else if (!name && this.key?.startsWith("bag/")) {

@@ -17,6 +17,7 @@ export class Scene {
   #files = new Map(); // promises of meshes by URL
   #isWanted = false;
   #isCameraChosen = false;
+  #bag = ""; // the open bag when the camera was placed
 
   #shown = null; // the run's scene that is shown, null: the live document
 
@@ -64,6 +65,10 @@ export class Scene {
     this.moment.hidden = !this.#shown;
     if (this.#shown) setText(this.moment, `at ${clock(this.run.sceneTime)}`);
     this.take(null);
+    if (this.#bag === this.run.bagName) return;
+    this.#bag = this.run.bagName;
+    this.#isCameraChosen = false;
+    this.fit();
   }
 
   // Takes over a patch of the document; null: the whole document.
@@ -104,7 +109,7 @@ export class Scene {
     const taken = [];
     const high = (2 * LABEL_HEIGHT) / this.panel.clientHeight; // of the picture, which is 2 high
     const entries = [...this.#elements.values()].filter((entry) => entry.label);
-    const extent = ({ group, marker }) => (group.userData.id === this.selection.id ? -1 : Math.max(...marker.size));
+    const extent = ({ group, marker }) => (group.userData.id === this.selection.id ? -1 : Math.max(...marker.size) || 1); // the size of a mesh is not known
     for (const { label } of entries.sort((a, b) => extent(a) - extent(b))) {
       const unit = high * Math.tan((this.camera.fov * Math.PI) / 360);
       label.scale.set(unit * label.userData.aspect, unit, 1);

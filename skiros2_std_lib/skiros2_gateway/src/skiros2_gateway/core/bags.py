@@ -10,6 +10,7 @@ from typing import Any
 from skiros2_bags.core.run import Run
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
+from skiros2_gateway.core.goal_view import recorded_goals
 from skiros2_gateway.core.run_view import summary_data
 from skiros2_gateway.core.scene_history import SceneHistory, read_history
 from skiros2_gateway.core.scene_view import SceneView
@@ -44,7 +45,7 @@ class Bags:
         return sorted(data, key=lambda bag: bag["time"], reverse=True)
 
     def open(self, name: str) -> dict[str, Any]:
-        """Reads a bag. Returns its runs of trees by key, each as of `summary_data`. Blocks.
+        """Reads a bag. Returns `runs`: its runs of trees by key, each as of `summary_data`; and its `goals`. Blocks.
 
         :raises UnknownName: there is no such bag.
         :raises BagError: it cannot be read.
@@ -55,12 +56,13 @@ class Bags:
             raise UnknownName(f"there is no bag {name!r} in {self._folder}; near: {near}")
         with self._reading:
             run = Run.open(paths[name])
-            bag = _Bag(run, run.tasks())
+            bag, goals = _Bag(run, run.tasks()), recorded_goals(run)
             self._open.pop(name, None)
             self._open[name] = bag
             while len(self._open) > _MAX_OPEN:
                 del self._open[next(iter(self._open))]
-        return {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(bag.tasks)}
+        runs = {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(bag.tasks)}
+        return {"runs": runs, "goals": goals}
 
     def find_run(self, key: str) -> TaskRun:
         """Returns a run by its key.

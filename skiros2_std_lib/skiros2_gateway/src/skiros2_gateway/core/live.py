@@ -3,8 +3,7 @@
 The document is JSON data; its members are tables, objects by key:
 
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
-- `goals`: {phase, message, start, plan, steps}; `plan` as in the feedback of the action Achieve, `steps` by number:
-  {state, message, began, ended} (s since the epoch).
+- `goals`: {goal, phase, message, start, plan, steps}; see `goal_view`.
 - `jobs` as in the event `job`, without plan, steps and changes.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_gateway.core.scene_view`.
@@ -181,29 +180,10 @@ class LiveView:
             self.scenes.add(table, key, self._clock(), after.get(key))
         self._apply({table: patch} if patch else {})
 
-    def put_goal(self, goal_id: str, phase: str, message: str, plan: list[Any], steps: list[Any]) -> None:
-        """Updates the plan of a goal, and notes when its steps start and end.
-
-        :param phase: as in the feedback of Achieve; the state of the result after the end.
-        :param plan, steps: as in the feedback; empty keeps those known.
-        """
-        now, goals = self._clock(), self._document["goals"]
-        known = goals.get(goal_id, {})
-        planned = {str(step["number"]): step for step in known.get("plan", [])}
-        planned.update((str(step["number"]), step) for step in plan)
-        states = {number: dict(step) for number, step in known.get("steps", {}).items()}
-        for step in steps:
-            number, state = str(step["number"]), str(step["state"])
-            entry = states.setdefault(number, {})
-            if state not in ("waiting", "dropped"):
-                entry.setdefault("began", now)
-                if state != "running":
-                    entry.setdefault("ended", now)
-            entry.update(state=state, message=str(step.get("message", "")))
-        self.put("goals", goal_id, {
-            "phase": phase, "message": message, "start": known.get("start", now),
-            "plan": list(planned.values()), "steps": states,
-        })  # fmt: skip
+    def put_goal(self, goal_id: str, goal: Mapping[str, Any]) -> None:
+        """Updates a goal, see `goal_view`."""
+        self.put("goals", goal_id, goal)
+        goals = self._document["goals"]
         for old in list(goals)[: max(0, len(goals) - _MAX_GOALS)]:
             self.put("goals", old, None)
 

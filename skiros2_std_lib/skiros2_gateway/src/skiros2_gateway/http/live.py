@@ -11,7 +11,7 @@
   node, of a task that has ended as they were last read.
 - `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task.
 - `GET /api/live/mesh?url=URL`: a mesh of an element or robot in the document, or a file beside it.
-- `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs of trees in one.
+- `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs and goals in one.
 """
 
 from __future__ import annotations
@@ -87,9 +87,9 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
 
     @router.get("/bags/{name}")
     async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
-        """The runs of trees in a bag, by key: see `run_view.summary_data`."""
+        """The runs of trees in a bag by key, see `run_view.summary_data`, and its goals."""
         service.view(caller)
-        return _json({"runs": await asyncio.to_thread(bags.open, name)})
+        return _json(await asyncio.to_thread(bags.open, name))
 
     @router.get("/runs/{key:path}/why")
     async def why(caller: CallerArg, service: ServiceArg, key: str) -> dict[str, Any]:

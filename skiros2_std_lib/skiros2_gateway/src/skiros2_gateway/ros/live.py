@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import threading
 import time
@@ -22,6 +21,7 @@ from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.signals import SIGNAL, TOPIC, Signal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.signals import RosSignals
+from skiros2_gateway.core.goal_view import goal_after, new_goal
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.scene_view import SceneView, frames_data
 from skiros2_gateway.ros.ros_cell import RosCell
@@ -63,8 +63,9 @@ class LiveRos:
         cell.robots.on_tree = view.record
         name = ACHIEVE_ACTION
         self._subscribers = [
-            rospy.Subscriber(f"{name}/feedback", msgs.AchieveActionFeedback, self._in_loop(self._on_feedback)),
-            rospy.Subscriber(f"{name}/result", msgs.AchieveActionResult, self._in_loop(self._on_result)),
+            rospy.Subscriber(f"{name}/goal", msgs.AchieveActionGoal, self._in_loop(self._on_goal)),
+            rospy.Subscriber(f"{name}/feedback", msgs.AchieveActionFeedback, self._in_loop(self._on_progress)),
+            rospy.Subscriber(f"{name}/result", msgs.AchieveActionResult, self._in_loop(self._on_progress)),
             rospy.Subscriber("/tf", TFMessage, self._frames.add, queue_size=100),
             rospy.Subscriber("/tf_static", TFMessage, self._frames.add, queue_size=100),
         ]
@@ -131,15 +132,14 @@ class LiveRos:
 
     # -- goals -------------------------------------------------------------------------------------------------
 
-    def _on_feedback(self, message: Any) -> None:
-        feedback = message.feedback
-        plan, steps = json.loads(feedback.plan or "[]"), json.loads(feedback.steps or "[]")
-        self._view.put_goal(message.status.goal_id.id, feedback.phase, feedback.message, plan, steps)
+    def _on_goal(self, message: Any) -> None:
+        goal_id = message.goal_id.id
+        known = self._view.entry("goals", goal_id) or new_goal("", time.time())  # its feedback may come first
+        self._view.put_goal(goal_id, {**known, "goal": message.goal.goals})
 
-    def _on_result(self, message: Any) -> None:
-        result = message.result
-        steps = json.loads(result.done or "[]")
-        self._view.put_goal(message.status.goal_id.id, result.state, result.message, [], steps)
+    def _on_progress(self, message: Any) -> None:
+        goal_id = message.status.goal_id.id
+        self._view.put_goal(goal_id, goal_after(self._view.entry("goals", goal_id), message, time.time()))
 
     # -- periodically ------------------------------------------------------------------------------------------
 

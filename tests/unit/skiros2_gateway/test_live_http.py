@@ -163,8 +163,11 @@ def test_scene_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) ->
 
     async def test(gateway: Any) -> None:
         async with _live(gateway, bags=tmp_path) as live:
-            runs = (await live.get("/api/live/bags/cell.bag"))[1]["runs"]
-            key, summary = next(iter(runs.items()))
+            opened = (await live.get("/api/live/bags/cell.bag"))[1]
+            forces = [signal["samples"] for signal in opened["signals"].values() if signal["unit"] == "N"]
+            [samples] = filter(None, forces)  # the forces of one arm were recorded
+            assert any(low < high for _, low, high in samples)
+            key, summary = next(iter(opened["runs"].items()))
             early, late = [
                 (await live.get(f"/api/live/runs/{key}/scene?time={moment}"))[1]
                 for moment in (summary["start"], summary["end"])

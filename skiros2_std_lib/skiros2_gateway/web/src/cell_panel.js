@@ -132,9 +132,9 @@ export class CellPanel {
     try {
       const { bags } = await request("/api/live/bags");
       const open = async (name) => {
-        const { runs, goals } = await request(`/api/live/bags/${encodeURIComponent(name)}`);
-        if (!Object.keys(runs).length) throw new Error(`${name} has no runs`);
-        this.run.openBag(name, runs, goals);
+        const bag = await request(`/api/live/bags/${encodeURIComponent(name)}`);
+        if (!Object.keys(bag.runs).length) throw new Error(`${name} has no runs`);
+        this.run.openBag(name, bag);
       };
       keyed(this.bags, bags, (bag) => bag.name, (bag) => {
         const element = card();

@@ -21,7 +21,7 @@ const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
 const cell = new Cell();
 const run = new ShownRun(cell);
 const selection = new Selection();
-const signals = new SignalsView(panelOf("signals"), cell);
+const signals = new SignalsView(panelOf("signals"), cell, run);
 const views = [
   [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run)],
   [document.getElementById("run-bar"), new RunBar(document.getElementById("run-bar"), cell, run)],

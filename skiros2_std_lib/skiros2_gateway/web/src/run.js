@@ -9,6 +9,7 @@ export class ShownRun extends EventTarget {
   node = null; // the id of the selected node
   bag = {}; // the runs of an open bag, by key
   bagGoals = {};
+  bagSignals = {};
   bagName = "";
   scene = null; // elements, frames and bodies at the shown time; null: those of the live document
   #history = null;
@@ -101,9 +102,9 @@ export class ShownRun extends EventTarget {
     } else if (isGone) this.select(null);
   }
 
-  // Opens a bag, with its runs and goals by key; "" closes it.
-  openBag(name, runs = {}, goals = {}) {
-    [this.bagName, this.bag, this.bagGoals] = [name, runs, goals];
+  // Opens a bag, with its runs, goals and signals by key; "" closes it.
+  openBag(name, { runs = {}, goals = {}, signals = {} } = {}) {
+    [this.bagName, this.bag, this.bagGoals, this.bagSignals] = [name, runs, goals, signals];
     const first = Object.keys(runs)[0] ?? null;
     if (first) this.select(first, runs[first].start);
     else if (!name && this.key?.startsWith("bag/")) {

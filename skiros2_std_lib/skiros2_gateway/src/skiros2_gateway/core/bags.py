@@ -14,6 +14,7 @@ from skiros2_gateway.core.goal_view import recorded_goals
 from skiros2_gateway.core.run_view import summary_data
 from skiros2_gateway.core.scene_history import SceneHistory, read_history
 from skiros2_gateway.core.scene_view import SceneView
+from skiros2_gateway.core.signal_view import recorded_signals
 from skiros2_runs.core.task_run import TaskRun
 
 #: Bags kept in memory.
@@ -45,7 +46,7 @@ class Bags:
         return sorted(data, key=lambda bag: bag["time"], reverse=True)
 
     def open(self, name: str) -> dict[str, Any]:
-        """Reads a bag. Returns `runs`: its runs of trees by key, each as of `summary_data`; and its `goals`. Blocks.
+        """Reads a bag. Returns `runs`: its runs of trees by key, each as of `summary_data`; `goals`, `signals`. Blocks.
 
         :raises UnknownName: there is no such bag.
         :raises BagError: it cannot be read.
@@ -56,13 +57,14 @@ class Bags:
             raise UnknownName(f"there is no bag {name!r} in {self._folder}; near: {near}")
         with self._reading:
             run = Run.open(paths[name])
-            bag, goals = _Bag(run, run.tasks()), recorded_goals(run)
+            bag = _Bag(run, run.tasks())
+            others = {"goals": recorded_goals(run), "signals": recorded_signals(run)}
             self._open.pop(name, None)
             self._open[name] = bag
             while len(self._open) > _MAX_OPEN:
                 del self._open[next(iter(self._open))]
         runs = {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(bag.tasks)}
-        return {"runs": runs, "goals": goals}
+        return {"runs": runs, **others}
 
     def find_run(self, key: str) -> TaskRun:
         """Returns a run by its key.

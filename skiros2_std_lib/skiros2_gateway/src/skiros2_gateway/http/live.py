@@ -11,7 +11,7 @@
   node, of a task that has ended as they were last read.
 - `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task.
 - `GET /api/live/mesh?url=URL`: a mesh of an element or robot in the document, or a file beside it.
-- `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs and goals in one.
+- `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs, goals and signals in one.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
 
     @router.get("/bags/{name}")
     async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
-        """The runs of trees in a bag by key, see `run_view.summary_data`, and its goals."""
+        """The runs of trees in a bag by key, see `run_view.summary_data`, its goals and signals."""
         service.view(caller)
         return _json(await asyncio.to_thread(bags.open, name))
 

@@ -24,6 +24,7 @@ from skiros2_common.ros.signals import RosSignals
 from skiros2_gateway.core.goal_view import goal_after, new_goal
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.scene_view import SceneView, frames_data
+from skiros2_gateway.core.signal_view import full_topic
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_gui.view3d.marker_set import ChangedElements
 from skiros2_msgs import msg as msgs
@@ -344,10 +345,7 @@ def _find_signals(wm: WorldModelInterface) -> dict[str, tuple[Signal, str]]:
         except WrongValue as error:
             log.warning("%s", error)
             continue
-        if not signal.topic.startswith("/"):  # relative to the manager's namespace, as its conditions read it
-            space = f"{robot}/{signal.topic[1:]}" if signal.topic.startswith("~") else ""
-            signal = replace(signal, topic=space or f"{robot.rpartition('/')[0]}/{signal.topic}")
-        found[element.id] = (signal, robot)
+        found[element.id] = (replace(signal, topic=full_topic(signal.topic, robot)), robot)
     return found
 
 

@@ -76,6 +76,8 @@ class FactoryDemo:
         self._states: dict[str, str] = {}
         self._started = time.monotonic()
         self._is_carrying = asyncio.Event()
+        self._running: list[str] = []
+        self._is_sent = False
 
     def run(self) -> bool:
         """Runs the demo. Returns whether all jobs succeeded, as the responses, the bag and the simulated world show.
@@ -142,6 +144,8 @@ class FactoryDemo:
                 self._say(f"  {order['id']}  by {way:<6}  priority {order.get('priority', 0):>2}  {self._text(order)}")
             refused = await self._refused(mqtt)
             self._title("The jobs as they run")
+            self._is_sent = True
+            self._say_running()
             waiting = [asyncio.ensure_future(channels[way].response(order["id"])) for way, order in orders]
             await self._wait(system, waiting)
             answers = {order["id"]: task.result() for (_, order), task in zip(orders, waiting, strict=True)}
@@ -232,7 +236,14 @@ class FactoryDemo:
             self._states[job_id] = state  # a state is published again with each progress
             if (job_id, state) == ("order-03", "Running"):
                 self._is_carrying.set()
-            self._say(f"  {self._elapsed():>7}  {job_id}  {state}")
+            self._running.append(f"  {self._elapsed():>7}  {job_id}  {state}")
+            if self._is_sent:
+                self._say_running()
+
+    def _say_running(self) -> None:
+        for line in self._running:
+            self._say(line)
+        self._running.clear()
 
     def _show(self, title: str, findings: list[Finding]) -> bool:
         self._title(title)

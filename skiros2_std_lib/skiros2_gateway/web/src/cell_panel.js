@@ -12,6 +12,7 @@ const JOB_METHODS = {
 };
 const JOB_WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted",
   Ended: "succeeded", Aborted: "failed" };
+const JOB_ORDER = ["Running", "Interrupted", "AllowedToStart", "NotAllowedToStart", "Ended", "Aborted"];
 const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
 
 export class CellPanel {
@@ -41,7 +42,7 @@ export class CellPanel {
     this.newJob.hidden = !this.cell.mayCommand;
     keyed(this.robots, cell.robots ?? [], (robot) => robot.name, () => this.#makeRobot(), (e, robot) => this.#showRobot(e, robot));
     empty(this.robots, "No robot is connected.");
-    const shown = Object.values(jobs).sort((a, b) => b.sequence - a.sequence);
+    const shown = Object.values(jobs).sort(compareJobs);
     keyed(this.jobs, shown, (job) => job.id, () => this.#makeJob(), (element, job) => this.#showJob(element, job));
     empty(this.jobs, "No jobs.");
     const runs = Object.entries(this.run.bagName ? this.run.bag : this.cell.document.runs);
@@ -148,6 +149,14 @@ export class CellPanel {
       notify(Promise.reject(error));
     }
   }
+}
+
+// Running jobs first, then the queue in its order, then the ended ones, the newest first.
+function compareJobs(a, b) {
+  const part = ({ state }) => Math.floor(JOB_ORDER.indexOf(state) / 2);
+  if (part(a) !== part(b)) return part(a) - part(b);
+  if (part(a) === 2) return (b.response.ended ?? 0) - (a.response.ended ?? 0);
+  return (b.order.priority ?? 0) - (a.order.priority ?? 0) || a.sequence - b.sequence;
 }
 
 function card() {

@@ -6,6 +6,7 @@ import asyncio
 import functools
 import json
 import logging
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -41,6 +42,8 @@ T = TypeVar("T")
 
 #: How long calls of the platform's services may take (s).
 _TIMEOUT = 10.0
+#: The delay before the next attempt to connect to the world model (s).
+_RETRY = 1.0
 #: Calls at once.
 _THREADS = 16
 
@@ -71,22 +74,29 @@ class RosCell:
         self._paused: set[str] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._skill_runs = SkillRuns()
+        self._closed = threading.Event()
         self._threads.submit(self._connect)
 
     def _connect(self) -> None:
-        """Connects to the world model, which may start later. In a thread of its own."""
-        try:
-            wm = WorldModelInterface(rospy.get_name(), make_cache=True)
-        except (SkirosError, rospy.ROSInterruptException) as error:
-            log.debug("no connection to the world model: %s", error)
+        """Connects to the world model, which may start later, or end meanwhile. In a thread of its own."""
+        while not self._closed.is_set():
+            try:
+                wm = WorldModelInterface(rospy.get_name(), make_cache=True)
+                SceneWorkMasters(wm, self._masters, self._loop)
+            except rospy.ROSInterruptException:
+                return
+            except Exception as error:  # the gateway starts no job before it is connected, so it tries again
+                log.warning("no connection to the world model, the next attempt follows: %s", error)
+                self._closed.wait(_RETRY)
+                continue
+            wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
+            self._wm = wm
+            self._in_loop(self._listener.cell_changed)
             return
-        wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
-        SceneWorkMasters(wm, self._masters, self._loop)
-        self._wm = wm
-        self._in_loop(self._listener.cell_changed)
 
     def close(self) -> None:
         """Closes all connections. Goals continue."""
+        self._closed.set()
         for task in self._tasks:
             task.cancel()
         self._goals.close()

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from asyncua import Client, Node, ua
 
+from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import INVALID_STATE, NOT_ACCEPTED, UNKNOWN_JOB, OpcuaServer
@@ -183,6 +184,29 @@ def test_list_of_job_orders_is_published(in_server: Run) -> None:
             gateway.cell.accept("j3")
             while ("j3", "Running") not in await changes.values.get():
                 pass
+
+    in_server(test)
+
+
+def test_list_of_responses_has_ended_jobs_until_they_are_cleared(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address, "view") as mes:
+            await mes.load()
+            responses = await (await mes.object(PROVIDER)).get_child(f"{mes.index}:JobOrderResponseList")
+
+            async def ids() -> list[str]:
+                return [each.JobOrderID for each in await responses.read_value()]
+
+            for job_id in ("j6", "j7"):
+                await gateway.put(job_id)
+                gateway.cell.end(job_id)
+                await gateway.collected(job_id)
+            while (await ids())[:2] != ["j7", "j6"]:
+                await asyncio.sleep(0.01)
+            gateway.control.apply(Method.CLEAR, "j6", "test")
+            while "j6" in await ids():
+                await asyncio.sleep(0.01)
+            assert (await ids())[0] == "j7"
 
     in_server(test)
 

@@ -24,14 +24,9 @@ from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.opcua.arguments import described, wrong_arguments
+from skiros2_gateway.opcua.lists import RESPONSES, JobLists
 from skiros2_gateway.opcua.model import PROVIDER_METHODS, RECEIVER_METHODS, JobTypes, build_types
-from skiros2_gateway.opcua.orders import (
-    job_order_and_state,
-    job_response,
-    order_data,
-    wanted_states,
-    work_master,
-)
+from skiros2_gateway.opcua.orders import job_response, order_data, wanted_states, work_master
 from skiros2_gateway.opcua.twin import Twin
 
 log = logging.getLogger(__name__)
@@ -47,8 +42,6 @@ _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
 
 #: How long changes of jobs are gathered before the lists are written (s).
 _LIST_PERIOD = 0.1
-#: How many of the newest responses are in the list.
-_RESPONSES = 100
 
 
 class _SessionUser(User):
@@ -97,6 +90,7 @@ class OpcuaServer:
         self._types: JobTypes
         self._nodes: dict[str, Any] = {}
         self._tasks: list[asyncio.Task[None]] = []
+        self._lists = JobLists(service)
         self._has_changes = asyncio.Event()
         #: Its address, once it has started.
         self.address = ""
@@ -234,7 +228,7 @@ class OpcuaServer:
             names = wanted_states(states)
         except SkirosError as error:
             return _status("RequestJobResponseByJobOrderState", error, _objects([]))
-        jobs = self._service.store.jobs(names, limit=_RESPONSES)
+        jobs = self._service.store.jobs(names, limit=RESPONSES)
         return [_objects([job_response(job) for job in jobs]), ua.Variant(0, ua.VariantType.UInt64)]
 
     # -- changes -----------------------------------------------------------------------------------------------
@@ -244,6 +238,7 @@ class OpcuaServer:
         last = self._service.events.last_id
         await self._twin.read_all()
         async for event in self._service.events.follow(last):
+            self._lists.on_event(event)
             if event.kind in ("job", "reset"):
                 self._has_changes.set()
             await self._twin.on_event(event)
@@ -252,9 +247,8 @@ class OpcuaServer:
         while True:
             await self._has_changes.wait()
             self._has_changes.clear()
-            await self._write("JobOrderList", [job_order_and_state(job) for job in self._service.control.open_jobs])
-            ended = self._service.store.jobs(("Ended", "Aborted"), limit=_RESPONSES)
-            await self._write("JobOrderResponseList", [job_response(job) for job in ended])
+            await self._write("JobOrderList", self._lists.orders())
+            await self._write("JobOrderResponseList", self._lists.responses())
             await asyncio.sleep(_LIST_PERIOD)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

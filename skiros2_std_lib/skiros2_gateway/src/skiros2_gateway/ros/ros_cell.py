@@ -153,7 +153,9 @@ class RosCell:
         """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""
         try:
             plan = await self.plan(goal.text, goal.quality)
-        except SkirosError as error:
+        except Exception as error:
+            if not isinstance(error, SkirosError):
+                log.exception("planning job %s", goal.id)
             self._listener.goal_ended(goal.id, Ending(AchieveResult.FAILED, f"planning: {error}"))
             return
         others = sorted({step["robot"] for step in plan["plan"]} - set(goal.robots))

@@ -101,6 +101,8 @@ class StandInCell:
         return len(self.skill_runs) - 1
 
     async def skill_run(self, robot: str, task: int) -> dict[str, Any]:
+        if (robot, task) not in self.skill_runs:
+            raise UnknownName(f"no task {task} of {robot}")
         return self.skill_runs[robot, task]
 
     async def stop_task(self, robot: str, task: int) -> None:

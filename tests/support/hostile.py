@@ -17,6 +17,7 @@ from asyncua import Client, ua
 from paho.mqtt.enums import CallbackAPIVersion
 
 from skiros2_gateway.core.job import Method
+from skiros2_gateway.mqtt.bridge import without_delay
 
 #: The ids of valid orders that are sent without the role: no such job may exist.
 FORBIDDEN = "forbidden"
@@ -158,6 +159,7 @@ async def fuzz_mqtt(port: int, prefix: str, tokens: Mapping[str, str], hostile: 
         else:
             loop.call_soon_threadsafe(answers.put_nowait, json.loads(message.payload))
 
+    client.on_socket_open = lambda _, __, sock: without_delay(sock)
     client.on_message = on_message
     client.connect("127.0.0.1", port)
     client.subscribe([(f"{prefix}/job/answer", 1), (f"{prefix}/status", 1)])

@@ -72,7 +72,7 @@ def _params(
     find_element: FindElement,
     is_learned: Callable[[str], bool],
 ) -> list[str]:
-    errors: list[SkirosError] = []
+    errors: list[UnknownName | WrongValue] = []
     for key in given:
         if key not in skill.parameters:
             hint = did_you_mean(key, skill.parameters)
@@ -90,10 +90,8 @@ def _params(
             params.append(declared.wire([v for text in texts for v in read_values(declared, text, find_element)]))
         except SkirosError as error:
             errors.append(WrongValue(f"{skill.label}, parameter {key}: {error}"))
-    if len(errors) > 1:
-        raise WrongValue("; ".join(map(str, errors)))
     if errors:
-        raise errors[0]
+        raise type(errors[0])("; ".join(map(str, errors)))
     return params
 
 

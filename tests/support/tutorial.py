@@ -5,7 +5,7 @@ A tutorial is a page of Markdown. Three kinds of fenced blocks are run, in the o
     ```console                          commands behind `$`, each with its output
     ```console title="terminal 1"       the same in another terminal; the last command keeps running (a launch file).
                                         The same title with the same commands later finds it running,
-                                        unless the block starts with `^C`, which ends it.
+                                        unless the block starts with `^C`, which ends it; `^C` alone only ends it.
     ```python title="path/of/file.py"   a file, of any language, written as it stands; ` (added)` behind the path: added
                                         at the end
 
@@ -160,6 +160,9 @@ class Reader:
 
     def _console(self, block: Block) -> None:
         typed = list(commands(block))
+        if block.title and block.text == "^C\n":
+            self.close(block.title)
+            return
         if not typed:
             raise Wrong("no command behind $")
         if block.title:

@@ -22,7 +22,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,11 +116,13 @@ class Reader:
     :param folder: where terminals open.
     :param env: their environment.
     :param run: runs a command to its end; None: bash does.
+    :param replaced: texts that are typed as others, such as a port that is free here.
     """
 
     folder: Path
     env: dict[str, str]
     run: Runner | None = None
+    replaced: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._terminals: dict[str, tuple[str, Program]] = {}
@@ -143,7 +145,8 @@ class Reader:
         :raises Wrong: a command fails, or its output differs; names the page and the line.
         """
         self._cwd, self._shell_env = self.folder, dict(self.env)
-        for block in blocks(page):
+        for shown in blocks(page):
+            block = shown._replace(text=self._typed_text(shown.text))
             try:
                 if block.language == "console":
                     self._console(block)
@@ -151,6 +154,11 @@ class Reader:
                     self._write(block)
             except AssertionError as error:
                 raise Wrong(f"{page.name}, line {block.line}: {error}") from None
+
+    def _typed_text(self, text: str) -> str:
+        for shown, typed in self.replaced.items():
+            text = text.replace(shown, typed)
+        return text
 
     def _write(self, block: Block) -> None:
         file = self._cwd / block.title.removesuffix(_ADDED)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from support.ros import ROOT, Ros, RosMaster, run_command
+from support.ros import ROOT, Ros, RosMaster, free_port, run_command
 from support.tutorial import Reader
 
 pytestmark = pytest.mark.timeout(180)
@@ -25,7 +25,7 @@ def reader(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> I
     (home / "skiros2").symlink_to(ROOT)
     ros = Ros(ros_master)
     env = {**ros_master.env, "HOME": str(home), "TERM": "dumb", "ROS_LANG_DISABLE": "genlisp:gencpp:geneus:gennodejs"}
-    with Reader(home, env, run_command) as made:
+    with Reader(home, env, run_command, {"8765": str(free_port())}) as made:
         yield made
     ros.stop()
     shutil.rmtree(home)

@@ -21,6 +21,7 @@ import re
 import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -213,14 +214,18 @@ class Reader:
 
 
 def main() -> int:
-    """Follows the tutorials named on the command line, in a new folder under the present one, as a newcomer would."""
-    folder = Path.cwd() / "tutorials_run"
-    folder.mkdir()
-    with Reader(folder, dict(os.environ)) as reader:
+    """Follows the tutorials of the command line in the home folder, as a newcomer does. Returns how many failed."""
+    failed = 0
+    with Reader(Path.home(), dict(os.environ)) as reader:
         for name in sys.argv[1:]:
-            print(f"{name}: {words(Path(name))} words", flush=True)
-            reader.follow(Path(name))
-    return 0
+            begin, problem = time.monotonic(), ""
+            try:
+                reader.follow(Path(name))
+            except AssertionError as error:
+                problem = f"FAILED: {error}"
+            print(f"{name}: {words(Path(name))} words, {time.monotonic() - begin:.0f} s {problem}".rstrip(), flush=True)
+            failed += bool(problem)
+    return failed
 
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from support.ros import ROOT, Ros, RosMaster, free_port, run_command
+from skiros2_common.core.processes import free_port
+from support.ros import ROOT, Ros, RosMaster, run_command
 from support.tutorial import Reader
 
 pytestmark = pytest.mark.timeout(180)
@@ -32,5 +33,6 @@ def reader(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> I
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_tutorial_shows_what_happens(reader: Reader, page: Path) -> None:
+def test_tutorial_shows_what_happens(reader: Reader, ros_master: RosMaster, page: Path) -> None:
     reader.follow(page)
+    ros_master.set_parameter("/use_sim_time", False)  # a newcomer's next roslaunch starts a new master

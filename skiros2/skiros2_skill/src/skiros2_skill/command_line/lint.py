@@ -8,7 +8,7 @@ import logging
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -65,7 +65,7 @@ def _explain(given: argparse.Namespace) -> CommandResult:
         raise UnknownName(f"there is no code {given.explain!r}; {did_you_mean(given.explain, MEANINGS)}")
     wanted = {code: MEANINGS[code] for code in ([given.explain] if given.explain else MEANINGS)}
     lines = [line for code, meaning in wanted.items() for line in ("", *_explained(code, meaning))]
-    return CommandResult(lines[1:], {code: meaning._asdict() for code, meaning in wanted.items()})
+    return CommandResult(lines[1:], {code: asdict(meaning) for code, meaning in wanted.items()})
 
 
 def _explained(code: str, meaning: Meaning) -> list[str]:

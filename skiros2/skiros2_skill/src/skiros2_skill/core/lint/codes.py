@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 
-class Meaning(NamedTuple):
+@dataclass(frozen=True)
+class Meaning:
     """The explanation of a code.
 
     :param text: what is wrong, in one sentence.

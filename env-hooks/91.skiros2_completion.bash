@@ -2,8 +2,8 @@
 # know it themselves (skiros2_common/command_line/completion.py). Silent when no ROS master runs.
 
 # The function that completed rosrun before; it still does for other packages.
-_skiros2_other=$(complete -p rosrun 2>/dev/null | sed -n 's/.*-F \([^ ]*\).*/\1/p')
-[ "$_skiros2_other" != _skiros2_rosrun ] || _skiros2_other=$_skiros2_before
+_skiros2_other=$({ complete -p rosrun 2>/dev/null || true; } | sed -n 's/.*-F \([^ ]*\).*/\1/p')
+[ "$_skiros2_other" != _skiros2_rosrun ] || _skiros2_other=${_skiros2_before-}
 _skiros2_before=$_skiros2_other
 
 _skiros2_in_prefixes() { # the files of a pattern below lib/ of the sourced workspaces
@@ -14,7 +14,7 @@ _skiros2_in_prefixes() { # the files of a pattern below lib/ of the sourced work
 }
 
 _skiros2_rosrun() {
-  local package=${COMP_WORDS[1]} command=${COMP_WORDS[2]} program
+  local package=${COMP_WORDS[1]-} command=${COMP_WORDS[2]-} program
   COMPREPLY=()
   if [ "$COMP_CWORD" -lt 2 ] || [[ $package != skiros2_* ]]; then
     if [ -n "$_skiros2_other" ]; then

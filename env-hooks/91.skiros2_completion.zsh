@@ -16,7 +16,7 @@ _skiros2_rosrun() {
     done
   fi
   local -a open=(${(M)found:#*[=/]}) closed=(${found:#*[=/]})
-  (( $#open )) && compadd -S '' -- $open
-  (( $#closed )) && compadd -- $closed
+  if (( $#open )); then compadd -S '' -- $open; fi
+  if (( $#closed )); then compadd -- $closed; fi
 }
-(( $+functions[compdef] )) && compdef _skiros2_rosrun rosrun
+if (( $+functions[compdef] )); then compdef _skiros2_rosrun rosrun; fi

@@ -127,6 +127,19 @@ def test_bash_completes_a_command(shell):
     assert in_bash(shell, "rosrun skiros2_skill r", "rosrun skiros2_skill r") == ["run"]
 
 
+def test_bash_keeps_the_completion_of_other_packages(shell):
+    hook = HOOKS / "91.skiros2_completion.bash"
+    script = f"""
+        set -euo pipefail
+        other() {{ COMPREPLY=(tf_echo); }}
+        complete -F other rosrun
+        source {hook}; source {hook}
+        COMP_WORDS=(rosrun tf tf_) COMP_CWORD=2
+        _skiros2_rosrun rosrun; echo ${{COMPREPLY[0]}}
+    """
+    assert shell("bash", "--norc", "-c", script) == "tf_echo\n"
+
+
 def test_bash_says_nothing_for_a_missing_command(shell):
     assert in_bash(shell, "rosrun skiros2_skill rum x", "rosrun skiros2_skill rum x") == [""]
 

@@ -330,6 +330,13 @@ def test_unknown_parameter_is_refused_with_the_nearest(skills):
         read_steps(["soft_grasp", "force=1"], skills, None)
 
 
+def test_all_problems_of_parameters_are_reported_at_once(skills):
+    with pytest.raises(UnknownName) as refused:
+        read_steps(["soft_grasp", "force=1", "Speed=fast"], skills, None)
+    for problem in ("no parameter 'force'", "needs Force (float)", "parameter Speed: "):
+        assert problem in str(refused.value)
+
+
 def test_missing_parameters_are_named_with_their_types(run, manager):
     refused = run("run", "soft_grasp", "Speed=1")
     assert refused == (1, "", "run: soft_grasp needs Force (float): give it as Force=VALUE\n")

@@ -67,13 +67,14 @@ class World:
 
     :param manager: the manager's node name; the world model is `wm` in its namespace.
     :param author: named in the log.
+    :param wm: a connection to it; None: a new one.
     """
 
-    def __init__(self, manager: str, author: str) -> None:
+    def __init__(self, manager: str, author: str, wm: WorldModelAbstractInterface | None = None) -> None:
         self._name = rosgraph.names.ns_join(rosgraph.names.namespace(manager), "wm")
         self._manager = manager
         self._author = author
-        self._wm: WorldModelAbstractInterface | None = None
+        self._wm = wm
 
     @property
     def _client(self) -> WorldModelAbstractInterface:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import socket
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,9 +23,17 @@ needs_broker = pytest.mark.skipif(
 @contextmanager
 def broker() -> Iterator[int]:
     """Runs a broker on this machine; yields its port once it listens."""
+    with tempfile.NamedTemporaryFile("w", suffix=".conf") as file:
+        file.write("set_tcp_nodelay true\nallow_anonymous true\n")
+        file.flush()
+        yield from _run(file.name)
+
+
+def _run(configuration: str) -> Iterator[int]:
     while True:
         port = free_port()
-        process = subprocess.Popen(["mosquitto", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        command = ["mosquitto", "-c", configuration, "-p", str(port)]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         while process.poll() is None and not _listens(port):
             time.sleep(0.02)
         if process.poll() is None:

@@ -63,6 +63,8 @@ class JobCell:
         world = PlanningWorld(WorldModelInterface("tests"))
         self.shelf, *self.stores = (world.thing("skiros:Location") for _ in range(3))
         self.products = [world.thing("skiros:Product", inside=self.shelf) for _ in range(products)]
+        #: A product that is at no place.
+        self.lost_product = world.thing("skiros:Product")
         world.thing("cora:Robot", f"skiros:{ROBOT[1:]}")
         env = {**ros.master.env, "CARRIED": str(self._carried)}
         env["PYTHONPATH"] = f"{TESTS}:{env['PYTHONPATH']}"
@@ -138,8 +140,9 @@ class JobCell:
     def wrong(self, jobs: dict[str, dict[str, Any]], before: Counter[tuple[str, str]] | None = None) -> list[str]:
         """What is wrong with ended jobs: each was done once, or is reported as failed or lost.
 
-        Jobs for the same product and place are counted together. A lost job may have been done. A step that has
-        failed, for example with the world model, may be repeated by another plan of its job.
+        Jobs for the same product and place are counted together. A lost job may have been done, and a succeeded one
+        whose steps and result were missed may have found nothing to do. A step that has failed, for example with the
+        world model, may be repeated by another plan of its job.
 
         :param before: what was carried before these jobs.
         """
@@ -153,7 +156,7 @@ class JobCell:
             if outcome not in ("succeeded", "nothing_to_do", "failed", "lost") or not response["message"]:
                 problems.append(f"{job_id} ended as {outcome!r}: {response['message']!r}")
             started = len(response["steps"])
-            least[key] += outcome == "succeeded"
+            least[key] += outcome == "succeeded" and started > 0
             most[key] += max(1, started) if outcome != "nothing_to_do" else started
         for key in least | most | carried:
             if not least[key] <= carried[key] <= most[key]:

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.explanation import Explanation
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
-from skiros2_gateway.core.problems import Problem
+from skiros2_gateway.core.edits import EditPreview, Edits
+from skiros2_gateway.core.problems import Problem, Rejected
 
 ROBOT = "/robot"
 STEP = {"number": 1, "skill": "skiros:Place", "label": "place", "robot": ROBOT, "arguments": {}, "start": 0.0}
@@ -31,6 +33,8 @@ class StandInCell:
         self.elements = {"Tray-1": "demo:Tray", "Product-2": "skiros:Product"}
         self.commands: list[tuple[str, list[str]]] = []
         self.properties: dict[tuple[str, str], Any] = {}
+        self.skill_runs: dict[tuple[str, int], dict[str, Any]] = {}
+        self.edits: list[Edits] = []
 
     def accept(self, goal_id: str) -> None:
         self.listener.goal_accepted(goal_id)
@@ -85,7 +89,37 @@ class StandInCell:
         return {ROBOT: [{"type": "skiros:Place", "label": "place", "parameters": []}]}
 
     async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        return {"ok": skill == "place", "implementation": skill, "elements": {}, "why": None}
+        if unknown := sorted(set(parameters) - {"Tray"}):
+            raise UnknownName(f"{skill} has no parameter {', '.join(unknown)}")
+        is_ok = skill == "place" or parameters.get("Tray") == "Tray-1"
+        why = None if is_ok else Explanation("pre", skill, skill, 1, -1, "the tray is unknown").to_dict()
+        return {"ok": is_ok, "implementation": skill, "elements": {}, "why": why}
+
+    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> int:
+        found = {"skill": skill, "parameters": dict(parameters), "state": "running", "message": "", "explanations": []}
+        self.skill_runs[robot, len(self.skill_runs)] = found
+        return len(self.skill_runs) - 1
+
+    async def skill_run(self, robot: str, task: int) -> dict[str, Any]:
+        if (robot, task) not in self.skill_runs:
+            raise UnknownName(f"no task {task} of {robot}")
+        return self.skill_runs[robot, task]
+
+    async def stop_task(self, robot: str, task: int) -> None:
+        self.commands.append(("stop", [robot, str(task)]))
+
+    async def preview_edits(self, edits: Edits) -> EditPreview:
+        problems = [
+            Problem("unknown_name", f"properties.{i}.element", edit.element)
+            for i, edit in enumerate(edits.properties)
+            if edit.element not in self.elements
+        ]
+        if problems:
+            raise Rejected(problems)
+        return EditPreview(tuple(f"~ {edit.element} {edit.property}" for edit in edits.properties))
+
+    async def apply_edits(self, edits: Edits, preview: EditPreview) -> None:
+        self.edits.append(edits)
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         if "nowhere" in goal:

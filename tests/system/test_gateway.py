@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import ssl
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 import httpx2
@@ -18,7 +19,8 @@ from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import UNKNOWN_JOB
 from support.certificates import make_certificate
 from support.job_cell import ROBOT, TOKENS, JobCell
-from support.ros import Ros, RosMaster
+from support.programs import PATIENCE
+from support.ros import Ros, RosMaster, wait_until
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -62,13 +64,24 @@ def test_viewer_reads_and_does_not_command(cell: JobCell) -> None:
     assert "viewed" not in cell.jobs()
 
 
+@asynccontextmanager
+async def connected(cell: JobCell) -> AsyncIterator[Callable[..., Awaitable[Any]]]:
+    """Connects an agent. Yields a function that calls a tool and returns its data."""
+    headers = {"Authorization": f"Bearer {TOKENS['operate']}"}
+    async with (
+        httpx2.AsyncClient(headers=headers, timeout=PATIENCE) as http,
+        McpClient(streamable_http_client(f"{cell.rest.address}/mcp", http_client=http)) as client,
+    ):
+
+        async def call(tool: str, **arguments: Any) -> Any:
+            return (await client.call_tool(tool, arguments)).structured_content
+
+        yield call
+
+
 def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
     async def agent() -> list[Any]:
-        headers = {"Authorization": f"Bearer {TOKENS['operate']}"}
-        async with (
-            httpx2.AsyncClient(headers=headers, timeout=60.0) as http,
-            McpClient(streamable_http_client(f"{cell.rest.address}/mcp", http_client=http)) as client,
-        ):
+        async with connected(cell) as call:
             values = {"Object": cell.products[1], "To": cell.stores[0]}
             start = {"robot": ROBOT, "skill": "carry_at_once", "parameters": values}
             order = cell.order("of-agent", 1)
@@ -77,7 +90,7 @@ def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
                 ("check_start", {**start, "parameters": {**values, "Object": "skiros:Product-999"}}),
                 ("preview", {key: order[key] for key in ("work_master", "parameters")}), ("execute", order),
             ]  # fmt: skip
-            return [(await client.call_tool(name, arguments)).structured_content for name, arguments in calls]
+            return [await call(name, **arguments) for name, arguments in calls]
 
     skills, check, wrong, preview, job = asyncio.run(agent())
     (skill,) = skills["skills"]
@@ -87,6 +100,39 @@ def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
     assert preview["state"] == "planned" and cell.products[1] in str(preview["preview"])
     assert job["job"] == "of-agent"
     assert cell.wait_for(["of-agent"])["of-agent"]["response"]["outcome"] == "succeeded"
+
+
+def test_agent_runs_a_skill_and_proposes_what_a_failed_job_lacks(cell: JobCell) -> None:
+    values = {"Object": cell.products[2], "To": cell.stores[0]}
+    skill = {"robot": ROBOT, "skill": "carry_at_once", "parameters": values}
+    # this product is at no place, so no robot can carry it
+    order = {**cell.order("lacking", 0), "parameters": {"Product": cell.lost_product, "Place": cell.stores[0]}}
+    assert cell.rest.post("/api/jobs", order)[0] == 201
+    assert cell.wait_for(["lacking"])["lacking"]["response"]["outcome"] == "impossible"
+    fact = {"subject": cell.shelf, "relation": "skiros:contain", "object": cell.lost_product}
+
+    def approve() -> dict[str, Any]:
+        (approval,) = wait_until(lambda: cell.rest.get("/api/approvals")["approvals"], what="a request for an approval")
+        assert cell.rest.post(f"/api/approvals/{approval['number']}/approve", {}, "maintain")[0] == 200
+        return dict(approval["what"])
+
+    async def agent() -> tuple[Any, Any, Any, Any]:
+        async with connected(cell) as call:
+            started = await call("execute", **skill)
+            while (run := await call("explain", robot=ROBOT, task=started["task"]))["state"] == "running":
+                await asyncio.sleep(0.05)
+            refused = await call("execute", **{**skill, "parameters": {**values, "From": cell.shelf}})
+            proposal = {"job": "lacking", "reason": "it was seen on the shelf", "relations": [fact], "retry": True}
+            proposing = asyncio.create_task(call("propose", **proposal))
+            what = await asyncio.to_thread(approve)
+            return run, refused, what, await proposing
+
+    run, refused, what, proposed = asyncio.run(agent())
+    assert run["state"] == "succeeded"
+    assert refused["code"] == "refused" and "IsThere" in refused["detail"]
+    assert what["changes"] == [f"+ {cell.shelf} skiros:contain {cell.lost_product}"]
+    assert (proposed["changes"], proposed["why"], proposed["retried"]["job"]) == (what["changes"], "", "lacking.2")
+    assert cell.wait_for(["lacking.2"])["lacking.2"]["response"]["outcome"] == "succeeded"
 
 
 def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
@@ -121,3 +167,16 @@ def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
 
     assert asyncio.run(call("Basic256Sha256")) == UNKNOWN_JOB
     secured.stop()
+
+
+@pytest.mark.parametrize("node", ["/gateway", "/tm", "/wm"])
+def test_job_is_done_once_or_reported_although_a_node_is_killed(cell: JobCell, node: str) -> None:
+    before, number = cell.carried(), ("/gateway", "/tm", "/wm").index(node) + 3
+    job_id = f"killed-{node[1:]}"
+    assert cell.rest.post("/api/jobs", cell.order(job_id, number, store=1))[0] == 201
+    cell.kill(node)
+    assert not cell.wrong(cell.wait_for([job_id], 2 * PATIENCE), before)
+    cell.wait_until_ready()
+    after = cell.order(f"after-{node[1:]}", number)  # the cell works again
+    assert cell.rest.post("/api/jobs", after)[0] == 201
+    assert cell.wait_for([after["id"]], 2 * PATIENCE)[after["id"]]["response"]["outcome"] == "succeeded"

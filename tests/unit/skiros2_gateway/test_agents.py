@@ -13,8 +13,8 @@ import pytest
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 
+from skiros2_gateway.agents.arguments import schema_of
 from skiros2_gateway.agents.server import AgentServer
-from skiros2_gateway.agents.tools import schema_of
 from skiros2_gateway.core.approvals import Approvals
 from support.http_gateway import curl, served
 from support.stand_in_cell import ROBOT
@@ -55,9 +55,11 @@ def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
         async with connected(gateway, "view") as agent:
             tools = {tool.name: tool for tool in (await agent.client.list_tools()).tools}
             assert set(tools) == {
-                "list_skills", "query_world", "check_start", "plan", "preview", "execute", "stop", "explain", "history"
-            }
-            assert [name for name, tool in tools.items() if not tool.annotations.read_only_hint] == ["execute", "stop"]
+                "list_skills", "query_world", "check_start", "plan", "preview", "execute", "stop", "explain", "propose",
+                "history",
+            }  # fmt: skip
+            moving = [name for name, tool in tools.items() if not tool.annotations.read_only_hint]
+            assert moving == ["execute", "stop", "propose"]
             jsonschema.validate(GOAL, tools["execute"].input_schema)
             assert (await agent.call("list_skills"))["skills"][0]["robot"] == ROBOT
             found = await agent.call("query_world", type="demo:Tray")
@@ -67,6 +69,7 @@ def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
             assert (await agent.call("plan", goal="(at robot home)"))["state"] == "planned"
             place = {"work_master": "place", "parameters": {"Tray": "Tray-1"}}
             assert (await agent.call("preview", **place))["state"] == "planned"
+            assert (await agent.call("preview", robot=ROBOT, skill="place"))["implementation"] == "place"
             assert not gateway.cell.sent
 
     in_gateway(test)
@@ -126,6 +129,105 @@ def test_agent_without_role_valid_plan_or_right_arguments_is_refused(in_gateway:
             gateway.cell.accept("a")
             assert (await agent.call("stop", job="a"))["job"] == "a"
             assert gateway.cell.stopped == ["a"]
+
+    in_gateway(test)
+
+
+async def answer(agent: Agent, number: int, word: str = "approve") -> Any:
+    """Answers a request for approval as another user, once it is open; returns what is approved."""
+    maintainer = TOKENS["maintain"]
+    while not (found := [
+        each for each in (await curl(agent.address, "/api/approvals", token=maintainer))[1]["approvals"]
+        if each["number"] == number
+    ]):  # fmt: skip
+        await asyncio.sleep(0.01)
+    await curl(agent.address, f"/api/approvals/{number}/{word}", "-X", "POST", token=maintainer)
+    return found[0]["what"]
+
+
+def test_single_skill_runs_after_start_check_and_approval_and_is_stopped(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "operate") as agent:
+            skill = {"robot": ROBOT, "skill": "place", "parameters": {"Tray": "Tray-1"}}
+            execution = asyncio.create_task(agent.call("execute", **skill))
+            what = await answer(agent, 1)
+            assert (what["skill"], what["preview"]["ok"]) == ("place", True)
+            assert await execution == {"robot": ROBOT, "task": 0}
+            assert (await agent.call("explain", robot=ROBOT, task=0))["state"] == "running"
+            assert await agent.call("stop", robots=[ROBOT], task=0) == {"tasks": {ROBOT: 1}}
+            assert gateway.cell.commands == [("stop", [ROBOT, "0"])]
+            refused = await agent.call("execute", robot=ROBOT, skill="pick")
+            assert refused["code"] == "refused" and "the tray is unknown" in refused["detail"]
+            mixed = await agent.call("execute", skill="place", goal="(at robot home)", id="a")
+            assert {problem["where"] for problem in mixed["problems"]} == {"goal", "id", "robot"}
+            assert len(gateway.cell.skill_runs) == 1 and not gateway.cell.sent
+            outcomes = {entry["action"] for entry in gateway.store.audit_log() if entry["outcome"] == "done"}
+            assert outcomes == {"execute", "stop", "approve"}
+
+    in_gateway(test)
+
+
+def test_proposal_for_a_failed_skill_is_applied_and_retried_after_approval(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "operate", is_needed=False) as agent:
+            cell = gateway.cell
+            run = {"robot": ROBOT, "task": await cell.run_skill(ROBOT, "pick", {})}
+            edit = {"element": "Tray-1", "property": "skiros:ContainerState", "values": ["Empty"]}
+            proposal = {**run, "reason": "the tray was not seen", "properties": [edit], "retry": True}
+            proposal["parameters"] = {"Tray": "Tray-1"}
+            assert "has not failed: it is running" in (await agent.call("propose", **proposal))["detail"]
+            cell.skill_runs[ROBOT, 0]["state"] = "failed"
+            for number, word in enumerate(("reject", "approve"), 1):
+                assert not cell.edits
+                proposing = asyncio.create_task(agent.call("propose", **proposal))
+                what = await answer(agent, number, word)  # although the configuration approves what has a valid plan
+                result = await proposing
+            assert (what["failure"]["state"], what["reason"]) == ("failed", "the tray was not seen")
+            assert what["changes"] == result["changes"] == ["~ Tray-1 skiros:ContainerState"]
+            assert what["retry"] == {"robot": ROBOT, "skill": "pick", "parameters": {"Tray": "Tray-1"}}
+            assert (result["retried"], result["why"]) == ({"robot": ROBOT, "task": 1}, "")
+            assert [edit.element for edit in cell.edits[0].properties] == ["Tray-1"]
+
+    in_gateway(test)
+
+
+def test_proposal_for_a_failed_job_is_a_new_job_with_other_values(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "operate") as agent:
+            await gateway.put("j", work_master="place", parameters={"Tray": "Tray-1"})
+            gateway.cell.end("j", "failed", "the product is too fast")
+            await gateway.collected("j")
+            proposal = {"job": "j", "reason": "slower", "parameters": {"Speed": 0.5}, "retry": True}
+            proposing = asyncio.create_task(agent.call("propose", **proposal))
+            what = await answer(agent, 1)
+            assert (what["failure"]["message"], what["changes"]) == ("the product is too fast", [])
+            assert what["retry"]["parameters"] == {"Tray": "Tray-1", "Speed": 0.5}
+            result = await proposing
+            assert result["retried"]["job"] == "j.2"
+            assert [goal.id for goal in gateway.cell.sent] == ["j", "j.2"]
+            assert gateway.store.history("j.2")[0]["comment"] == "proposed by operate, approved by maintain"
+
+    in_gateway(test)
+
+
+def test_wrong_proposal_is_rejected_with_all_problems_and_never_shown(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "operate") as agent:
+            await gateway.put("j", work_master="place", parameters={"Tray": "Tray-1"})
+            gateway.cell.end("j", "failed", "why")
+            await gateway.collected("j")
+            edit = {"element": "Tray-7", "property": "skiros:ContainerState", "values": ["Empty"]}
+            values = {"Speed": 9.0, "Sped": 1.0}
+            proposal = {"job": "j", "reason": "r", "properties": [edit], "parameters": values, "retry": True}
+            wrong = await agent.call("propose", **proposal)
+            places = {problem["where"] for problem in wrong["problems"]}
+            assert places == {"properties.0.element", "parameters.Speed", "parameters.Sped"}
+            empty = await agent.call("propose", job="j", robot=ROBOT, reason="r", parameters={"Speed": 1.0})
+            assert {problem["where"] for problem in empty["problems"]} == {"job", "parameters"}
+            assert not (await curl(agent.address, "/api/approvals", token=TOKENS["view"]))[1]["approvals"]
+            assert (await agent.call("propose", job="k", reason="r", properties=[edit]))["code"] == "unknown_name"
+        async with connected(gateway, "view") as agent:
+            assert (await agent.call("propose", **proposal))["code"] == "denied"
 
     in_gateway(test)
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from skiros2_common.core.errors import SkirosError
+from skiros2_gateway.agents.tools import Tools
+from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.opcua.server import OpcuaServer
 from support.broker import broker, needs_broker
 from support.hostile import FORBIDDEN, Hostile, fuzz_mqtt, fuzz_opcua, fuzz_rest
 from support.http_gateway import served
-from unit.skiros2_gateway.conftest import TOKENS
+from support.stand_in_cell import ROBOT
+from unit.skiros2_gateway.conftest import OPERATOR, TOKENS, VIEWER
 from unit.skiros2_gateway.test_opcua import Mes
 
 Run = Callable[..., None]
@@ -55,6 +60,35 @@ def test_mqtt_survives_hostile_requests(in_gateway: Run, caplog: pytest.LogCaptu
                 await bridge.stop()
             assert {"unauthenticated", "denied", "rejected", "unknown_name"} <= found.keys(), found
             check(gateway, caplog)
+
+    in_gateway(test)
+
+
+def test_tools_of_agents_survive_hostile_arguments(in_gateway: Run, caplog: pytest.LogCaptureFixture) -> None:
+    async def test(gateway: Any) -> None:
+        tools = Tools(gateway.service, Approvals(gateway.events, is_needed=False, timeout=0.001))
+        hostile = Hostile(5)
+        good = ("a", "(at robot home)", "place", ROBOT, "Tray-1", 0, True, {}, [])
+        found: Counter[str] = Counter()
+        await gateway.put("a")
+        gateway.cell.end("a", "failed")
+        await gateway.collected("a")
+        sent = len(gateway.cell.sent)
+        for caller in [VIEWER] * 500 + [OPERATOR] * 500:
+            name = hostile.random.choice([*tools.all, hostile.text()])
+            fields = list(tools.all[name].arguments.model_fields) if name in tools.all else ["job"]
+            chosen = hostile.random.sample([*fields, "x"], hostile.random.randrange(len(fields) + 1))
+            is_good = hostile.random.random() < 0.7
+            arguments = {key: hostile.random.choice(good) if is_good else hostile.value(2) for key in chosen}
+            try:
+                await tools.call(caller, name, arguments)
+                found["done"] += 1
+            except SkirosError as error:
+                found[error.code] += 1
+            if caller is VIEWER:
+                assert (len(gateway.cell.sent), gateway.cell.commands, gateway.cell.skill_runs) == (sent, [], {})
+        assert {"done", "denied", "rejected", "unknown_name"} <= found.keys(), found
+        check(gateway, caplog)
 
     in_gateway(test)
 

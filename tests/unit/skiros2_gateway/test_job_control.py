@@ -277,3 +277,21 @@ def test_paused_job_is_paused_again_after_a_restart(in_gateway: Run) -> None:
         assert gateway.cell.paused == {"a"}
 
     in_gateway(test)
+
+
+def test_response_is_completed_although_the_cell_cannot_be_read(
+    in_gateway: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_: Any) -> Any:
+        raise OSError("connection reset")
+
+    async def test(gateway: Any) -> None:
+        await gateway.put("a")
+        monkeypatch.setattr(gateway.cell, "collect", fail)
+        gateway.cell.end("a")
+        job = await gateway.collected("a")
+        assert (gateway.state("a"), job.response.notes) == (
+            "Ended/Closed", ["the changes are unknown: connection reset"]
+        )  # fmt: skip
+
+    in_gateway(test)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import sys
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 from asyncua import Client, Node, ua
 
+from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import INVALID_STATE, NOT_ACCEPTED, UNKNOWN_JOB, OpcuaServer
@@ -117,12 +117,50 @@ def test_refused_call_returns_its_status_and_changes_nothing(in_server: Run) -> 
             assert await mes.call("Store", order("j2", master="plaice"), NO_COMMENT) == NOT_ACCEPTED
             assert await mes.call("Store", order("j2"), NO_COMMENT) == 0
             assert await mes.call("Pause", "j2", NO_COMMENT) == INVALID_STATE
-            for arguments in itertools.chain([()], [(1, 2, 3, 4)], [(5, NO_COMMENT)]):
-                try:
-                    assert await mes.call("Store", *arguments) == NOT_ACCEPTED
-                except ua.UaStatusCodeError as error:
-                    assert error.code in (ua.StatusCodes.BadInvalidArgument, ua.StatusCodes.BadArgumentsMissing)
             assert gateway.state("j2") == "NotAllowedToStart/Ready"
+
+    in_server(test)
+
+
+def test_wrong_call_gets_its_status_and_a_text_with_all_problems(in_server: Run) -> None:
+    no_list = ua.Variant(["x"], ua.VariantType.String, is_array=True)
+    too_few, too_many, wrong = (
+        getattr(ua.StatusCodes, f"Bad{name}") for name in ("ArgumentsMissing", "TooManyArguments", "InvalidArgument")
+    )
+    calls: list[tuple[str, list[ua.Variant], int, list[str]]] = [
+        ("Store", [], too_few, ["missing: JobOrder"]),
+        ("Start", [ua.Variant("j"), NO_COMMENT, NO_COMMENT], too_many, ["3 arguments, expected JobOrderID, Comment"]),
+        ("Start", [ua.Variant(5), no_list], wrong, ["JobOrderID: Int64, expected String", "Comment: String[]"]),
+        ("Store", [ua.Variant("j")], wrong, ["JobOrder: str, expected ISA95JobOrderDataType"]),
+        (f"{PROVIDER}.RequestJobResponseByJobOrderState", [no_list], wrong, ["JobOrderState: str[], expected ISA95"]),
+    ]
+
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address) as mes:
+            await mes.load()
+
+            async def raw(name: str, arguments: list[ua.Variant]) -> Any:
+                request = ua.CallMethodRequest()
+                of, _, method = name.rpartition(".")
+                request.ObjectId = ua.NodeId(of or "JobOrderReceiver", mes.index)
+                request.MethodId = (await mes.get_node(request.ObjectId).get_child(f"{mes.index}:{method}")).nodeid
+                request.InputArguments = arguments
+                return (await mes.uaclient.call([request]))[0]
+
+            for name, arguments, status, texts in calls:
+                result = await raw(name, arguments)
+                infos = [info.AdditionalInfo for info in result.InputArgumentDiagnosticInfos]
+                assert result.StatusCode.value == status, (name, result)
+                assert all(info.startswith(text) for info, text in zip(infos, texts, strict=True)), infos
+            bad = order("not an id", Speed=5.0)
+            bad.JobOrderParameters *= 2
+            bad.WorkMasterID = [ua.ISA95WorkMasterDataType(ID=master) for master in ("place", "park")]
+            result = await raw("Store", [ua.Variant(bad), NO_COMMENT])
+            assert [output.Value for output in result.OutputArguments] == [NOT_ACCEPTED]
+            text = result.InputArgumentDiagnosticInfos[0].AdditionalInfo
+            for problem in ("parameters.Speed: 2 values", "work_master: 2 work masters", "id: String should match"):
+                assert problem in text
+        assert not {"j", "not an id"} & {job.id for job in gateway.store.jobs()}
 
     in_server(test)
 
@@ -146,6 +184,29 @@ def test_list_of_job_orders_is_published(in_server: Run) -> None:
             gateway.cell.accept("j3")
             while ("j3", "Running") not in await changes.values.get():
                 pass
+
+    in_server(test)
+
+
+def test_list_of_responses_has_ended_jobs_until_they_are_cleared(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address, "view") as mes:
+            await mes.load()
+            responses = await (await mes.object(PROVIDER)).get_child(f"{mes.index}:JobOrderResponseList")
+
+            async def ids() -> list[str]:
+                return [each.JobOrderID for each in await responses.read_value()]
+
+            for job_id in ("j6", "j7"):
+                await gateway.put(job_id)
+                gateway.cell.end(job_id)
+                await gateway.collected(job_id)
+            while (await ids())[:2] != ["j7", "j6"]:
+                await asyncio.sleep(0.01)
+            gateway.control.apply(Method.CLEAR, "j6", "test")
+            while "j6" in await ids():
+                await asyncio.sleep(0.01)
+            assert (await ids())[0] == "j7"
 
     in_server(test)
 

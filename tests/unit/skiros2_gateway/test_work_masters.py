@@ -11,6 +11,7 @@ from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.work_masters import DEFINITION, WORK_MASTER, WorkMasters, work_masters_of
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_skill.testing import SkillBench
+from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 PARK = """
 goal: (skiros:at cora:Robot-1 {Place})
@@ -62,3 +63,21 @@ def test_changes_of_the_scene_take_effect(caplog: pytest.LogCaptureFixture) -> N
 
     asyncio.run(follow())
     assert [record.message for record in caplog.records if "Site" in record.message]
+
+
+def test_failed_read_is_repeated_with_the_next_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Element) -> list[Element]:
+        raise WmException("service wm/get does not answer")
+
+    async def follow() -> None:
+        with SkillBench() as bench:
+            masters = WorkMasters()
+            SceneWorkMasters(bench.wmi, masters, asyncio.get_running_loop())
+            with monkeypatch.context() as broken:
+                broken.setattr(bench.wmi, "resolve_elements", fail)
+                bench.wmi.add_element(element("park", PARK))
+            bench.wmi.add_element(Element("skiros:Product", "box"))
+            await asyncio.sleep(0)
+            assert set(masters.all) == {"park"}
+
+    asyncio.run(follow())

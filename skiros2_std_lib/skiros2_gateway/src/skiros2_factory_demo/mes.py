@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import urllib.error
 import urllib.request
 from collections.abc import Callable
@@ -156,6 +157,7 @@ class MqttChannel:
         self._responses: dict[str, asyncio.Future[Any]] = {}
         self._subscribed = asyncio.Event()
         self._client = paho.Client(CallbackAPIVersion.VERSION2)
+        self._client.on_socket_open = lambda _, __, sock: sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client.on_connect = lambda client, *_: client.subscribe("skiros2/job/#", 1)
         self._client.on_subscribe = lambda *_: self._in_loop(self._subscribed.set)
         self._client.on_message = lambda _, __, message: self._in_loop(self._on_message, message)

@@ -27,7 +27,8 @@ def read_steps(
     """Parses skills and their parameters, and checks them against the declarations.
 
     :param is_learned: whether the world model has learned values for a type of skill; then the manager checks.
-    :raises SkirosError: a skill or parameter is unknown, a value is wrong, or a parameter is missing.
+    :raises SkirosError: a skill or parameters are unknown, values are wrong, or parameters are missing; the text has
+        all problems of the first implementation.
     """
     steps: list[tuple[NamedSkill, Step]] = []
     labels = {skill.label for skill in skills}
@@ -71,21 +72,26 @@ def _params(
     find_element: FindElement,
     is_learned: Callable[[str], bool],
 ) -> list[str]:
-    unknown = [key for key in given if key not in skill.parameters]
-    if unknown:
-        hint = did_you_mean(unknown[0], skill.parameters)
-        raise UnknownName(f"{skill.label} has no parameter {unknown[0]!r}; {hint}")
+    errors: list[UnknownName | WrongValue] = []
+    for key in given:
+        if key not in skill.parameters:
+            hint = did_you_mean(key, skill.parameters)
+            errors.append(UnknownName(f"{skill.label} has no parameter {key!r}; {hint}"))
     missing = [p for p in skill.parameters.values() if p.must_be_given and p.key not in {*given, *produced}]
     if missing and not is_learned(skill.type):
         listed = ", ".join(f"{p.key} ({p.type}{': ' if p.description else ''}{p.description})" for p in missing)
-        raise WrongValue(f"{skill.label} needs {listed}: give it as {missing[0].key}=VALUE")
+        errors.append(WrongValue(f"{skill.label} needs {listed}: give it as {missing[0].key}=VALUE"))
     params = []
     for key, texts in given.items():
-        declared = skill.parameters[key]
+        declared = skill.parameters.get(key)
+        if declared is None:
+            continue
         try:
             params.append(declared.wire([v for text in texts for v in read_values(declared, text, find_element)]))
         except SkirosError as error:
-            raise WrongValue(f"{skill.label}, parameter {key}: {error}") from None
+            errors.append(WrongValue(f"{skill.label}, parameter {key}: {error}"))
+    if errors:
+        raise type(errors[0])("; ".join(map(str, errors)))
     return params
 
 

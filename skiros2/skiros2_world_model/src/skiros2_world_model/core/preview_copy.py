@@ -30,12 +30,14 @@ class PreviewCopy(WorldModelAbstractInterface):
     model and cannot change them.
 
     :param wm: the world model. Its scene is read once.
+    :param strict: whether unknown names, and relations between wrong classes, are refused.
     :raises WmException: the world model does not answer.
     """
 
-    def __init__(self, wm: WorldModelAbstractInterface) -> None:
+    def __init__(self, wm: WorldModelAbstractInterface, strict: bool = False) -> None:
         super().__init__()
         self._wm = wm
+        self._strict = strict
         self._lock = threading.RLock()
         self._scene = scene_of(wm.resolve_elements(Element()))
         self._notifier = ChangeNotifier(0, "preview")
@@ -122,7 +124,7 @@ class PreviewCopy(WorldModelAbstractInterface):
     def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
         with self._lock:
             # Prefixes matter only for names that are IRIs; a scene has none.
-            checks = Checks(self._ontology, Prefixes(), self.author, warned=self._warned)
+            checks = Checks(self._ontology, Prefixes(), self.author, self._strict, self._warned)
             transaction = Transaction(self._scene, self._ontology, checks, self.author)
             self._scene.begin()
             try:

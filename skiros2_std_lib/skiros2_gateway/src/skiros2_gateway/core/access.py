@@ -167,9 +167,9 @@ class Access:
     def authenticate(self, token: str, way: str, address: str = "") -> Caller:
         """Returns the caller with a token.
 
-        :param address: of the client; repeated failures from one address are refused without a look at the token.
+        :param address: of the client.
         :raises Unauthenticated: the token is unknown.
-        :raises TooMany: the address, or the user, has sent too many requests.
+        :raises TooMany: the token is unknown, and the address has sent too many of these.
         """
         user = self._by_token.get(_sha256(token))
         return self._admit(user, way, address, "the token is missing or unknown")

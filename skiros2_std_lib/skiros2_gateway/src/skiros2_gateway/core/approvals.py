@@ -19,7 +19,7 @@ class Approval:
     """A request that waits for an answer.
 
     :param user: who asks; the answer has to come from somebody else.
-    :param what: the order and its plan, as JSON data.
+    :param what: the order and its plan, the skill and its start check, or the proposal; as JSON data.
     :param created: s since the epoch.
     """
 
@@ -35,7 +35,7 @@ class Approval:
 class Approvals:
     """The open requests. To be used in the thread of the gateway's loop.
 
-    :param is_needed: False: all requests are approved, by configuration.
+    :param is_needed: False: requests that need no person are approved by configuration.
     :param timeout: a request without an answer is refused after this time (s).
     """
 
@@ -50,12 +50,13 @@ class Approvals:
     def open(self) -> list[Approval]:
         return [approval for approval, _ in self._open.values()]
 
-    async def request(self, caller: Caller, what: dict[str, Any]) -> str:
+    async def request(self, caller: Caller, what: dict[str, Any], *, by_person: bool = False) -> str:
         """Publishes an event `approval` and waits for an answer. Returns the name of the user who approves.
 
+        :param by_person: whether a person has to approve it, whatever the configuration is.
         :raises Refused: it is rejected, or nobody answers in time.
         """
-        if not self._is_needed:
+        if not (self._is_needed or by_person):
             return "configuration"
         approval = Approval(next(self._numbers), caller.user, what, time.time())
         answer: asyncio.Future[tuple[str, bool]] = asyncio.get_running_loop().create_future()

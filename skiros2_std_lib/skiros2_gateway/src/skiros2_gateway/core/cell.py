@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from skiros2_gateway.core.edits import EditPreview, Edits
 from skiros2_gateway.core.problems import Problem
 
 #: The states of a robot.
@@ -151,6 +152,38 @@ class Cell(Protocol):
 
     async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Returns whether a skill would start now: {ok, implementation, elements, why}; nothing moves."""
+
+    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> int:
+        """Starts a skill. Returns the number of its task.
+
+        :raises Refused: it does not start.
+        """
+
+    async def skill_run(self, robot: str, task: int) -> dict[str, Any]:
+        """Returns a task that `run_skill` has started: {skill, parameters, state, message, explanations}.
+
+        The state is running, succeeded or failed.
+
+        :raises UnknownName: no such task was started, or newer ones have replaced it.
+        """
+
+    async def stop_task(self, robot: str, task: int) -> None:
+        """Preempts a task of a robot.
+
+        :raises SkirosError: there is no such task, or it has ended.
+        """
+
+    async def preview_edits(self, edits: Edits) -> EditPreview:
+        """Checks edits of the world model, and returns what they would change.
+
+        :raises Rejected: with the problems of all edits.
+        """
+
+    async def apply_edits(self, edits: Edits, preview: EditPreview) -> None:
+        """Applies previewed edits as a whole.
+
+        :raises SkirosError: the world model refuses them, for example because an edited element has changed since.
+        """
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         """Returns the fields of the result of the action MakePlan, decoded."""

@@ -312,7 +312,8 @@ class JobControl:
         started = response.started or response.ended or job.changed
         try:
             found = await self.cell.collect(response.robots, started, response.ended or self._clock(), sources)
-        except SkirosError as error:
+        except Exception as error:  # the job has ended, whatever the cell does
+            log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
             found = Collected(notes=[f"the changes are unknown: {error}"])
         job = self._jobs.open(job.id) or job  # it may have been cleared meanwhile
         response = job.response

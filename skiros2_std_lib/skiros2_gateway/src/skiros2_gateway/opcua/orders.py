@@ -8,7 +8,7 @@ from typing import Any
 
 from asyncua import ua
 
-from skiros2_gateway.core.job import Job, State, Substate
+from skiros2_gateway.core.job import Job, State, Substate, read_order
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.core.work_masters import WorkMaster
 
@@ -21,14 +21,17 @@ QUALITY_PARAMETER = "PlanQuality"
 def order_data(order: Any) -> dict[str, Any]:
     """Returns the JSON data of an order.
 
-    :raises Rejected: it is no job order, or has parts that the gateway does not know.
+    :param order: an ISA95JobOrderDataType.
+    :raises Rejected: with all problems of its fields.
     """
-    if type(order).__name__ != "ISA95JobOrderDataType":
-        raise Rejected([Problem("wrong_type", "JobOrder", "the argument is no job order", "an ISA95JobOrderDataType")])
+    problems = []
+    ids = [str(p.ID) for p in order.JobOrderParameters or []]
+    for key in sorted({key for key in ids if ids.count(key) > 1}):
+        problems.append(Problem("wrong_value", f"parameters.{key}", f"{ids.count(key)} values", "one"))
     parameters = {str(p.ID): _plain(p.Value) for p in order.JobOrderParameters or []}
     masters = [str(master.ID) for master in order.WorkMasterID or []]
     if len(masters) > 1:
-        raise Rejected([Problem("wrong_value", "WorkMasterID", f"{len(masters)} work masters", "one at most")])
+        problems.append(Problem("wrong_value", "work_master", f"{len(masters)} work masters", "one at most"))
     data: dict[str, Any] = {
         "id": order.JobOrderID,
         "description": "\n".join(text.Text or "" for text in order.Description or []),
@@ -42,7 +45,14 @@ def order_data(order: Any) -> dict[str, Any]:
         data["work_master"] = masters[0]
     else:
         data["goal"] = parameters.pop(GOAL_PARAMETER, "")
-    return {**data, "parameters": parameters}
+    data["parameters"] = parameters
+    if problems:
+        try:
+            read_order(data)
+        except Rejected as error:
+            problems += error.problems
+        raise Rejected(problems)
+    return data
 
 
 def job_order(job: Job) -> Any:
@@ -109,8 +119,8 @@ def parameter(key: str, value: Any, description: str = "") -> Any:
     return ua.ISA95ParameterDataType(ID=key, Value=ua.Variant(plain), Description=texts)
 
 
-def wanted_states(states: Any) -> list[str]:
-    """Returns the names of states, from their texts or numbers.
+def wanted_states(states: list[Any] | None) -> list[str]:
+    """Returns the names of states (ISA95StateDataType), from their texts or numbers.
 
     :raises Rejected: a state is unknown.
     """

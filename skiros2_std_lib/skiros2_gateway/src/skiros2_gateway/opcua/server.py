@@ -23,14 +23,10 @@ from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
-from skiros2_gateway.opcua.model import JobTypes, build_types
-from skiros2_gateway.opcua.orders import (
-    job_order_and_state,
-    job_response,
-    order_data,
-    wanted_states,
-    work_master,
-)
+from skiros2_gateway.opcua.arguments import described, wrong_arguments
+from skiros2_gateway.opcua.lists import RESPONSES, JobLists
+from skiros2_gateway.opcua.model import PROVIDER_METHODS, RECEIVER_METHODS, JobTypes, build_types
+from skiros2_gateway.opcua.orders import job_response, order_data, wanted_states, work_master
 from skiros2_gateway.opcua.twin import Twin
 
 log = logging.getLogger(__name__)
@@ -46,8 +42,6 @@ _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
 
 #: How long changes of jobs are gathered before the lists are written (s).
 _LIST_PERIOD = 0.1
-#: How many of the newest responses are in the list.
-_RESPONSES = 100
 
 
 class _SessionUser(User):
@@ -96,6 +90,7 @@ class OpcuaServer:
         self._types: JobTypes
         self._nodes: dict[str, Any] = {}
         self._tasks: list[asyncio.Task[None]] = []
+        self._lists = JobLists(service)
         self._has_changes = asyncio.Event()
         #: Its address, once it has started.
         self.address = ""
@@ -173,13 +168,14 @@ class OpcuaServer:
         self._twin = Twin(server, self._service)
         await self._twin.start()
 
-    def _link(self, name: str, call: Callable[..., Coroutine[Any, Any, list[ua.Variant]]]) -> None:
+    def _link(self, name: str, call: Callable[..., Coroutine[Any, Any, Any]]) -> None:
+        declared = {**RECEIVER_METHODS, **PROVIDER_METHODS}[name][0]
+
         async def linked(_: ua.NodeId, *arguments: ua.Variant) -> Any:
+            if wrong := wrong_arguments(declared, arguments):
+                return wrong
             try:
                 return await call(*(argument.Value for argument in arguments))
-            except TypeError as error:
-                log.info("%s: %s", name, error)
-                return ua.StatusCode(ua.StatusCodes.BadInvalidArgument)
             except (Denied, Unauthenticated):
                 return ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
             except TooMany:
@@ -193,8 +189,8 @@ class OpcuaServer:
 
     # -- methods -----------------------------------------------------------------------------------------------
 
-    def _on_order(self, method: Method) -> Callable[..., Coroutine[Any, Any, list[ua.Variant]]]:
-        async def call(order: Any, comment: Any = None) -> list[ua.Variant]:
+    def _on_order(self, method: Method) -> Callable[..., Coroutine[Any, Any, Any]]:
+        async def call(order: Any, comment: Any = None) -> Any:
             try:
                 caller = _current_caller()
                 if method is Method.UPDATE:
@@ -208,31 +204,31 @@ class OpcuaServer:
 
         return call
 
-    def _on_method(self, method: Method) -> Callable[..., Coroutine[Any, Any, list[ua.Variant]]]:
-        async def call(job_id: Any, comment: Any = None) -> list[ua.Variant]:
+    def _on_method(self, method: Method) -> Callable[..., Coroutine[Any, Any, Any]]:
+        async def call(job_id: str, comment: Any = None) -> Any:
             try:
-                self._service.apply(_current_caller(), method, str(job_id), _text(comment))
+                self._service.apply(_current_caller(), method, job_id, _text(comment))
             except SkirosError as error:
                 return _status(method, error)
             return [ua.Variant(0, ua.VariantType.UInt64)]
 
         return call
 
-    async def _response_by_id(self, job_id: Any) -> list[ua.Variant]:
+    async def _response_by_id(self, job_id: str) -> list[ua.Variant]:
         self._service.view(_current_caller())
         try:
-            response, status = job_response(self._service.control.get(str(job_id))), 0
+            response, status = job_response(self._service.control.get(job_id)), 0
         except UnknownName:
             response, status = ua.ISA95JobResponseDataType(), UNKNOWN_JOB
         return [ua.Variant(response), ua.Variant(status, ua.VariantType.UInt64)]
 
-    async def _responses_by_state(self, states: Any) -> list[ua.Variant]:
+    async def _responses_by_state(self, states: list[Any] | None) -> Any:
         self._service.view(_current_caller())
         try:
             names = wanted_states(states)
         except SkirosError as error:
-            return [_objects([]), *_status("RequestJobResponseByJobOrderState", error)]
-        jobs = self._service.store.jobs(names, limit=_RESPONSES)
+            return _status("RequestJobResponseByJobOrderState", error, _objects([]))
+        jobs = self._service.store.jobs(names, limit=RESPONSES)
         return [_objects([job_response(job) for job in jobs]), ua.Variant(0, ua.VariantType.UInt64)]
 
     # -- changes -----------------------------------------------------------------------------------------------
@@ -242,6 +238,7 @@ class OpcuaServer:
         last = self._service.events.last_id
         await self._twin.read_all()
         async for event in self._service.events.follow(last):
+            self._lists.on_event(event)
             if event.kind in ("job", "reset"):
                 self._has_changes.set()
             await self._twin.on_event(event)
@@ -250,9 +247,8 @@ class OpcuaServer:
         while True:
             await self._has_changes.wait()
             self._has_changes.clear()
-            await self._write("JobOrderList", [job_order_and_state(job) for job in self._service.control.open_jobs])
-            ended = self._service.store.jobs(("Ended", "Aborted"), limit=_RESPONSES)
-            await self._write("JobOrderResponseList", [job_response(job) for job in ended])
+            await self._write("JobOrderList", self._lists.orders())
+            await self._write("JobOrderResponseList", self._lists.responses())
             await asyncio.sleep(_LIST_PERIOD)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -272,8 +268,8 @@ def _current_caller() -> Caller:
     return caller
 
 
-def _status(action: str, error: SkirosError) -> list[ua.Variant]:
-    """Returns the status of a refused call.
+def _status(action: str, error: SkirosError, *outputs: ua.Variant) -> ua.CallMethodResult:
+    """Returns the result of a refused call: `ReturnStatus` after other outputs, and the reason as diagnostic text.
 
     :raises Denied, TooMany: they have status codes of OPC UA.
     """
@@ -281,17 +277,15 @@ def _status(action: str, error: SkirosError) -> list[ua.Variant]:
         raise error
     log.info("%s: %s", action, error)
     status = {"unknown_name": UNKNOWN_JOB, "refused": INVALID_STATE}.get(error.code, NOT_ACCEPTED)
-    return [ua.Variant(status, ua.VariantType.UInt64)]
+    return described(ua.StatusCodes.Good, [str(error)], [*outputs, ua.Variant(status, ua.VariantType.UInt64)])
 
 
 def _objects(values: list[Any]) -> ua.Variant:
     return ua.Variant(values, ua.VariantType.ExtensionObject, is_array=True)
 
 
-def _text(comment: Any) -> str:
-    """Returns a comment: a list of localised texts."""
-    texts = comment if isinstance(comment, list) else [comment]
-    return " ".join(str(getattr(text, "Text", text)) for text in texts if text is not None)
+def _text(comment: list[ua.LocalizedText] | None) -> str:
+    return " ".join(text.Text or "" for text in comment or [])
 
 
 def _host(host: str) -> str:

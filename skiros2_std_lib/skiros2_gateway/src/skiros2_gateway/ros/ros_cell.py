@@ -6,6 +6,7 @@ import asyncio
 import functools
 import json
 import logging
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -16,7 +17,9 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut, UnknownNa
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
+from skiros2_gateway.core.edits import EditPreview, Edits, apply_edits, preview_edits
 from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.goal_check import goal_problems
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
@@ -24,13 +27,10 @@ from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.goals import AchieveGoals
 from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
-from skiros2_gateway.ros.start_check import check_start
+from skiros2_gateway.ros.skill_runs import SkillRuns, check_start
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
-from skiros2_task.core.actions import condition_predicates
-from skiros2_task.core.goal_reader import GoalReader
-from skiros2_task.core.goal_text import GoalError
-from skiros2_task.core.world import WorldView
+from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.core.history import changed_lines
@@ -42,6 +42,8 @@ T = TypeVar("T")
 
 #: How long calls of the platform's services may take (s).
 _TIMEOUT = 10.0
+#: The delay before the next attempt to connect to the world model (s).
+_RETRY = 1.0
 #: Calls at once.
 _THREADS = 16
 
@@ -71,22 +73,30 @@ class RosCell:
         self._robots_of: dict[str, list[tuple[str, str]]] = {}  # (robot, skill) of each goal's running steps
         self._paused: set[str] = set()
         self._tasks: set[asyncio.Task[None]] = set()
+        self._skill_runs = SkillRuns()
+        self._closed = threading.Event()
         self._threads.submit(self._connect)
 
     def _connect(self) -> None:
-        """Connects to the world model, which may start later. In a thread of its own."""
-        try:
-            wm = WorldModelInterface(rospy.get_name(), make_cache=True)
-        except (SkirosError, rospy.ROSInterruptException) as error:
-            log.debug("no connection to the world model: %s", error)
+        """Connects to the world model, which may start later, or end meanwhile. In a thread of its own."""
+        while not self._closed.is_set():
+            try:
+                wm = WorldModelInterface(rospy.get_name(), make_cache=True)
+                SceneWorkMasters(wm, self._masters, self._loop)
+            except rospy.ROSInterruptException:
+                return
+            except Exception as error:  # the gateway starts no job before it is connected, so it tries again
+                log.warning("no connection to the world model, the next attempt follows: %s", error)
+                self._closed.wait(_RETRY)
+                continue
+            wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
+            self._wm = wm
+            self._in_loop(self._listener.cell_changed)
             return
-        wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
-        SceneWorkMasters(wm, self._masters, self._loop)
-        self._wm = wm
-        self._in_loop(self._listener.cell_changed)
 
     def close(self) -> None:
         """Closes all connections. Goals continue."""
+        self._closed.set()
         for task in self._tasks:
             task.cancel()
         self._goals.close()
@@ -111,13 +121,13 @@ class RosCell:
     async def problems(
         self, goal: str, elements: Mapping[str, tuple[str, str]], robots: Sequence[str]
     ) -> list[Problem]:
-        known = self._robots.robots
+        known, connected = self._robots.robots, list(self._robots.agents)
         problems = []
         for i, name in enumerate(robots):
             if name not in known:
                 near = tuple(nearest(name, known) or known)
                 problems.append(Problem("unknown_name", f"robots.{i}", f"there is no robot {name}", nearest=near))
-        return problems + await self.in_thread(self._name_problems, goal, elements)
+        return problems + await self.in_thread(goal_problems, self._world_model, connected, goal, elements)
 
     def start(self, goal: Goal) -> None:
         if goal.robots:
@@ -143,7 +153,9 @@ class RosCell:
         """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""
         try:
             plan = await self.plan(goal.text, goal.quality)
-        except SkirosError as error:
+        except Exception as error:
+            if not isinstance(error, SkirosError):
+                log.exception("planning job %s", goal.id)
             self._listener.goal_ended(goal.id, Ending(AchieveResult.FAILED, f"planning: {error}"))
             return
         others = sorted({step["robot"] for step in plan["plan"]} - set(goal.robots))
@@ -234,10 +246,23 @@ class RosCell:
         return await self.in_thread(read)
 
     async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        client = self._robots.agents.get(robot)
-        if client is None:
-            raise UnknownName(f"no robot {robot} is connected; there are: {', '.join(self._robots.agents) or 'none'}")
-        return await self.in_thread(check_start, client, skill, dict(parameters))
+        return await self.in_thread(check_start, self._client(robot), self._world_model, skill, parameters)
+
+    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> int:
+        client = self._client(robot)
+        return await self.in_thread(self._skill_runs.start, client, self._world_model, skill, parameters)
+
+    async def skill_run(self, robot: str, task: int) -> dict[str, Any]:
+        return await self.in_thread(self._skill_runs.describe, robot, task)
+
+    async def stop_task(self, robot: str, task: int) -> None:
+        await self.in_thread(self._client(robot).command, "preempt", task)
+
+    async def preview_edits(self, edits: Edits) -> EditPreview:
+        return await self.in_thread(preview_edits, self._world_model, edits)
+
+    async def apply_edits(self, edits: Edits, preview: EditPreview) -> None:
+        await self.in_thread(apply_edits, self._world_model, edits, preview)
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         def make() -> Any:
@@ -257,19 +282,15 @@ class RosCell:
         }
 
     async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
-        clients = self._robots.agents
-        names = [matching_name(name, clients) or name for name in robots] or sorted(clients)
-        for name in names:
-            if name not in clients:
-                raise UnknownName(f"no robot {name} is connected; there are: {', '.join(clients) or 'none'}")
+        clients = [self._client(name) for name in robots or sorted(self._robots.agents)]
 
         def command() -> dict[str, Any]:
             done = {}
-            for name in names:
-                tasks = clients[name].tasks
+            for client in clients:
+                tasks = client.tasks
                 for number in tasks:
-                    _send(clients[name], _COMMANDS[action], number)
-                done[name] = len(tasks)
+                    _send(client, _COMMANDS[action], number)
+                done[client.name] = len(tasks)
             return done
 
         return await self.in_thread(command)
@@ -287,25 +308,16 @@ class RosCell:
             raise Refused("the world model has not answered yet")
         return self._wm
 
-    def _name_problems(self, goal: str, elements: Mapping[str, tuple[str, str]]) -> list[Problem]:
-        wm, problems = self._world_model, []
-        world = WorldView(wm, list(self._robots.agents))
-        for field, (name, cls) in elements.items():
-            element = world.objects.get(name)
-            if element is None:
-                candidates = [e.id for e in world.objects.values() if not cls or world.is_subclass(e.type, cls)]
-                near = tuple(nearest(name, candidates) or candidates[:12])
-                text = f"there is no element {name!r}"
-                problems.append(Problem("unknown_name", field, text, f"the id of an element of class {cls}", near))
-            elif cls and not world.is_subclass(element.type, cls):
-                text = f"{name} is of class {element.type}"
-                problems.append(Problem("wrong_type", field, text, f"the id of an element of class {cls}"))
-        if not problems:
-            try:
-                GoalReader(world, condition_predicates(world.robots)).read(goal)
-            except GoalError as error:
-                problems.append(Problem("goal", "goal", str(error), "a goal text, see docs/planning.md"))
-        return problems
+    def _client(self, robot: str) -> SkillManagerInterface:
+        """
+        :raises UnknownName: no such robot is connected.
+        """
+        clients = self._robots.agents
+        name = matching_name(robot, clients)
+        if not name:
+            near = ", ".join(nearest(robot, clients) or clients) or "none"
+            raise UnknownName(f"no robot {robot!r} is connected; near: {near}")
+        return clients[name]
 
     # -- internals ---------------------------------------------------------------------------------------------
 

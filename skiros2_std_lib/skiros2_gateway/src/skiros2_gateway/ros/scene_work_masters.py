@@ -20,6 +20,7 @@ class SceneWorkMasters:
     """Keeps work masters as the scene defines them. Its methods are called by threads of the world model's client.
 
     :param loop: the thread that reads `masters`.
+    :raises SkirosError: the world model does not answer.
     """
 
     def __init__(self, wm: WorldModelPort, masters: WorkMasters, loop: asyncio.AbstractEventLoop) -> None:
@@ -27,23 +28,30 @@ class SceneWorkMasters:
         self._lock = threading.Lock()
         self._problems: list[str] = []
         self._ids: set[str] = set()
+        self._is_read = False
         self._read()
         wm.add_listener(self._on_change)
 
     def _on_change(self, change: Change) -> None:
-        if any(e.id in self._ids or is_of_class(e.type, WORK_MASTER, self._wm) for e in change.elements):
-            self._read()
+        try:
+            if not self._is_read or any(map(self._concerns, change.elements)):
+                self._read()
+        except SkirosError as error:
+            self._is_read = False
+            log.error("the work masters of the scene are read with its next change: %s", error)
+
+    def _concerns(self, element: Element) -> bool:
+        return element.id in self._ids or is_of_class(element.type, WORK_MASTER, self._wm)
 
     def _read(self) -> None:
+        """
+        :raises SkirosError: the world model does not answer.
+        """
         with self._lock:
-            try:
-                elements = self._wm.resolve_elements(Element(WORK_MASTER))
-            except SkirosError as error:
-                log.error("the work masters of the scene cannot be read: %s", error)
-                return
+            elements = self._wm.resolve_elements(Element(WORK_MASTER))
             masters, problems = work_masters_of(elements)
             for problem in problems:
                 if problem not in self._problems:
                     log.warning("work master refused: %s", problem)
-            self._ids, self._problems = {element.id for element in elements}, problems
+            self._ids, self._problems, self._is_read = {element.id for element in elements}, problems, True
             self._loop.call_soon_threadsafe(self._masters.set_of_scene, masters)

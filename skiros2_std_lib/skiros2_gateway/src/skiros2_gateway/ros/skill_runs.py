@@ -1,0 +1,104 @@
+"""Checks and starts single skills, with values as an agent gives them, and keeps their results."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.manager_names import matching_name
+from skiros2_msgs.msg import SkillProgress
+from skiros2_skill.client.description import Step
+from skiros2_skill.client.manager import ManagerClient, SkillRun
+from skiros2_skill.command_line.assignments import read_steps
+from skiros2_skill.command_line.queries import World
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+#: How many of the newest runs are kept.
+_MAX_RUNS = 200
+
+
+@dataclass(frozen=True)
+class _Started:
+    skill: str
+    parameters: Mapping[str, Any]
+    run: SkillRun
+
+
+class SkillRuns:
+    """The skills that were started. Its methods block; any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._runs: dict[tuple[str, int], _Started] = {}
+
+    def start(
+        self, client: ManagerClient, wm: WorldModelAbstractInterface, skill: str, parameters: Mapping[str, Any]
+    ) -> int:
+        """Starts a skill. Returns the number of its task.
+
+        :param skill, parameters: see `check_start`.
+        :raises Refused: the manager refuses it.
+        :raises SkirosError: skill or parameters are wrong, or the manager does not answer.
+        """
+        run = client.run(_steps(client, wm, skill, parameters))
+        task = run.wait_for_task()
+        if task < 0:
+            raise Refused(f"{client.name} does not start {skill}: {run.result().message}")
+        with self._lock:
+            self._runs[client.name, task] = _Started(skill, parameters, run)
+            while len(self._runs) > _MAX_RUNS:
+                del self._runs[next(iter(self._runs))]
+        return task
+
+    def describe(self, robot: str, task: int) -> dict[str, Any]:
+        """Returns a started skill: see `Cell.skill_run`.
+
+        :raises UnknownName: it was not started here, or newer ones have replaced it.
+        :raises TimedOut: its manager has died.
+        """
+        with self._lock:
+            started = self._runs.get((matching_name(robot, [name for name, _ in self._runs]), task))
+            known = ", ".join(f"{name} {number}" for name, number in self._runs) or "none"
+        if started is None:
+            raise UnknownName(f"no task {task} of {robot} was started by an agent; there are: {known}")
+        found = {"skill": started.skill, "parameters": dict(started.parameters)}
+        if not started.run.wait(0.0):
+            return {**found, "state": "running", "message": "", "explanations": []}
+        result = started.run.result()
+        state = "succeeded" if result.state == SkillProgress.SUCCESS else "failed"
+        why = json.loads(result.explanation or "[]")
+        return {**found, "state": state, "message": result.message, "explanations": why}
+
+
+def check_start(
+    client: ManagerClient, wm: WorldModelAbstractInterface, skill: str, parameters: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Returns what a start would do now: {ok, implementation, elements, why}; blocks.
+
+    :param skill: type, or label of an implementation.
+    :param parameters: values by key; elements by id or label.
+    :raises SkirosError: skill or parameters are wrong, or the manager does not answer.
+    """
+    preview = client.preview(_steps(client, wm, skill, parameters))
+    return {
+        "ok": preview.refusal is None,
+        "implementation": preview.label,
+        "elements": {key: element.id for key, element in preview.elements.items()},
+        "why": preview.refusal.to_dict() if preview.refusal is not None else None,
+    }
+
+
+def _steps(
+    client: ManagerClient, wm: WorldModelAbstractInterface, skill: str, parameters: Mapping[str, Any]
+) -> list[Step]:
+    words = [skill, *(f"{key}={_text(value)}" for key, value in parameters.items())]
+    world = World(client.name, client.author, wm)
+    return read_steps(words, client.read_skills(), world.find_element, world.has_learned_values)
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

@@ -18,7 +18,7 @@ build:  ## build and install anew, also when nothing has changed
 	@.ci/setup
 
 demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=factory: jobs from a MES; DEMO=push, DEMO=insertion-learning learn parameters
-	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway)
+	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway browser)
 	@exec .ci/in_ros rosrun $(if $(filter push insertion-learning,$(DEMO)),skiros2_learning $(subst -,_,$(DEMO))_demo,$(if \
 		$(filter piston,$(DEMO)),skiros2_contact_skills piston_demo,$(if $(filter factory,$(DEMO)),skiros2_gateway factory_demo,$(strip \
 		skiros2_sim_skills pick_place_demo))) \

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -28,7 +32,10 @@ def test_mcap_has_the_messages_of_the_bag(tmp_path: Path) -> None:
     with (tmp_path / "run.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[ros1.DecoderFactory()])
         assert reader.get_header().profile == "ros1"
-        read = list(reader.iter_messages())
+        read = list(reader.iter_messages(log_time_order=False))
+        assert len(list(reader.iter_decoded_messages())) == len(recorded)
+        times = [message.log_time for _, _, message in read]
+        assert times == sorted(times)
         assert Counter(channel.topic for _, channel, _ in read) == Counter(message.topic for message in recorded)
         wrenches = [
             (message.log_time, content.wrench.force.z)
@@ -41,7 +48,7 @@ def test_mcap_has_the_messages_of_the_bag(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The exported recording: `entities` with their number of rows, and all `states` by entity."""
+    """The exported recording: the file as `path`, and its `chunks`."""
     pytest.importorskip("rerun", reason="needs requirements/export.txt")
     from rerun.chunk import RrdReader
 
@@ -49,12 +56,19 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
     target = tmp_path_factory.mktemp("rerun") / "run.rrd"
     assert export_rerun(Run.open(BAG), target) == len(Run.open(BAG).tasks())
-    return RrdReader(target).stream().to_chunks()
+    return SimpleNamespace(path=target, chunks=RrdReader(target).stream().to_chunks())
+
+
+def test_rerun_can_read_each_column_of_a_recording(recording: Any, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rerun", "rrd", "verify", str(recording.path)]
+    env = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}  # a first run sends no statistics
+    done = subprocess.run(command, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_rerun_recording_has_trees_scene_robot_images_and_forces(recording: Any) -> None:
     entities = Counter[str]()
-    for chunk in recording:
+    for chunk in recording.chunks:
         entities[str(chunk.entity_path)] += chunk.num_rows
     parts = Counter[str]()
     for entity in entities:
@@ -70,12 +84,12 @@ def test_rerun_recording_has_trees_scene_robot_images_and_forces(recording: Any)
 
 
 def test_states_of_the_skills_begin_and_end(recording: Any) -> None:
-    states: list[str | None] = []
-    for chunk in recording:
+    states: list[str] = []
+    for chunk in recording.chunks:
         if str(chunk.entity_path) == "/skills/piston_cell":
             batch = chunk.to_record_batch()
             [column] = [name for name in batch.schema.names if name.endswith("state")]
-            states += [value[0] if value else None for value in batch.column(column).to_pylist()]
+            states += [value[0] for value in batch.column(column).to_pylist()]
     labels = [skill.label for skill in Run.open(BAG).skills() if skill.depth == 1]
     assert [state for state in states if state] == labels
-    assert states.count(None) == len(labels)
+    assert states.count("") == len(labels)  # the end of a state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from skiros2_common.core.errors import UnknownName
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.http.live import live_router, page_router
 from skiros2_runs.core.values import ConditionStatus, NodeStatus
 from support.http_gateway import curl, served
@@ -23,6 +25,8 @@ from unit.skiros2_gateway.conftest import TOKENS
 Run = Callable[..., None]
 #: A bag of the pick-and-place cell.
 BAG = ROOT / "tests/bags/timed_pick_place.bag"
+#: A bag of a cell with two arms, with tf and the robots' description.
+CONTACT_BAG = ROOT / "tests/bags/contact.bag"
 IDLE, RUNNING, SUCCESS = 4, 3, 1
 
 pytestmark = pytest.mark.skipif(shutil.which("curl") is None, reason="needs Debian's curl")
@@ -42,6 +46,9 @@ class _Cell:
 
     async def command(self, action: str, robot: str, task: int) -> None:
         self.commands.append((action, robot, task))
+
+    def recorded_view(self) -> SceneView:
+        return SceneView(lambda child, parent: child == parent)
 
     def mesh_file(self, url: str) -> Path:
         raise UnknownName(f"no element or robot has the mesh {url}")
@@ -71,8 +78,10 @@ class _Live:
 
 
 @asynccontextmanager
-async def _live(gateway: Any, bags: Path | None = None, page: Path = Path("/nothing")) -> AsyncIterator[_Live]:
-    view, cell = LiveView(), _Cell()
+async def _live(
+    gateway: Any, bags: Path | None = None, page: Path = Path("/nothing"), clock: Callable[[], float] = time.time
+) -> AsyncIterator[_Live]:
+    view, cell = LiveView(clock), _Cell()
     async with served(gateway.service, routers=[live_router(view, cell, Bags(bags)), page_router(page)]) as address:
         yield _Live(address, view, cell)
 
@@ -130,14 +139,65 @@ def test_history_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) 
     async def test(gateway: Any) -> None:
         async with _live(gateway, bags=tmp_path) as live:
             [bag] = (await live.get("/api/live/bags"))[1]["bags"]
-            runs = (await live.get(f"/api/live/bags/{bag['name']}"))[1]["runs"]
-            key, summary = next(iter(runs.items()))
+            opened = (await live.get(f"/api/live/bags/{bag['name']}"))[1]
+            [goal] = opened["goals"].values()
+            assert (goal["phase"], goal["goal"]) == ("succeeded", "(skiros:contain demo:Tray-12 skiros:Product-14)")
+            assert goal["plan"][0]["label"] == "drive"
+            states = [goal["steps"][str(step["number"])] for step in goal["plan"]]
+            assert {step["state"] for step in states} == {"succeeded"}
+            begins = [goal["start"], *(step["began"] for step in states)]
+            assert begins == sorted(begins)
+            key, summary = next(iter(opened["runs"].items()))
             end = (await live.get(f"/api/live/runs/{key}"))[1]
             assert (end["state"], end["summary"]["state"]) == (summary["state"], summary["state"])
             early = (await live.get(f"/api/live/runs/{key}?time={end['first'] + 0.1}"))[1]
             assert early["state"] == "running"
             assert 0 < len(early["log"]) < len(end["log"])
             assert (await live.get("/api/live/bags/other.bag"))[0] == 404
+
+    in_gateway(test)
+
+
+def test_scene_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) -> None:
+    shutil.copy(CONTACT_BAG, tmp_path / "cell.bag")
+
+    async def test(gateway: Any) -> None:
+        async with _live(gateway, bags=tmp_path) as live:
+            opened = (await live.get("/api/live/bags/cell.bag"))[1]
+            forces = [signal["samples"] for signal in opened["signals"].values() if signal["unit"] == "N"]
+            [samples] = filter(None, forces)  # the forces of one arm were recorded
+            assert any(low < high for _, low, high in samples)
+            key, summary = next(iter(opened["runs"].items()))
+            early, late = [
+                (await live.get(f"/api/live/runs/{key}/scene?time={moment}"))[1]
+                for moment in (summary["start"], summary["end"])
+            ]
+            assert list(early["bodies"]) == ["piston_cell"]
+            assert early["frames"].keys() == late["frames"].keys()
+            moved = [name for name, frame in early["frames"].items() if frame != late["frames"][name]]
+            assert any(name.startswith("piston_cell/right_arm") for name in moved), moved
+            assert early["elements"] != late["elements"]
+            assert (await live.get("/api/live/runs/bag/other.bag/0/scene?time=0"))[0] == 404
+
+    in_gateway(test)
+
+
+def test_scene_of_the_cell_is_shown_as_it_was(in_gateway: Run) -> None:
+    now = [1000.0]
+
+    async def test(gateway: Any) -> None:
+        async with _live(gateway, clock=lambda: now[0]) as live:
+            live.view.record("/robot", _nodes(RUNNING, RUNNING))
+            for x in range(3):
+                now[0] += 1.0
+                live.view.put("frames", "base", ["map", x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+            live.view.put("elements", "Box-1", {"label": "box"})
+            now[0] += 1.0
+            live.view.put("elements", "Box-1", None)
+            moments = (1001.5, 1002.5, 1003.5, 1004.5)
+            scenes = [(await live.get(f"/api/live/runs/run-1/scene?time={moment}"))[1] for moment in moments]
+            assert [scene["frames"]["base"][1] for scene in scenes] == [0, 1, 2, 2]
+            assert [list(scene["elements"]) for scene in scenes] == [[], [], ["Box-1"], []]
 
     in_gateway(test)
 

@@ -24,6 +24,7 @@ from skiros2_demo.demo import ROBOT, System, add_options, run_demo, wait_until_r
 from skiros2_demo.run_check import ACHIEVE, WorldState
 from skiros2_demo.simulation import Simulation
 from skiros2_factory_demo.mes import Answer, Channel, MqttChannel, OpcuaChannel, Order, RestChannel
+from skiros2_factory_demo.page_picture import take_picture
 from skiros2_gateway.core.access import read_users
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_world_model.core.scene import ROOT
@@ -74,6 +75,9 @@ class FactoryDemo:
         self._world = WorldState()
         self._states: dict[str, str] = {}
         self._started = time.monotonic()
+        self._is_carrying = asyncio.Event()
+        self._running: list[str] = []
+        self._is_sent = False
 
     def run(self) -> bool:
         """Runs the demo. Returns whether all jobs succeeded, as the responses, the bag and the simulated world show.
@@ -125,12 +129,14 @@ class FactoryDemo:
 
     async def _produce(self, system: System, broker: int) -> tuple[dict[str, Answer], list[Finding]]:
         """Sends the jobs and waits for their responses."""
-        address, token = rospy.get_param("/gateway/address"), self._token()
-        self._say(f"The cell is ready ({self._elapsed()}); the page: {address} (token: {token})")
+        address, token = rospy.get_param("/gateway/address"), self._token("operate")
+        self._say(f"The cell is ready ({self._elapsed()})")
+        self._say(f"The page, until the jobs have ended: {address}, token {token}")
         rest, orders = RestChannel(address, token), jobs()
         mqtt = MqttChannel("127.0.0.1", broker, token, self._on_state)
         opcua = await OpcuaChannel.connect(rospy.get_param("/gateway/opcua_address"), "operate", token, NAMESPACE)
         channels: dict[str, Channel] = {REST: rest, OPCUA: opcua, MQTT: mqtt}
+        picture = asyncio.create_task(self._take_picture(address))
         try:
             self._title("The MES sends ten jobs")
             for way, order in orders:
@@ -138,15 +144,32 @@ class FactoryDemo:
                 self._say(f"  {order['id']}  by {way:<6}  priority {order.get('priority', 0):>2}  {self._text(order)}")
             refused = await self._refused(mqtt)
             self._title("The jobs as they run")
+            self._is_sent = True
+            self._say_running()
             waiting = [asyncio.ensure_future(channels[way].response(order["id"])) for way, order in orders]
             await self._wait(system, waiting)
             answers = {order["id"]: task.result() for (_, order), task in zip(orders, waiting, strict=True)}
+            self._is_carrying.set()
+            await picture
             self._print_responses(orders, answers)
             await rest.send(orders[0][1])  # the answer of the first time got lost, for example
             return answers, [*refused, *self._check(orders, answers, rest)]
         finally:
+            picture.cancel()
             for channel in channels.values():
                 await channel.close()
+
+    async def _take_picture(self, address: str) -> None:
+        """Saves a picture of the page while a robot carries something, beside the bag; reports why it cannot."""
+        path = Path(self._options.folder) / "page.png"
+        path.unlink(missing_ok=True)
+        if not self._options.pictures:
+            return
+        try:
+            await take_picture(address, self._token("view"), path, self._is_carrying)
+            self._say(f"  {self._elapsed():>7}  picture of the page: {path}")
+        except Refused as error:
+            self._say(f"  no picture of the page: {error}")
 
     async def _wait(self, system: System, waiting: list[asyncio.Future[Answer]]) -> None:
         deadline = time.monotonic() + self._options.timeout
@@ -176,8 +199,8 @@ class FactoryDemo:
             Finding(sum(counts.values()) == len(orders), "an order that is sent twice is one job"),
         ]
 
-    def _token(self) -> str:
-        return next(user.token for user in read_users(self._gateway_folder / "users.yaml") if user.name == "operate")
+    def _token(self, name: str) -> str:
+        return next(user.token for user in read_users(self._gateway_folder / "users.yaml") if user.name == name)
 
     # -- the report ----------------------------------------------------------------------------------------------------
 
@@ -211,7 +234,16 @@ class FactoryDemo:
     def _on_state(self, job_id: str, state: str) -> None:
         if state in ("Running", "Ended", "Aborted") and self._states.get(job_id) != state:
             self._states[job_id] = state  # a state is published again with each progress
-            self._say(f"  {self._elapsed():>7}  {job_id}  {state}")
+            if (job_id, state) == ("order-03", "Running"):
+                self._is_carrying.set()
+            self._running.append(f"  {self._elapsed():>7}  {job_id}  {state}")
+            if self._is_sent:
+                self._say_running()
+
+    def _say_running(self) -> None:
+        for line in self._running:
+            self._say(line)
+        self._running.clear()
 
     def _show(self, title: str, findings: list[Finding]) -> bool:
         self._title(title)

@@ -53,8 +53,13 @@ export class Cell extends EventTarget {
   }
 
   // The name of an element for people: its label, or its id.
-  label(id) {
-    return this.document?.elements[id]?.label || localName(String(id));
+  label(id, elements = this.document?.elements) {
+    return localName(elements?.[id]?.label || String(id));
+  }
+
+  // A text for people: with the names of the elements in it.
+  withLabels(text, elements = this.document?.elements) {
+    return text.replace(/[\w.]+:[\w.]+-\d+/g, (id) => (elements?.[id] ? this.label(id, elements) : id));
   }
 
   async connect() {

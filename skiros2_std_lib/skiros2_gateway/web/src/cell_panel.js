@@ -12,6 +12,7 @@ const JOB_METHODS = {
 };
 const JOB_WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted",
   Ended: "succeeded", Aborted: "failed" };
+const JOB_ORDER = ["Running", "Interrupted", "AllowedToStart", "NotAllowedToStart", "Ended", "Aborted"];
 const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
 
 export class CellPanel {
@@ -24,10 +25,12 @@ export class CellPanel {
     [this.robots, this.jobs, this.runs, this.bags] = [list(), list(), list(), list()];
     this.newJob = h("button", { class: "primary small", id: "new-job", onclick: () => openJobDialog(cell) }, "New job");
     this.runsTitle = h("h2", {}, "Runs");
-    this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("", {}) }, "Back to the cell");
-    panel.append(
+    this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("") }, "Back to the cell");
+    this.now = h("div", {},
       h("header", {}, h("h2", {}, "Robots")), this.robots,
-      h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs,
+      h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs);
+    panel.append(
+      this.now,
       h("header", {}, this.runsTitle, this.bagsBack), this.runs,
       h("details", { ontoggle: (event) => event.target.open && this.#readBags() },
         h("summary", {}, "Recorded runs"), this.bags),
@@ -39,12 +42,13 @@ export class CellPanel {
     this.newJob.hidden = !this.cell.mayCommand;
     keyed(this.robots, cell.robots ?? [], (robot) => robot.name, () => this.#makeRobot(), (e, robot) => this.#showRobot(e, robot));
     empty(this.robots, "No robot is connected.");
-    const shown = Object.values(jobs).sort((a, b) => b.sequence - a.sequence);
+    const shown = Object.values(jobs).sort(compareJobs);
     keyed(this.jobs, shown, (job) => job.id, () => this.#makeJob(), (element, job) => this.#showJob(element, job));
     empty(this.jobs, "No jobs.");
     const runs = Object.entries(this.run.bagName ? this.run.bag : this.cell.document.runs);
     setText(this.runsTitle, this.run.bagName ? `Runs in ${this.run.bagName}` : "Runs");
     this.bagsBack.hidden = !this.run.bagName;
+    this.now.hidden = Boolean(this.run.bagName);
     runs.sort(([, a], [, b]) => b.start - a.start);
     keyed(this.runs, runs, ([key]) => key, () => this.#makeRun(), (element, entry) => this.#showRun(element, entry));
     empty(this.runs, "No task has run yet.");
@@ -84,13 +88,13 @@ export class CellPanel {
     const hasFailed = state === "Aborted" || !REACHED.has(response.outcome);
     const role = hasFailed ? "failure" : (JOB_ROLES[state] ?? "idle");
     const values = Object.values(order.parameters).map((value) => this.cell.label(value)).join(", ");
-    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : job.goal);
+    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : this.cell.withLabels(job.goal));
     const word = state === "Ended" && hasFailed ? response.outcome.replaceAll("_", " ") : JOB_WORDS[state];
     const steps = Object.values(goal?.steps ?? {});
     const done = steps.filter((step) => step.state === "succeeded").length;
     const progress = goal?.plan.length ? `step ${Math.min(done + 1, goal.plan.length)} of ${goal.plan.length}` : (goal?.phase ?? "");
     const took = response.started ? `took ${duration(response.ended - response.started)}` : "";
-    fill(element, role, title, word, hasFailed ? response.message : state === "Running" ? progress : took || job.id);
+    fill(element, role, title, word, hasFailed ? this.cell.withLabels(response.message) : state === "Running" ? progress : took || job.id);
     const allowed = JOB_METHODS[state];
     this.#showButtons(element, Object.fromEntries(["start", "pause", "resume", "stop", "cancel", "clear"]
       .map((method) => [method, allowed.includes(method)])));
@@ -129,9 +133,9 @@ export class CellPanel {
     try {
       const { bags } = await request("/api/live/bags");
       const open = async (name) => {
-        const { runs } = await request(`/api/live/bags/${encodeURIComponent(name)}`);
-        if (!Object.keys(runs).length) throw new Error(`${name} has no runs`);
-        this.run.openBag(name, runs);
+        const bag = await request(`/api/live/bags/${encodeURIComponent(name)}`);
+        if (!Object.keys(bag.runs).length) throw new Error(`${name} has no runs`);
+        this.run.openBag(name, bag);
       };
       keyed(this.bags, bags, (bag) => bag.name, (bag) => {
         const element = card();
@@ -139,12 +143,20 @@ export class CellPanel {
         element.addEventListener("click", () => notify(open(bag.name)));
         return element;
       }, (element, bag) =>
-        fill(element, "idle", bag.name.replaceAll("~", "/"), `${(bag.size / 1e6).toFixed(1)} MB`, new Date(bag.time * 1000).toLocaleString()));
+        fill(element, "idle", bag.name.replaceAll("~", "/"), bag.size < 1e6 ? `${Math.ceil(bag.size / 1e3)} kB` : `${(bag.size / 1e6).toFixed(1)} MB`, new Date(bag.time * 1000).toLocaleString()));
       empty(this.bags, "The gateway has no folder of bags (argument bags), or it is empty.");
     } catch (error) {
       notify(Promise.reject(error));
     }
   }
+}
+
+// Running jobs first, then the queue in its order, then the ended ones, the newest first.
+function compareJobs(a, b) {
+  const part = ({ state }) => Math.floor(JOB_ORDER.indexOf(state) / 2);
+  if (part(a) !== part(b)) return part(a) - part(b);
+  if (part(a) === 2) return (b.response.ended ?? 0) - (a.response.ended ?? 0);
+  return (b.order.priority ?? 0) - (a.order.priority ?? 0) || a.sequence - b.sequence;
 }
 
 function card() {

@@ -54,7 +54,7 @@ export class RunBar {
 
   #seek() {
     const summary = this.run.summary;
-    const isEnd = this.slider.valueAsNumber >= Number(this.slider.max) - 0.01;
+    const isEnd = this.slider.valueAsNumber > 0.999 * Number(this.slider.max);
     this.run.select(this.run.key, isEnd && !this.run.bagName ? null : summary.start + this.slider.valueAsNumber);
   }
 
@@ -109,7 +109,7 @@ export class NodeDetails {
       const text = `${symbol} ${each.stage}  ${each.text}${each.found ? `  (${each.found})` : ""}`;
       setText(item, text);
     });
-    showFacts(this.parameters, (status?.params ?? []).map(({ key, value, source }) => [key, value ? `${value}  (${source})` : "unset"]));
+    showFacts(this.parameters, (status?.params ?? []).map(({ key, value, source }) => [key, value ? `${this.cell.withLabels(value, run.shownScene.elements)}  (${source})` : "unset"]));
     for (const title of this.element.querySelectorAll("h4")) title.hidden = !title.nextElementSibling.children.length;
   }
 

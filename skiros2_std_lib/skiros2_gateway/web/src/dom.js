@@ -53,8 +53,8 @@ export function duration(seconds) {
 // A time of day (s since the epoch).
 export const clock = (time) => new Date(time * 1000).toLocaleTimeString([], { hour12: false });
 
-// The name without prefix of a class or an element.
-export const localName = (name) => name.slice(name.indexOf(":") + 1);
+// The name without prefix of a class, an id, or a label that is such a name.
+export const localName = (name) => name.replace(/^[\w.-]*:(?=\S+$)/, "");
 
 export function number(value) {
   if (typeof value !== "number") return String(value);

@@ -6,6 +6,7 @@ import { duration, h, notice } from "./dom.js";
 const OWN_GOAL = "";
 
 export async function openJobDialog(cell) {
+  if (document.querySelector("dialog.job")) return;
   let masters;
   if (!(await notify(request("/api/work_masters").then((answer) => (masters = answer.work_masters))))) return;
   const choice = h("select", { id: "work-master" },
@@ -80,8 +81,10 @@ export async function openJobDialog(cell) {
   });
   choice.addEventListener("change", showFields);
   showFields();
+  form.addEventListener("keydown", (event) => event.key === "Escape" && dialog.close());
   document.body.append(dialog);
-  dialog.showModal();
+  dialog.show(); // not modal: the button Stop stays usable
+  choice.focus();
 }
 
 function field(cell, parameter) {
@@ -103,7 +106,7 @@ function field(cell, parameter) {
   input.name = parameter.id;
   input.dataset.type = parameter.type;
   if (parameter.default != null) input.value = parameter.default;
-  return h("label", {}, parameter.id, input, h("small", {}, parameter.description ?? ""));
+  return h("label", {}, parameter.unit ? `${parameter.id} (${parameter.unit})` : parameter.id, input, h("small", {}, parameter.description ?? ""));
 }
 
 // Elements of a class; then other physical ones, for the page does not know the subclasses. The gateway checks the choice.

@@ -21,16 +21,16 @@ const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
 const cell = new Cell();
 const run = new ShownRun(cell);
 const selection = new Selection();
-const signals = new SignalsView(panelOf("signals"), cell);
+const signals = new SignalsView(panelOf("signals"), cell, run);
 const views = [
   [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run)],
   [document.getElementById("run-bar"), new RunBar(document.getElementById("run-bar"), cell, run)],
   [panelOf("tree"), new TreeView(panelOf("tree"), run, () => cell.styles)],
   [panelOf("tree"), new NodeDetails(panelOf("tree"), cell, run)],
-  [panelOf("plan"), new PlanView(panelOf("plan"), cell)],
+  [panelOf("plan"), new PlanView(panelOf("plan"), cell, run)],
   [panelOf("log"), new LogView(panelOf("log"), cell, run)],
   [panelOf("signals"), signals],
-  [panelOf("world"), new WorldView(panelOf("world"), cell, selection)],
+  [panelOf("world"), new WorldView(panelOf("world"), cell, run, selection)],
 ];
 
 // -- drawing: views whose tables have changed, at most once per picture, and only those in sight ------------------------
@@ -62,7 +62,7 @@ async function showScene() {
   isLoading = true;
   try {
     const { Scene } = await import("./scene.js");
-    scene = new Scene(panelOf("scene"), cell, selection);
+    scene = new Scene(panelOf("scene"), cell, run, selection);
     scene.take(null);
     scene.fit();
     panelOf("scene").append(h("button", { class: "small fit", onclick: () => scene.fit() }, "Show all"));
@@ -78,7 +78,10 @@ cell.addEventListener("change", ({ detail: patch }) => {
   draw((view) => !patch || view.tables.some((table) => table in patch));
   if (!patch) setTimeout(showScene);
 });
-run.addEventListener("change", () => draw());
+run.addEventListener("change", () => {
+  scene?.takeRun();
+  draw();
+});
 selection.addEventListener("change", () => {
   draw((view) => view.tables.includes("elements"));
   scene?.draw();

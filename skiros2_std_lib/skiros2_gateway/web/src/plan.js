@@ -10,8 +10,8 @@ export class PlanView {
   isMoving = false;
   #chosen = "";
 
-  constructor(panel, cell) {
-    this.cell = cell;
+  constructor(panel, cell, run) {
+    [this.cell, this.run] = [cell, run];
     this.select = h("select", { "aria-label": "Goal", onchange: () => this.#choose() });
     this.message = h("p", { class: "dim" });
     this.axis = h("div", { class: "axis" });
@@ -29,7 +29,7 @@ export class PlanView {
   }
 
   render() {
-    const goals = this.cell.document.goals;
+    const { goals } = this.run;
     const ids = Object.keys(goals).sort((a, b) => goals[b].start - goals[a].start);
     const id = this.#chosen in goals ? this.#chosen : ids[0];
     const goal = goals[id];
@@ -39,14 +39,15 @@ export class PlanView {
     if (!goal) return;
     keyed(this.select, ids, (each) => each, (each) => h("option", { value: each }), (option, each) => setText(option, this.#title(each)));
     this.select.value = id;
-    setText(this.message, goal.message);
+    setText(this.message, this.cell.withLabels(goal.message, this.run.shownScene.elements));
     this.#draw(goal);
   }
 
   #title(id) {
-    const job = this.cell.document.jobs[id];
-    const values = Object.values(job?.order.parameters ?? {}).map((value) => this.cell.label(value)).join(", ");
-    return job?.order.work_master ? `${job.order.work_master.replaceAll("_", " ")}: ${values}` : job?.goal || id;
+    const job = this.run.bagName ? null : this.cell.document.jobs[id];
+    if (!job?.order.work_master) return this.cell.withLabels(this.run.goals[id].goal, this.run.shownScene.elements) || id;
+    const values = Object.values(job.order.parameters).map((value) => this.cell.label(value)).join(", ");
+    return `${job.order.work_master.replaceAll("_", " ")}: ${values}`;
   }
 
   #draw(goal) {
@@ -55,8 +56,8 @@ export class PlanView {
     const began = (step) => goal.steps[step.number]?.began;
     const offsets = offsetsOf(plan, began, goal.start);
     const start = Math.min(goal.start, ...plan.map((step) => began(step) ?? Infinity));
-    const now = this.cell.now;
-    const isRunning = Object.values(goal.steps).some((step) => step.state === "running");
+    const now = this.run.sceneTime ?? this.cell.now;
+    const isRunning = !this.run.bagName && Object.values(goal.steps).some((step) => step.state === "running");
     this.isMoving = isRunning;
     const ends = plan.map((step, i) => Math.max(offsets[i] + step.end, goal.steps[step.number]?.ended ?? 0));
     const span = Math.max(1, Math.max(...ends, isRunning ? now : 0) - start);
@@ -65,7 +66,7 @@ export class PlanView {
     const marks = Array.from({ length: Math.floor(span / tick) + 1 }, (_, i) => i * tick);
     keyed(this.axis, marks, (mark) => mark, (mark) => h("span", {}, mark < 60 ? `${mark} s` : duration(mark)),
       (element, mark) => (element.style.left = `${(100 * mark) / span}%`));
-    this.now.hidden = !isRunning;
+    this.now.hidden = now < start || now > start + span;
     this.now.style.left = percent(now);
     const items = plan.map((step, i) => ({ step, offset: offsets[i] }));
     keyed(this.rows, items, ({ step }) => step.number, makeStep, (row, { step, offset }) => {
@@ -78,18 +79,18 @@ export class PlanView {
       place(row.planned, percent(offset + step.start), percent(offset + step.end));
       row.actual.hidden = !known?.began;
       if (!known?.began) return;
-      const end = known.ended ?? now;
+      const end = known.ended ?? Math.max(known.began, now);
       place(row.actual, percent(known.began), percent(end));
       row.title = `${step.label}: ${known.state}, ${duration(end - known.began)}, planned ${duration(step.end - step.start)}`
         + (known.message ? `\n${known.message}` : "");
-      setText(row.actual, duration(end - known.began));
+      setText(row.actual, duration(end - known.began).replace(" ", "\u00a0")); // a text in two parts would be cut
     });
   }
 
   // The elements that make the difference: not the robot and its parts.
   #names(step) {
     const own = new Set(["Robot", "Arm", "Gripper", "Camera", "StartLocation"]);
-    return Object.entries(step.arguments).filter(([key]) => !own.has(key)).map(([, id]) => this.cell.label(id)).join(", ");
+    return Object.entries(step.arguments).filter(([key]) => !own.has(key)).map(([, id]) => this.cell.label(id, this.run.shownScene.elements)).join(", ");
   }
 }
 

@@ -8,7 +8,10 @@ export class ShownRun extends EventTarget {
   time = null; // s since the epoch; null: live
   node = null; // the id of the selected node
   bag = {}; // the runs of an open bag, by key
+  bagGoals = {};
+  bagSignals = {};
   bagName = "";
+  scene = null; // elements, frames and bodies at the shown time; null: those of the live document
   #history = null;
   #isAsking = false;
   #isFollowing = true;
@@ -59,9 +62,25 @@ export class ShownRun extends EventTarget {
     const isOther = key !== this.key;
     if (isOther) [this.node, this.#history] = [null, null];
     [this.key, this.time] = [key, time];
+    if (this.sceneTime === null) this.scene = null;
     this.#isFollowing = false;
     this.#changed();
     if (key && !this.isLive) this.readHistory();
+  }
+
+  // The time of the shown scene; null: now.
+  get sceneTime() {
+    return this.time ?? (this.key in this.bag ? this.summary.end : null) ?? null;
+  }
+
+  // The document with the elements and robots at the shown time.
+  get shownScene() {
+    return this.scene ?? this.cell.document;
+  }
+
+  // The goals of the cell, or of the open bag.
+  get goals() {
+    return this.bagName ? this.bagGoals : this.cell.document.goals;
   }
 
   selectNode(id) {
@@ -83,11 +102,15 @@ export class ShownRun extends EventTarget {
     } else if (isGone) this.select(null);
   }
 
-  openBag(name, runs) {
-    [this.bagName, this.bag] = [name, runs];
+  // Opens a bag, with its runs, goals and signals by key; "" closes it.
+  openBag(name, { runs = {}, goals = {}, signals = {} } = {}) {
+    [this.bagName, this.bag, this.bagGoals, this.bagSignals] = [name, runs, goals, signals];
     const first = Object.keys(runs)[0] ?? null;
     if (first) this.select(first, runs[first].start);
-    else if (!name && this.key?.startsWith("bag/")) this.select(null);
+    else if (!name && this.key?.startsWith("bag/")) {
+      this.select(null);
+      this.refresh();
+    }
     this.#changed();
   }
 
@@ -100,12 +123,16 @@ export class ShownRun extends EventTarget {
       do {
         asked = `${this.key} ${this.time}`;
         const query = this.time === null ? "" : `?time=${this.time}`;
-        const answer = await request(`/api/live/runs/${this.key}${query}`);
+        const path = `/api/live/runs/${this.key}`;
+        const at = this.sceneTime;
+        const asks = [request(path + query), at === null ? null : request(`${path}/scene?time=${at}`)];
+        const [answer, scene] = await Promise.all(asks);
         if (asked.startsWith(`${this.key} `)) this.#history = answer;
+        this.scene = this.sceneTime === null ? null : scene;
         this.#changed();
       } while (this.key && asked !== `${this.key} ${this.time}`);
     } catch {
-      this.#history = null; // the run is not kept any more, or the gateway is away
+      [this.#history, this.scene] = [null, null]; // the run is not kept any more, or the gateway is away
     } finally {
       this.#isAsking = false;
     }

@@ -6,9 +6,9 @@ import { ColladaLoader } from "three/addons/loaders/ColladaLoader.js";
 import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 
-import { h } from "./dom.js";
+import { clock, h, setText } from "./dom.js";
 
-const LABEL_HEIGHT = 0.11; // m
+const LABEL_HEIGHT = 20; // pixels, at any distance
 
 export class Scene {
   #frames = new Map(); // three.Group by the name of the tf frame
@@ -17,12 +17,16 @@ export class Scene {
   #files = new Map(); // promises of meshes by URL
   #isWanted = false;
   #isCameraChosen = false;
+  #bag = ""; // the open bag when the camera was placed
 
-  constructor(panel, cell, selection) {
-    [this.cell, this.selection, this.panel] = [cell, selection, panel];
+  #shown = null; // the run's scene that is shown, null: the live document
+
+  constructor(panel, cell, run, selection) {
+    [this.cell, this.run, this.selection, this.panel] = [cell, run, selection, panel];
     this.renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    panel.append(this.renderer.domElement, h("i", { class: "label-style" }));
+    this.moment = h("span", { class: "moment chip paused", hidden: true });
+    panel.append(this.renderer.domElement, h("i", { class: "label-style" }), this.moment);
     three.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.scene = new three.Scene();
     this.camera = new three.PerspectiveCamera(45, 1, 0.05, 200);
@@ -54,9 +58,23 @@ export class Scene {
     this.draw();
   }
 
+  // Shows another time of the run.
+  takeRun() {
+    if (this.#shown === this.run.scene) return;
+    this.#shown = this.run.scene;
+    this.moment.hidden = !this.#shown;
+    if (this.#shown) setText(this.moment, `at ${clock(this.run.sceneTime)}`);
+    this.take(null);
+    if (this.#bag === this.run.bagName) return;
+    this.#bag = this.run.bagName;
+    this.#isCameraChosen = false;
+    this.fit();
+  }
+
   // Takes over a patch of the document; null: the whole document.
   take(patch) {
-    const { document } = this.cell;
+    if (patch && this.#shown) return; // an earlier time is shown
+    const document = this.run.shownScene;
     if (!patch) {
       for (const id of [...this.#elements.keys()]) if (!document.elements[id]) this.#remove(id);
       for (const robot of [...this.#bodies.keys()]) if (!document.bodies[robot]) this.#showBody(robot, []);
@@ -79,22 +97,51 @@ export class Scene {
         this.scene.updateMatrixWorld();
         this.outline.setFromObject(selected.children[0] ?? selected);
       }
+      this.#placeLabels();
       this.renderer.render(this.scene, this.camera);
     });
   }
 
+  // Hides labels that would cover others; those of small elements stay.
+  #placeLabels() {
+    this.scene.updateMatrixWorld();
+    this.camera.updateMatrixWorld();
+    const taken = [];
+    const high = (2 * LABEL_HEIGHT) / this.panel.clientHeight; // of the picture, which is 2 high
+    const entries = [...this.#elements.values()].filter((entry) => entry.label);
+    const extent = ({ group, marker }) => (group.userData.id === this.selection.id ? -1 : Math.max(...marker.size) || 1); // the size of a mesh is not known
+    for (const { label } of entries.sort((a, b) => extent(a) - extent(b))) {
+      const unit = high * Math.tan((this.camera.fov * Math.PI) / 360);
+      label.scale.set(unit * label.userData.aspect, unit, 1);
+      const { x, y, z } = new three.Vector3().setFromMatrixPosition(label.matrixWorld).project(this.camera);
+      const half = (high * label.userData.aspect) / this.camera.aspect / 2;
+      label.visible = z < 1 && !taken.some((other) => Math.abs(x - other.x) < half + other.half && Math.abs(y - other.y) < high);
+      if (label.visible) taken.push({ x, y, half });
+    }
+  }
+
   // Moves the camera so that all elements are in sight.
   fit() {
-    const box = new three.Box3();
     this.scene.updateMatrixWorld();
-    for (const { body } of this.#elements.values()) if (body) box.expandByObject(body);
-    for (const meshes of this.#bodies.values()) for (const mesh of meshes) box.expandByObject(mesh);
-    if (box.isEmpty()) return;
-    const sphere = box.getBoundingSphere(new three.Sphere());
-    const half = Math.min(this.camera.fov, this.camera.fov * this.camera.aspect) / 2;
-    const distance = Math.max(1, sphere.radius) / Math.sin((half * Math.PI) / 180);
-    this.controls.target.copy(sphere.center);
-    this.camera.position.copy(sphere.center).addScaledVector(new three.Vector3(-0.55, -0.6, 0.58).normalize(), distance);
+    const bodies = [...[...this.#elements.values()].map((entry) => entry.body).filter(Boolean), ...[...this.#bodies.values()].flat()];
+    const boxes = bodies.map((body) => new three.Box3().setFromObject(body)).filter((box) => !box.isEmpty());
+    if (!boxes.length) return;
+    const centre = boxes.reduce((all, box) => all.union(box), new three.Box3()).getCenter(new three.Vector3());
+    // Each corner of a box is within the picture if the camera is this far from the centre.
+    const back = new three.Vector3(-0.55, -0.6, 0.58).normalize();
+    const right = new three.Vector3().crossVectors(this.camera.up, back).normalize();
+    const up = new three.Vector3().crossVectors(back, right);
+    const high = Math.tan((this.camera.fov * Math.PI) / 360);
+    let distance = 1;
+    for (const { min, max } of boxes) {
+      for (let corner = 0; corner < 8; corner++) {
+        const at = new three.Vector3(...["x", "y", "z"].map((axis, i) => (corner & (1 << i) ? max : min)[axis])).sub(centre);
+        const side = Math.max(Math.abs(at.dot(up)) / high, Math.abs(at.dot(right)) / (high * this.camera.aspect));
+        distance = Math.max(distance, 1.06 * (side + at.dot(back)));
+      }
+    }
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(back, distance);
     this.controls.update();
     this.draw();
   }
@@ -140,7 +187,7 @@ export class Scene {
     entry.marker = marker;
     // An element that tf moves has its pose there; the frame of any other one is where the element is.
     const own = this.#frame(marker.own);
-    if (!this.cell.document.frames[marker.own]) {
+    if (!this.run.shownScene.frames[marker.own]) {
       place(own, marker.pose);
       this.#attach(own, this.#frame(marker.frame));
     }
@@ -160,9 +207,11 @@ export class Scene {
     if (body) group.add(body);
     let label = null;
     if (marker.shape !== "axes") {
-      label = new three.Sprite(new three.SpriteMaterial({ depthTest: false, transparent: true }));
+      label = new three.Sprite(new three.SpriteMaterial({ depthTest: false, transparent: true, sizeAttenuation: false }));
+      label.renderOrder = 1; // over transparent elements
+      label.center.set(0.5, -0.1);
+      label.position.z = marker.size[2] / 2;
       paint(label, marker.text);
-      label.position.z = marker.size[2] / 2 + LABEL_HEIGHT;
       group.add(label);
     }
     return { group, body, label, marker };
@@ -203,6 +252,7 @@ export class Scene {
   #load(url, material, hasMaterials = false) {
     const group = new three.Group();
     if (!this.#files.has(url)) this.#files.set(url, readMesh(url));
+    this.#loads(1);
     this.#files.get(url).then((object) => {
       const copy = object.clone(true);
       copy.traverse((part) => {
@@ -211,8 +261,13 @@ export class Scene {
       group.add(copy);
       if (!this.#isCameraChosen) this.fit();
       this.draw();
-    }, (error) => console.warn(`${url}: ${error.message ?? error}`));
+    }, (error) => console.warn(`${url}: ${error.message ?? error}`)).finally(() => this.#loads(-1));
     return group;
+  }
+
+  // Counts the meshes that are being read, for programs that wait for the picture.
+  #loads(number) {
+    this.panel.dataset.loading = Number(this.panel.dataset.loading ?? 0) + number;
   }
 
   #pick(event) {
@@ -246,8 +301,10 @@ function place(object, [x, y, z, qx, qy, qz, qw]) {
 
 function dispose(object) {
   object.traverse((part) => {
-    part.material?.map?.dispose();
-    part.material?.dispose();
+    for (const material of [part.material ?? []].flat()) {
+      material.map?.dispose();
+      material.dispose();
+    }
   });
 }
 
@@ -290,5 +347,5 @@ function paint(sprite, text) {
   sprite.material.map = new three.CanvasTexture(canvas);
   sprite.material.map.colorSpace = three.SRGBColorSpace;
   sprite.material.needsUpdate = true;
-  sprite.scale.set((LABEL_HEIGHT * canvas.width) / canvas.height, LABEL_HEIGHT, 1);
+  sprite.userData.aspect = canvas.width / canvas.height;
 }

@@ -7,14 +7,17 @@ const HEIGHT = 72;
 
 export class SignalsView {
   tables = ["signals"];
-  isMoving = true;
   #samples = new Map(); // by id: [time, low, high]
 
-  constructor(panel, cell) {
-    this.cell = cell;
+  constructor(panel, cell, run) {
+    [this.cell, this.run] = [cell, run];
     this.list = h("div", { class: "signals" });
     this.empty = h("p", { class: "empty" }, "The scene has no signals. Elements of the class skiros:Signal name them.");
     panel.append(this.list, this.empty);
+  }
+
+  get isMoving() {
+    return !this.run.bagName;
   }
 
   // Keeps the values also while the panel is hidden.
@@ -33,13 +36,18 @@ export class SignalsView {
   }
 
   render() {
-    const signals = this.cell.document.signals;
+    const isBag = Boolean(this.run.bagName);
+    const signals = isBag ? this.run.bagSignals : this.cell.document.signals;
+    this.end = isBag ? this.run.sceneTime : this.cell.now;
     this.empty.hidden = Object.keys(signals).length > 0;
     keyed(this.list, Object.entries(signals), ([id]) => id, makeChart, (chart, [id, signal]) => {
-      setText(chart.name, signal.name);
-      setText(chart.value, signal.problem ?? (signal.value === undefined ? "no value yet" : `${number(signal.value)} ${signal.unit}`));
-      this.#draw(chart, this.#samples.get(id) ?? []);
+      setText(chart.name, this.cell.label(id, this.run.shownScene.elements));
+      const samples = isBag ? signal.samples : (this.#samples.get(id) ?? []);
+      const value = isBag ? samples.findLast(([time]) => time <= this.end)?.[2] : signal.value;
+      setText(chart.value, signal.problem ?? (value === undefined ? "no value yet" : `${number(value)} ${signal.unit}`));
+      chart.samples = samples;
     });
+    for (const chart of this.list.children) this.#draw(chart, chart.samples); // in the page, they have a size
   }
 
   #draw(chart, samples) {
@@ -50,13 +58,13 @@ export class SignalsView {
     const context = canvas.getContext("2d");
     context.clearRect(0, 0, width, height);
     const style = getComputedStyle(canvas); // the colours: `color` of the line, `border-color` of the zero line
-    const visible = samples.filter(([time]) => time > this.cell.now - SPAN);
+    const visible = samples.filter(([time]) => time > this.end - SPAN && time <= this.end);
     if (!visible.length) return;
     let low = Math.min(...visible.map((each) => each[1]));
     let high = Math.max(...visible.map((each) => each[2]));
     setText(chart.range, `${number(low)} … ${number(high)}`);
     if (high - low < 1e-9) [low, high] = [low - 1, high + 1];
-    const x = (time) => width * (1 - (this.cell.now - time) / SPAN);
+    const x = (time) => width * (1 - (this.end - time) / SPAN);
     const y = (value) => (height - 4 * scale) * (1 - (value - low) / (high - low)) + 2 * scale;
     context.strokeStyle = style.borderColor;
     if (low < 0 && high > 0) line(context, [[0, y(0)], [width, y(0)]]);

@@ -45,7 +45,10 @@ export class TreeView {
     this.scroller.hidden = !tree;
     this.empty.hidden = Boolean(tree);
     setText(this.empty, this.run.key ? "Reading the run…" : "No task has run yet. Start a job, or a skill in the window.");
-    if (!tree) return;
+    if (!tree) {
+      setText(this.count, "");
+      return;
+    }
     if (this.#key !== this.run.key) {
       this.#collapsed.clear();
       this.#key = this.run.key;
@@ -150,7 +153,7 @@ export class TreeView {
     setText(row.name, shape.names[index]);
     const type = index && !isGroup ? localName(shape.types[index]) : "";
     setText(row.type, plain(type) === plain(shape.names[index]) ? "" : type);
-    setText(row.processor, isGroup ? "" : shape.processors[index]);
+    setText(row.processor, isGroup || shape.processors[index] === shape.names[index] ? "" : shape.processors[index]);
     setText(row.time, began >= 0 ? duration((ended >= 0 ? ended : Math.max(this.run.elapsed, began)) - began) : "");
     setText(row.message, state === SUCCESS && !message ? "" : message);
   }

@@ -1,7 +1,7 @@
 // The world model as a tree of what contains or has what, with the properties of the selected element.
 
 import { showFacts } from "./details.js";
-import { h, keyed, localName, number, setText } from "./dom.js";
+import { clock, h, keyed, localName, number, setText } from "./dom.js";
 
 const PARTS = new Set(["skiros:contain", "skiros:hasA"]);
 const ROOT = "skiros:Scene-0";
@@ -20,8 +20,8 @@ export class WorldView {
   tables = ["elements"];
   #collapsed = new Set();
 
-  constructor(panel, cell, selection) {
-    [this.cell, this.selection] = [cell, selection];
+  constructor(panel, cell, run, selection) {
+    [this.cell, this.run, this.selection] = [cell, run, selection];
     this.filter = h("input", { type: "search", placeholder: "Find an element", "aria-label": "Find an element", oninput: () => this.render() });
     this.count = h("span", { class: "dim grow" });
     this.list = h("div", { class: "world", role: "tree" });
@@ -35,14 +35,15 @@ export class WorldView {
   }
 
   render() {
-    const elements = this.cell.document.elements;
+    const { elements } = this.run.shownScene;
     const rows = this.filter.value ? this.#found(elements) : this.#flatten(elements);
-    setText(this.count, `${rows.length} elements`);
+    const { sceneTime } = this.run;
+    setText(this.count, `${rows.length} elements${sceneTime === null ? "" : ` at ${clock(sceneTime)}`}`);
     keyed(this.list, rows, (row) => row.key, (row) => this.#make(row), (item, row) => {
       item.style.setProperty("--depth", row.depth);
       item.classList.toggle("selected", row.id === this.selection.id);
       setText(item.children[0], row.isParent ? (this.#collapsed.has(row.id) ? "▸" : "▾") : "");
-      setText(item.children[1], elements[row.id].label || localName(row.id));
+      setText(item.children[1], localName(elements[row.id].label || row.id));
       setText(item.children[2], localName(elements[row.id].type));
     });
     this.#showDetails(elements[this.selection.id]);
@@ -84,7 +85,7 @@ export class WorldView {
   #showDetails(element) {
     this.details.hidden = !element;
     if (!element) return;
-    setText(this.title, element.label || element.id);
+    setText(this.title, localName(element.label || element.id));
     const known = Object.entries(element.properties).filter(([, values]) => values.length);
     const facts = known.map(([key, values]) => [localName(key), values.map(number).join(", ")]);
     showFacts(this.facts, [["Id", element.id], ["Type", element.type], ...facts.sort(([a], [b]) => a.localeCompare(b))]);

@@ -14,18 +14,15 @@ from __future__ import annotations
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.urdf import UrdfTree
 
 from skiros2_bags.core.bag_file import MONITOR, Message
-from skiros2_bags.core.bag_writer import PARAMETERS
 from skiros2_bags.core.run import Run
 from skiros2_common.core.world_element import Element
 from skiros2_runs.core.states import FAILURE, state_name
@@ -39,8 +36,8 @@ _TF, _TF_STATIC = "/tf", "/tf_static"
 _IMAGE, _COMPRESSED, _WRENCH = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "geometry_msgs/WrenchStamped"
 _FEEDBACK = "skiros2_msgs/AchieveActionFeedback"
 
-#: Ends a state. A plain None would leave the state as it is.
-_NO_STATE = pa.array([None], pa.string())
+#: Ends a state. None would leave the state as it is, and `rerun rrd verify` refuses an array with a null.
+_NO_STATE = ""
 
 #: Channels and type of the encodings of `sensor_msgs/Image` that are shown; of depth images the unit (m).
 _COLOURS: dict[str, tuple[Literal["RGB", "BGR", "RGBA", "BGRA", "L"], int]] = {
@@ -191,9 +188,7 @@ class _Export:
 
     def _write_robots(self) -> list[str]:
         """Writes the robots. Returns their entities."""
-        found: dict[str, tuple[str, str]] = {}
-        for message in self.run.messages(PARAMETERS):
-            found.update(_descriptions(json.loads(message.content.data)))
+        found = self.run.robot_descriptions()
         for name, (urdf, prefix) in found.items():
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "robot.urdf"
@@ -233,16 +228,6 @@ def _image(content: Any) -> Any:
         pixels = data[:, : content.width * np.dtype(kind).itemsize].copy().view(order + kind)
         return rr.DepthImage(pixels.astype(kind), meter=1.0 / unit)
     return None
-
-
-def _descriptions(parameters: Any, name: str = "") -> Iterator[tuple[str, tuple[str, str]]]:
-    """Yields the URDF and the tf prefix of each `robot_description` by the name of its namespace."""
-    if not isinstance(parameters, dict):
-        return
-    if isinstance(parameters.get("robot_description"), str):
-        yield name, (parameters["robot_description"], str(parameters.get("tf_prefix", "")))
-    for key, value in parameters.items():
-        yield from _descriptions(value, f"{name}_{key}".strip("_"))
 
 
 def _path(*parts: str) -> str:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from skiros2_bags.core.action_call import (
     ActionCall,
@@ -17,6 +19,7 @@ from skiros2_bags.core.action_call import (
     planning_goals,
 )
 from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, BagFile, Message
+from skiros2_bags.core.bag_writer import PARAMETERS
 from skiros2_bags.core.world_history import TimedChange, timed_changes, world_at
 from skiros2_runs.core.history import SkillRun, skill_runs
 from skiros2_runs.core.runs import Runs
@@ -126,6 +129,16 @@ class Run:
         """
         return planning_goals(self._actions)
 
+    def robot_descriptions(self) -> dict[str, tuple[str, str]]:
+        """Returns the URDF and the tf prefix of each recorded `robot_description` by the name of its namespace.
+
+        :raises BagError: a message cannot be read.
+        """
+        found: dict[str, tuple[str, str]] = {}
+        for message in self.messages(PARAMETERS):
+            found.update(_descriptions(json.loads(message.content.data)))
+        return found
+
     @cached_property
     def _changes(self) -> list[TimedChange]:
         self._need(MONITOR, "changes of the world model")
@@ -147,6 +160,15 @@ class Run:
     def _need(self, message_type: str, what: str) -> None:
         if message_type not in self.topics.values():
             raise BagError(f"{self.path}: the bag holds no {what}: expected a topic of the type {message_type}")
+
+
+def _descriptions(parameters: Any, name: str = "") -> Iterator[tuple[str, tuple[str, str]]]:
+    if not isinstance(parameters, dict):
+        return
+    if isinstance(parameters.get("robot_description"), str):
+        yield name, (parameters["robot_description"], str(parameters.get("tf_prefix", "")))
+    for key, value in parameters.items():
+        yield from _descriptions(value, f"{name}_{key}".strip("_"))
 
 
 def add_progress(runs: Runs, message: Message) -> Recorded | None:

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from skiros2_bags.core.run import Run
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
+from skiros2_gateway.core.goal_view import recorded_goals
 from skiros2_gateway.core.run_view import summary_data
+from skiros2_gateway.core.scene_history import SceneHistory, read_history
+from skiros2_gateway.core.scene_view import SceneView
+from skiros2_gateway.core.signal_view import recorded_signals
 from skiros2_runs.core.task_run import TaskRun
 
 #: Bags kept in memory.
 _MAX_OPEN = 2
+
+
+@dataclass
+class _Bag:
+    run: Run
+    tasks: list[TaskRun]
+    scenes: SceneHistory | None = None
 
 
 class Bags:
@@ -24,8 +36,8 @@ class Bags:
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
-        self._lock = threading.Lock()
-        self._open: dict[str, list[TaskRun]] = {}
+        self._reading = threading.Lock()
+        self._open: dict[str, _Bag] = {}
 
     def list(self) -> list[dict[str, Any]]:
         """Returns name, size (bytes) and time of the last change (s since the epoch) of each bag, the newest first."""
@@ -34,7 +46,7 @@ class Bags:
         return sorted(data, key=lambda bag: bag["time"], reverse=True)
 
     def open(self, name: str) -> dict[str, Any]:
-        """Reads a bag. Returns its runs of trees by key, each as of `summary_data`. Blocks.
+        """Reads a bag. Returns `runs`: its runs of trees by key, each as of `summary_data`; `goals`, `signals`. Blocks.
 
         :raises UnknownName: there is no such bag.
         :raises BagError: it cannot be read.
@@ -43,24 +55,44 @@ class Bags:
         if name not in paths:
             near = ", ".join(nearest(name, paths)) or "none"
             raise UnknownName(f"there is no bag {name!r} in {self._folder}; near: {near}")
-        with self._lock:
+        with self._reading:
+            run = Run.open(paths[name])
+            bag = _Bag(run, run.tasks())
+            others = {"goals": recorded_goals(run), "signals": recorded_signals(run)}
             self._open.pop(name, None)
-            self._open[name] = runs = Run.open(paths[name]).tasks()
+            self._open[name] = bag
             while len(self._open) > _MAX_OPEN:
                 del self._open[next(iter(self._open))]
-        return {f"bag/{name}/{number}": summary_data(run) for number, run in enumerate(runs)}
+        runs = {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(bag.tasks)}
+        return {"runs": runs, **others}
 
     def find_run(self, key: str) -> TaskRun:
         """Returns a run by its key.
 
         :raises UnknownName: there is none, or its bag was closed for newer ones.
         """
+        return self._find(key)[1]
+
+    def scene_at(self, key: str, time: float, view: SceneView) -> dict[str, Any]:
+        """Returns elements and robots in the bag of a run at a time, see `SceneHistory.at`. Blocks.
+
+        :param time: s since the epoch.
+        :param view: used by one call at a time.
+        :raises UnknownName: as `find_run`.
+        :raises BagError: the bag cannot be read.
+        """
+        bag, _ = self._find(key)
+        with self._reading:
+            if bag.scenes is None:
+                bag.scenes = read_history(bag.run, view)
+            return bag.scenes.at(time)
+
+    def _find(self, key: str) -> tuple[_Bag, TaskRun]:
         name, _, number = key.removeprefix("bag/").rpartition("/")
-        with self._lock:
-            runs = self._open.get(name, [])
-        if not number.isdigit() or int(number) >= len(runs):
+        bag = self._open.get(name)
+        if bag is None or not number.isdigit() or int(number) >= len(bag.tasks):
             raise UnknownName(f"there is no run {key!r}: open the bag {name!r} first")
-        return runs[int(number)]
+        return bag, bag.tasks[int(number)]
 
     def _paths(self) -> dict[str, Path]:
         return {self._name(path): path for path in self._folder.rglob("*.bag")} if self._folder else {}

@@ -3,8 +3,7 @@
 The document is JSON data; its members are tables, objects by key:
 
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
-- `goals`: {phase, message, start, plan, steps}; `plan` as in the feedback of the action Achieve, `steps` by number:
-  {state, message, began, ended} (s since the epoch).
+- `goals`: {goal, phase, message, start, plan, steps}; see `goal_view`.
 - `jobs` as in the event `job`, without plan, steps and changes.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_gateway.core.scene_view`.
@@ -27,6 +26,8 @@ from skiros2_common.core.names import nearest
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
 from skiros2_gateway.core.run_view import summary_data, tree_patch
+from skiros2_gateway.core.scene_history import TABLES, SceneHistory
+from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.core.service import Service
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.progress import NodeMessage
@@ -63,6 +64,9 @@ class LiveCell(Protocol):
     async def command(self, action: str, robot: str, task: int) -> None:
         """Applies one of `TASK_ACTIONS` to a task."""
 
+    def recorded_view(self) -> SceneView:
+        """Returns the view for scenes of bags. Its methods block."""
+
     def mesh_file(self, url: str) -> Path:
         """Returns the file of a mesh in the document, or of a file beside one.
 
@@ -81,6 +85,7 @@ class LiveView:
         self._loop = asyncio.get_running_loop()
         self.stream = EventStream(kept=_KEPT, behind=_KEPT)
         self.runs = Runs()
+        self.scenes = SceneHistory()
         self._keys: dict[str, TaskRun] = {}
         self._count = 0
         self._document: dict[str, Any] = {table: {} for table in _TABLES}
@@ -156,11 +161,8 @@ class LiveView:
         :param value: JSON data; None removes the entry.
         """
         entries = self._document[table]
-        if value is None:
-            patch: dict[str, Any] = {key: None} if key in entries else {}
-        else:
-            patch = merge_patch({key: entries[key]} if key in entries else {}, {key: without_none(value)})
-        self._apply({table: patch} if patch else {})
+        new = {} if value is None else {key: without_none(value)}
+        self._change(table, {key: entries[key]} if key in entries else {}, new)
 
     def entry(self, table: str, key: str) -> Mapping[str, Any]:
         """Returns an entry of a table; empty if there is none."""
@@ -169,32 +171,19 @@ class LiveView:
 
     def replace(self, table: str, entries: Mapping[str, Any]) -> None:
         """Replaces a table."""
-        patch = merge_patch(self._document[table], without_none(entries))
+        self._change(table, self._document[table], without_none(entries))
+
+    def _change(self, table: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
+        """Replaces entries of a table by others."""
+        patch = merge_patch(before, after)
+        for key in patch if table in TABLES else ():
+            self.scenes.add(table, key, self._clock(), after.get(key))
         self._apply({table: patch} if patch else {})
 
-    def put_goal(self, goal_id: str, phase: str, message: str, plan: list[Any], steps: list[Any]) -> None:
-        """Updates the plan of a goal, and notes when its steps start and end.
-
-        :param phase: as in the feedback of Achieve; the state of the result after the end.
-        :param plan, steps: as in the feedback; empty keeps those known.
-        """
-        now, goals = self._clock(), self._document["goals"]
-        known = goals.get(goal_id, {})
-        planned = {str(step["number"]): step for step in known.get("plan", [])}
-        planned.update((str(step["number"]), step) for step in plan)
-        states = {number: dict(step) for number, step in known.get("steps", {}).items()}
-        for step in steps:
-            number, state = str(step["number"]), str(step["state"])
-            entry = states.setdefault(number, {})
-            if state not in ("waiting", "dropped"):
-                entry.setdefault("began", now)
-                if state != "running":
-                    entry.setdefault("ended", now)
-            entry.update(state=state, message=str(step.get("message", "")))
-        self.put("goals", goal_id, {
-            "phase": phase, "message": message, "start": known.get("start", now),
-            "plan": list(planned.values()), "steps": states,
-        })  # fmt: skip
+    def put_goal(self, goal_id: str, goal: Mapping[str, Any]) -> None:
+        """Updates a goal, see `goal_view`."""
+        self.put("goals", goal_id, goal)
+        goals = self._document["goals"]
         for old in list(goals)[: max(0, len(goals) - _MAX_GOALS)]:
             self.put("goals", old, None)
 

@@ -57,6 +57,16 @@ class SceneView:
         return [_part_data(part) for part in parts]
 
 
+def frames_data(message: Any) -> dict[str, list[Any]]:
+    """Returns the transforms of a `tf2_msgs/TFMessage` as [parent, x, y, z, qx, qy, qz, qw] (m) by child."""
+    frames = {}
+    for transform in message.transforms:
+        t, q = transform.transform.translation, transform.transform.rotation
+        pose = [round(float(value), 4) for value in (t.x, t.y, t.z, q.x, q.y, q.z, q.w)]
+        frames[transform.child_frame_id.lstrip("/")] = [transform.header.frame_id.lstrip("/"), *pose]
+    return frames
+
+
 def pose_data(pose: Pose) -> list[float]:
     """Returns x, y, z (m) and a quaternion x, y, z, w."""
     return [round(value, 5) for value in (*pose.position, *pose.orientation)]

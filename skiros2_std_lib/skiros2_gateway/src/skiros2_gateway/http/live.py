@@ -6,11 +6,12 @@
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
   are missing, so read the document again.
 - `GET /api/live/runs/KEY?time=T`: a run at a time, see `run_view.history_data`; also of a bag.
+- `GET /api/live/runs/KEY/scene?time=T`: `elements`, `frames` and `bodies` of the document at that time.
 - `GET /api/live/runs/KEY/why`: why it failed. `GET /api/live/runs/KEY/nodes/ID?time=T`: parameters and conditions of a
   node, of a task that has ended as they were last read.
 - `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task.
 - `GET /api/live/mesh?url=URL`: a mesh of an element or robot in the document, or a file beside it.
-- `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs of trees in one.
+- `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs, goals and signals in one.
 """
 
 from __future__ import annotations
@@ -86,9 +87,9 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
 
     @router.get("/bags/{name}")
     async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
-        """The runs of trees in a bag, by key: see `run_view.summary_data`."""
+        """The runs of trees in a bag by key, see `run_view.summary_data`, its goals and signals."""
         service.view(caller)
-        return _json({"runs": await asyncio.to_thread(bags.open, name)})
+        return _json(await asyncio.to_thread(bags.open, name))
 
     @router.get("/runs/{key:path}/why")
     async def why(caller: CallerArg, service: ServiceArg, key: str) -> dict[str, Any]:
@@ -110,6 +111,15 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         if values is None:
             raise UnknownName(f"the values of node {node} of {key} were not read while it ran")
         return values.to_dict()
+
+    @router.get("/runs/{key:path}/scene")
+    async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: float) -> Response:
+        """Elements and robots at a time."""
+        service.view(caller)
+        find(key)
+        if key.startswith("bag/"):
+            return _json(await asyncio.to_thread(bags.scene_at, key, time, cell.recorded_view()))
+        return _json(view.scenes.at(time))
 
     @router.get("/runs/{key:path}")
     async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: float | None = None) -> Response:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import threading
 import time
@@ -22,8 +21,10 @@ from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.signals import SIGNAL, TOPIC, Signal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.signals import RosSignals
+from skiros2_gateway.core.goal_view import goal_after, new_goal
 from skiros2_gateway.core.live import LiveView
-from skiros2_gateway.core.scene_view import SceneView
+from skiros2_gateway.core.scene_view import SceneView, frames_data
+from skiros2_gateway.core.signal_view import full_topic
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_gui.view3d.marker_set import ChangedElements
 from skiros2_msgs import msg as msgs
@@ -42,6 +43,9 @@ _RATE = 25.0
 #: The pause after the world model has not answered (s).
 _RETRY_DELAY = 1.0
 
+#: What viewers may read of the folders with meshes: also materials and textures.
+_MESH_FILES = (".stl", ".obj", ".dae", ".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga")
+
 _COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start", "step": "tick_once"}
 
 
@@ -53,14 +57,16 @@ class LiveRos:
         self._view = view
         self._loop = asyncio.get_running_loop()
         self._scene: _SceneReader | None = None
+        self._recorded: SceneView | None = None
         self._signals = _SignalReader(view, self._loop)
         self._frames = _Frames()
         self._descriptions: dict[str, tuple[str, str]] = {}
         cell.robots.on_tree = view.record
         name = ACHIEVE_ACTION
         self._subscribers = [
-            rospy.Subscriber(f"{name}/feedback", msgs.AchieveActionFeedback, self._in_loop(self._on_feedback)),
-            rospy.Subscriber(f"{name}/result", msgs.AchieveActionResult, self._in_loop(self._on_result)),
+            rospy.Subscriber(f"{name}/goal", msgs.AchieveActionGoal, self._in_loop(self._on_goal)),
+            rospy.Subscriber(f"{name}/feedback", msgs.AchieveActionFeedback, self._in_loop(self._on_progress)),
+            rospy.Subscriber(f"{name}/result", msgs.AchieveActionResult, self._in_loop(self._on_progress)),
             rospy.Subscriber("/tf", TFMessage, self._frames.add, queue_size=100),
             rospy.Subscriber("/tf_static", TFMessage, self._frames.add, queue_size=100),
         ]
@@ -88,14 +94,28 @@ class LiveRos:
     async def command(self, action: str, robot: str, task: int) -> None:
         await self._cell.in_thread(self._client(robot).command, _COMMANDS[action], task)
 
+    def recorded_view(self) -> SceneView:
+        if self._recorded is None:
+            self._recorded = SceneView(self._is_subclass, _mesh_folders())
+        return self._recorded
+
+    def _is_subclass(self, child: str, parent: str) -> bool:
+        """Whether one class is a subclass of another one, as far as the world model knows both."""
+        wm = self._cell.world_model
+        try:
+            return wm is not None and wm.is_subclass(child, parent)
+        except UnknownName:
+            return False
+
     def mesh_file(self, url: str) -> Path:
-        meshes = self._scene.view.meshes if self._scene is not None else set()
+        views = [self._scene.view if self._scene is not None else None, self._recorded]
+        meshes = {mesh for view in views if view is not None for mesh in view.meshes}
         base, _, extra = url.rpartition("/")
         # A mesh file names textures and materials beside itself.
         if url not in meshes and not any(mesh.rpartition("/")[0] == base for mesh in meshes):
             raise UnknownName(f"no element or robot has the mesh {url}")
-        if ".." in extra or not extra:
-            raise UnknownName(f"{url} is no file beside a mesh")
+        if ".." in extra or Path(extra).suffix.lower() not in _MESH_FILES:
+            raise UnknownName(f"{url} is no mesh, and no material or texture beside one")
         if url.startswith("package://"):
             package, _, rest = url.removeprefix("package://").partition("/")
             try:
@@ -113,15 +133,14 @@ class LiveRos:
 
     # -- goals -------------------------------------------------------------------------------------------------
 
-    def _on_feedback(self, message: Any) -> None:
-        feedback = message.feedback
-        plan, steps = json.loads(feedback.plan or "[]"), json.loads(feedback.steps or "[]")
-        self._view.put_goal(message.status.goal_id.id, feedback.phase, feedback.message, plan, steps)
+    def _on_goal(self, message: Any) -> None:
+        goal_id = message.goal_id.id
+        known = self._view.entry("goals", goal_id) or new_goal("", time.time())  # its feedback may come first
+        self._view.put_goal(goal_id, {**known, "goal": message.goal.goals})
 
-    def _on_result(self, message: Any) -> None:
-        result = message.result
-        steps = json.loads(result.done or "[]")
-        self._view.put_goal(message.status.goal_id.id, result.state, result.message, [], steps)
+    def _on_progress(self, message: Any) -> None:
+        goal_id = message.status.goal_id.id
+        self._view.put_goal(goal_id, goal_after(self._view.entry("goals", goal_id), message, time.time()))
 
     # -- periodically ------------------------------------------------------------------------------------------
 
@@ -129,8 +148,7 @@ class LiveRos:
         while True:
             wm = self._cell.world_model
             if self._scene is None and wm is not None:
-                folders = [str(folder) for folder in [rospy.get_param("wm/workspace_dir", "")] if folder]
-                self._scene = _SceneReader(wm, SceneView(wm.is_subclass, folders), self._on_elements)
+                self._scene = _SceneReader(wm, SceneView(wm.is_subclass, _mesh_folders()), self._on_elements)
             for robot in self._cell.robots.robots.values():
                 if not robot.is_connected:
                     self._view.mark_lost(robot.name)
@@ -249,11 +267,7 @@ class _Frames:
 
     def add(self, message: Any) -> None:
         """In threads of ROS."""
-        frames = {}
-        for transform in message.transforms:
-            t, q = transform.transform.translation, transform.transform.rotation
-            pose = [round(value, 4) for value in (t.x, t.y, t.z, q.x, q.y, q.z, q.w)]
-            frames[transform.child_frame_id.lstrip("/")] = [transform.header.frame_id.lstrip("/"), *pose]
+        frames = frames_data(message)
         with self._lock:
             self._changed.update(frames)
 
@@ -312,6 +326,10 @@ class _SignalReader:
             self._values[eid] = {"value": number, "low": float(f"{low:.5g}"), "high": float(f"{high:.5g}"), "time": now}
 
 
+def _mesh_folders() -> list[str]:
+    return [str(folder) for folder in [rospy.get_param("wm/workspace_dir", "")] if folder]
+
+
 def _may_be_signal(data: dict[str, Any] | None) -> bool:
     """Whether a changed element is a signal; a removed one (None) may have been one."""
     return data is None or TOPIC in data["properties"]
@@ -327,10 +345,7 @@ def _find_signals(wm: WorldModelInterface) -> dict[str, tuple[Signal, str]]:
         except WrongValue as error:
             log.warning("%s", error)
             continue
-        if not signal.topic.startswith("/"):  # relative to the manager's namespace, as its conditions read it
-            space = f"{robot}/{signal.topic[1:]}" if signal.topic.startswith("~") else ""
-            signal = replace(signal, topic=space or f"{robot.rpartition('/')[0]}/{signal.topic}")
-        found[element.id] = (signal, robot)
+        found[element.id] = (replace(signal, topic=full_topic(signal.topic, robot)), robot)
     return found
 
 

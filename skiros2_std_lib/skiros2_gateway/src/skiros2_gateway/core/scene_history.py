@@ -1,0 +1,95 @@
+"""Where elements and robots were at earlier times, in the cell or in a bag."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from operator import itemgetter
+from typing import Any
+
+from skiros2_bags.core.bag_file import MONITOR
+from skiros2_bags.core.run import Run
+from skiros2_gateway.core.patch import without_none
+from skiros2_gateway.core.scene_view import SceneView, frames_data
+from skiros2_world_model.core.replica import apply_change
+from skiros2_world_model.core.scene import Scene
+
+#: The tables of the live view that have a history.
+TABLES = ("elements", "frames", "bodies")
+
+#: The least time between two entries of one key (s).
+_PERIOD = 0.2
+#: Entries kept; a frame takes some 400 bytes, an element some kB.
+_MAX_ENTRIES = 100_000
+
+_TF = ("/tf", "/tf_static")
+
+_time_of = itemgetter(0)
+
+
+class SceneHistory:
+    """The entries of `TABLES` over time. Not thread-safe.
+
+    :param max_entries: with more, the older half of the time is discarded.
+    """
+
+    def __init__(self, max_entries: int = _MAX_ENTRIES) -> None:
+        self._entries: dict[tuple[str, str], list[tuple[float, Any]]] = {}
+        self._count = 0
+        self._limit = self._max = max_entries
+
+    def add(self, table: str, key: str, time: float, value: Any) -> None:
+        """Adds the value of a key; of values that follow within 0.2 s, the last one is kept.
+
+        :param time: s since the epoch, not before the key's last one.
+        :param value: JSON data, which must not change afterwards; None: the key was removed.
+        """
+        entries = self._entries.setdefault((table, key), [])
+        if entries and entries[-1][1] == value:
+            return
+        if len(entries) > 1 and time - entries[-2][0] < _PERIOD:
+            entries[-1] = (time, value)
+            return
+        entries.append((time, value))
+        self._count += 1
+        if self._count > self._limit:
+            self._discard()
+
+    def at(self, time: float) -> dict[str, dict[str, Any]]:
+        """Returns the tables at a time (s since the epoch). Of frames, the first value also holds before its time."""
+        document: dict[str, dict[str, Any]] = {table: {} for table in TABLES}
+        for (table, key), entries in self._entries.items():
+            number = bisect_right(entries, time, key=_time_of)
+            value = entries[max(0, number - 1)][1] if number or table == "frames" else None
+            if value is not None:
+                document[table][key] = value
+        return document
+
+    def _discard(self) -> None:
+        first = min(entries[0][0] for entries in self._entries.values() if len(entries) > 1)
+        last = max(entries[-1][0] for entries in self._entries.values())
+        middle = (first + last) / 2.0
+        for entries in self._entries.values():
+            del entries[: bisect_right(entries, middle, key=_time_of) - 1]
+        self._count = sum(map(len, self._entries.values()))
+        self._limit = max(self._max, 2 * self._count)
+
+
+def read_history(run: Run, view: SceneView) -> SceneHistory:
+    """Returns the history in a bag. Takes seconds for a long one.
+
+    :raises BagError: the bag cannot be read.
+    """
+    history = SceneHistory(max_entries=10 * _MAX_ENTRIES)
+    for name, (urdf, prefix) in run.robot_descriptions().items():
+        history.add("bodies", name, run.start, without_none(view.robot(urdf, prefix)))
+    scene = Scene()
+    for timed in run.changes() if MONITOR in run.topics.values() else ():
+        changes = apply_change(scene, timed.change)
+        ends = {eid for subject, _, target in changes.relations for eid in (subject, target)}
+        for eid in changes.records.keys() | ends:
+            element = scene.element(eid)
+            history.add("elements", eid, timed.time, without_none(view.element(element)) if element else None)
+    for message in run.messages(*_TF):
+        for name, frame in frames_data(message.content).items():
+            history.add("frames", name, message.time, frame)
+    return history

@@ -100,7 +100,7 @@ class Gripper:
         self._renew_contacts()
 
     def after_step(self) -> None:
-        """Called by the world after each step."""
+        """Called by its arm after each step."""
         self._steps += 1
         if self.joints and self._steps % _STEPS == 0:
             direction = self.tool_pose().orientation

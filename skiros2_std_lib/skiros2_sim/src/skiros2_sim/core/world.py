@@ -123,8 +123,6 @@ class World:
             self.steps += 1
             for arm in self.arms.values():
                 arm.after_step()
-            for gripper in self.grippers.values():
-                gripper.after_step()
 
     def reset(self, seed: int | None = None) -> None:
         """Returns to the start: the same state as that of a new world.

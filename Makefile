@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test lint docs bench bench-insertion bench-learning bench-gateway lock clean
+.PHONY: help setup build demo test compiled-tests lint docs bench bench-insertion bench-learning bench-gateway lock clean
 
 python := .venv/bin/python3
 
@@ -26,9 +26,14 @@ demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" d
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
 # One process more than there are cores, for tests of nodes wait a third of their time.
-test: lint  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)
+test: setup  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)
+	@$(MAKE) --no-print-directory --jobs 2 lint compiled-tests
 	@exec .ci/in_ros $(python) -m pytest --numprocesses $$(($$(nproc) + 1)) --maxprocesses 4 \
 		--dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+
+# Each of pytest's processes would otherwise compile all tests at the same time.
+compiled-tests: setup
+	@exec .ci/in_ros $(python) -m pytest --collect-only -qq >/dev/null
 
 lint: setup  ## check style and types
 	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .

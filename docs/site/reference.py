@@ -10,7 +10,6 @@ import contextlib
 import inspect
 import io
 import os
-import re
 import runpy
 import sys
 import xml.etree.ElementTree as xml
@@ -25,6 +24,7 @@ from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.library.description import Described, Descriptions, Undescribed
+from skiros2_skill.core.lint.codes import MEANINGS, Meaning
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_skill.ros.registration import purpose_of
 
@@ -277,20 +277,25 @@ def errors(problems: list[str]) -> str:
         "it in their replies.",
     ]
     classes: list[_Class] = []
-    faults: set[str] = set()
     for package, source in SOURCES.items():
         for file in sorted(source.rglob("*.py")):
             tree = ast.parse(file.read_text())
             module = ".".join([package, *file.relative_to(source).with_suffix("").parts]).removesuffix(".__init__")
             classes += [_class(node, module) for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-            if "/lint/" in file.as_posix():
-                faults.update(_fault_codes(tree))
     derived = _derived(classes)
     problems += [f"{each.module}.{each.name}: an error without docstring" for each in derived if not each.doc]
     rows = [(code(each.code), code(each.name), code(each.module), each.doc) for each in derived]
     page.append(table(("code", "class", "module", "meaning"), sorted(rows)))
-    page += ["## Codes of lint", ", ".join(code(name) for name in sorted(faults))]
+    page += ["## Codes of lint", "Printed by `rosrun skiros2_skill lint`, and by a manager that loads skills."]
+    page += [text for name, meaning in MEANINGS.items() for text in _fault(name, meaning)]
     return "\n\n".join(page) + "\n"
+
+
+def _fault(name: str, meaning: Meaning) -> Iterator[str]:
+    yield f"### {name}\n\n{meaning.text} {meaning.advice}"
+    if meaning.wrong:
+        right = f"\n# right\n{meaning.right}" if meaning.right else ""
+        yield f"```python\n# wrong\n{meaning.wrong}{right}\n```"
 
 
 @dataclass(frozen=True)
@@ -323,9 +328,3 @@ def _derived(classes: Sequence[_Class]) -> list[_Class]:
             if above is not None and each.name not in result:
                 result[each.name] = replace(each, code=each.code or above.code)
     return list(result.values())
-
-
-def _fault_codes(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and re.fullmatch(r"[a-z]+(-[a-z]+)+", str(node.value)):
-            yield str(node.value)

@@ -34,7 +34,10 @@ CONTRACT_NAMES = {
     "_getReasoner", "_id", "_label", "_param_type", "_params", "_progress_code", "_properties", "_relations",
     "_setProgress", "_setState", "_type", "_wmi",
 }  # fmt: skip
-FOREIGN_NAMES = {"_chain", "_connection_header", "_exit", "_getframe", "_tcpros_server"}
+FOREIGN_NAMES = {
+    "_actions", "_chain", "_connection_header", "_exit", "_getframe", "_option_string_actions", "_SubParsersAction",
+    "_tcpros_server",
+}  # fmt: skip
 #: Folders in which modules still access private names of others.
 PRIVATE_ACCESS_REMAINS = (
     "skiros2/skiros2_common/src/skiros2_common/ros/",

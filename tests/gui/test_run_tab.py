@@ -162,6 +162,19 @@ def test_message_selects_its_node_and_tick(tab: RunTab, window: Window, qtbot: Q
     assert tab.presenter.tree.selected == 100
 
 
+def test_messages_have_labels_instead_of_ids(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tray = Element("skiros:LargeBox", "Tray B")
+    tray.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+    eid = window.system.world.add_element(tray).id
+    nodes = pick_and_place(FAILURE)
+    nodes[1].progress_message = f"expected {eid}-Tray B skiros:at Dock"
+    tell(window, nodes)
+    tab._side_tabs.setCurrentWidget(tab._messages)
+    row = next(row for row in tab._messages.rows.rows if row.item.name == "pick")
+    assert row.cells[0].endswith("pick: expected Tray B is at Dock")
+    assert row.tip == f"expected {eid}-Tray B skiros:at Dock"
+
+
 def test_picked_or_started_task_is_shown(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(task_id=1))
     tell(window, pick_and_place(task_id=2))

@@ -5,7 +5,7 @@ A tutorial is a page of Markdown. Three kinds of fenced blocks are run, in the o
     ```console                          commands behind `$`, each with its output
     ```console title="terminal 1"       the same in another terminal; the last command keeps running (a launch file).
                                         The same title with the same commands later finds it running,
-                                        unless the block starts with `^C`, which ends it.
+                                        unless the block starts with `^C`, which ends it; `^C` alone only ends it.
     ```python title="path/of/file.py"   a file, of any language, written as it stands; ` (added)` behind the path: added
                                         at the end
 
@@ -21,8 +21,9 @@ import re
 import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,11 +117,13 @@ class Reader:
     :param folder: where terminals open.
     :param env: their environment.
     :param run: runs a command to its end; None: bash does.
+    :param replaced: texts that are typed as others, such as a port that is free here.
     """
 
     folder: Path
     env: dict[str, str]
     run: Runner | None = None
+    replaced: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._terminals: dict[str, tuple[str, Program]] = {}
@@ -143,7 +146,8 @@ class Reader:
         :raises Wrong: a command fails, or its output differs; names the page and the line.
         """
         self._cwd, self._shell_env = self.folder, dict(self.env)
-        for block in blocks(page):
+        for shown in blocks(page):
+            block = shown._replace(text=self._typed_text(shown.text))
             try:
                 if block.language == "console":
                     self._console(block)
@@ -151,6 +155,11 @@ class Reader:
                     self._write(block)
             except AssertionError as error:
                 raise Wrong(f"{page.name}, line {block.line}: {error}") from None
+
+    def _typed_text(self, text: str) -> str:
+        for shown, typed in self.replaced.items():
+            text = text.replace(shown, typed)
+        return text
 
     def _write(self, block: Block) -> None:
         file = self._cwd / block.title.removesuffix(_ADDED)
@@ -160,6 +169,9 @@ class Reader:
 
     def _console(self, block: Block) -> None:
         typed = list(commands(block))
+        if block.title and block.text == "^C\n":
+            self.close(block.title)
+            return
         if not typed:
             raise Wrong("no command behind $")
         if block.title:
@@ -205,14 +217,18 @@ class Reader:
 
 
 def main() -> int:
-    """Follows the tutorials named on the command line, in a new folder under the present one, as a newcomer would."""
-    folder = Path.cwd() / "tutorials_run"
-    folder.mkdir()
-    with Reader(folder, dict(os.environ)) as reader:
+    """Follows the tutorials of the command line in the home folder, as a newcomer does. Returns how many failed."""
+    failed = 0
+    with Reader(Path.home(), dict(os.environ)) as reader:
         for name in sys.argv[1:]:
-            print(f"{name}: {words(Path(name))} words", flush=True)
-            reader.follow(Path(name))
-    return 0
+            begin, problem = time.monotonic(), ""
+            try:
+                reader.follow(Path(name))
+            except AssertionError as error:
+                problem = f"FAILED: {error}"
+            print(f"{name}: {words(Path(name))} words, {time.monotonic() - begin:.0f} s {problem}".rstrip(), flush=True)
+            failed += bool(problem)
+    return failed
 
 
 if __name__ == "__main__":

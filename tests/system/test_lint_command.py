@@ -29,7 +29,7 @@ def test_faults_have_a_relative_file_and_line() -> None:
     done = lint("faulty_skills")
     assert done.returncode == 1
     *lines, summary = done.stdout.splitlines()
-    assert summary == "5 errors, 31 warnings"
+    assert summary.startswith("5 errors, 31 warnings")
     assert len(lines) == 36
     assert all(line.startswith("faulty_skills/") for line in lines)
 

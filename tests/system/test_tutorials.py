@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from skiros2_common.core.processes import free_port
 from support.ros import ROOT, Ros, RosMaster, run_command
 from support.tutorial import Reader
 
@@ -25,12 +26,13 @@ def reader(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> I
     (home / "skiros2").symlink_to(ROOT)
     ros = Ros(ros_master)
     env = {**ros_master.env, "HOME": str(home), "TERM": "dumb", "ROS_LANG_DISABLE": "genlisp:gencpp:geneus:gennodejs"}
-    with Reader(home, env, run_command) as made:
+    with Reader(home, env, run_command, {"8765": str(free_port())}) as made:
         yield made
     ros.stop()
     shutil.rmtree(home)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_tutorial_shows_what_happens(reader: Reader, page: Path) -> None:
+def test_tutorial_shows_what_happens(reader: Reader, ros_master: RosMaster, page: Path) -> None:
     reader.follow(page)
+    ros_master.set_parameter("/use_sim_time", False)  # a newcomer's next roslaunch starts a new master

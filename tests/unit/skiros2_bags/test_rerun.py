@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from copy import copy
 from dataclasses import replace
@@ -152,6 +153,8 @@ def test_shorter_motion_names_its_tick(
 def test_program_prints_the_result(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(BAGS / "timed_drive.bag"), "--workspace", str(WORKSPACE)]) == 0
     assert capsys.readouterr().out == "as recorded\n"
+    assert main([str(BAGS / "timed_drive.bag"), "--workspace", str(WORKSPACE), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"divergence": None, "orders": 1}
     assert main([str(BAGS / "none.bag")]) == 2
     assert "there is no such file" in capsys.readouterr().err
 

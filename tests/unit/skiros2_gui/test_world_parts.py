@@ -10,6 +10,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.window import Window
 from skiros2_gui.world.choices import CLASS, TEMPLATE, class_choices, element_choices, flat
+from skiros2_gui.world.details import display_name
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED, SceneHierarchy
 from skiros2_gui.world.vocabulary import Vocabulary, read_vocabulary
@@ -100,6 +101,15 @@ def test_choices_contain_all_classes_and_templates(vocabulary: Vocabulary) -> No
     assert names == {CLASS: set(vocabulary.classes()), TEMPLATE: set(vocabulary.templates())}
     robot = next(c for c in flat(choices) if c.name == "cora:Robot")
     assert [c.name for c in robot.children] == ["skiros:test_robot"]
+
+
+def test_id_is_shown_only_where_a_label_is_missing_or_not_unique(vocabulary: Vocabulary) -> None:
+    labels = ["", "tray", "bolt", "bolt", "arm"]
+    elements = [Element("skiros:Part", label, f"skiros:Part-{i}") for i, label in enumerate(labels)]
+    elements.append(Element("skiros:Parameter", "arm", "skiros:Parameter-9"))
+    hierarchy = SceneHierarchy(elements, vocabulary.spatial)
+    names = [display_name(hierarchy, f"skiros:Part-{i}") for i in range(5)]
+    assert names == ["Part-0", "tray", "bolt  (Part-2)", "bolt  (Part-3)", "arm"]
 
 
 def test_elements_of_preferred_class_come_first(vocabulary: Vocabulary) -> None:

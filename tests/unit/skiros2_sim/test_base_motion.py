@@ -231,6 +231,21 @@ def test_carried_object_is_not_an_obstacle(robot: MovedRobot) -> None:
     assert world.pose_of(PRODUCTS[0]).position[2] > z + 0.08
 
 
+def test_fingers_do_not_stick_to_an_object_after_half_a_turn(robot: MovedRobot) -> None:
+    world = robot.world
+    succeeded(robot.run(robot.drive(1.05, 1.75)))
+    x, y, z = world.pose_of(PRODUCTS[0]).position
+    for position in ((x + 0.002, y, z + 0.1), (x + 0.002, y, z)):
+        succeeded(robot.run(robot.line(position)))
+    succeeded(robot.run(robot.grip(0.0, 40.0)))
+    succeeded(robot.run(robot.line((x - 0.3, y, z + 0.15))))
+    succeeded(robot.run(robot.drive(0.0, 1.75, math.pi)))
+    assert world.pose_of(PRODUCTS[0]).position[2] > z + 0.1
+    motion = robot.grip(0.08)
+    succeeded(robot.run(motion))
+    assert motion.reached_goal
+
+
 def test_two_robots_pass_each_other() -> None:
     with carts(Pose2D(0.0, 0.0, 0.0), Pose2D(6.0, 0.0, math.pi)) as world:
         goals = Pose2D(6.0, 0.0, 0.0), Pose2D(0.0, 0.0, math.pi)

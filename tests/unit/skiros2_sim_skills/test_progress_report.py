@@ -9,19 +9,20 @@ import pytest
 
 from skiros2_demo.progress_report import ProgressReport
 from support.recorded_run import FAILURE, PLAN, PRODUCT, RUNNING, TRAY_B, tree
+from support.terminal import Terminal
 
 NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}
 AGAIN = json.dumps([{**step, "number": step["number"] + 2} for step in json.loads(PLAN)])
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
 def feedback(phase: str, message: str = "", plan: str = "", *states: str) -> Any:
     steps = [{"number": step["number"], "state": s} for step, s in zip(json.loads(plan or "[]"), states, strict=False)]
     return SimpleNamespace(phase=phase, message=message, plan=plan, steps=json.dumps(steps), PLANNING="planning")
+
+
+@pytest.fixture(autouse=True)
+def _xterm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
 
 
 @pytest.fixture

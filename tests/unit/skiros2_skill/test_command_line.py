@@ -589,3 +589,34 @@ def test_missing_manager_is_reported_with_dead_and_near_ones(master):
         connection.find_manager("robot")
     with pytest.raises(Unavailable, match=r"did you mean /robot\?"):
         connection.find_manager("robto")
+
+
+# -- completion --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("run", "soft"), ["soft_grasp"]),
+        (("run", "soft_grasp", "Co"), ["Container=", "Count="]),
+        (("run", "soft_grasp", "Count=1", "Co"), ["Container="]),
+        (("run", "soft_grasp", "Careful="), ["Careful=true", "Careful=false"]),
+        (("run", "soft_grasp", "Object=ham"), ["Object=hammer"]),
+        (("run", "nobody", "Co"), []),
+        (("describe", "Gr"), ["Grasp"]),
+        (("stop", ""), ["4", "5"]),
+        (("breakpoint", "remove", ""), ["all"]),
+        (("breakpoint", "add", "n"), ["node"]),
+    ],
+)
+def test_shell_completes_words(run, bench, manager, monkeypatch, arguments, expected):
+    bench.add("skiros:Product", "hammer")
+    manager.run_by_number = [4, 5]
+    monkeypatch.setenv("_SKIROS2_COMPLETE", "zsh")
+    assert run(*arguments).out.splitlines() == expected
+
+
+def test_shell_completes_ids_where_no_label_begins_so(run, bench, monkeypatch):
+    hammer = bench.add("skiros:Product", "hammer")
+    monkeypatch.setenv("_SKIROS2_COMPLETE", "zsh")
+    assert f"Object={hammer.id}" in run("run", "soft_grasp", "Object=skiros:P").out.splitlines()

@@ -13,7 +13,8 @@ from skiros2_runs.core.progress import status_text
 from skiros2_runs.core.states import FAILURE, IDLE, RUNNING, SUCCESS, TaskState
 from skiros2_skill.command_line import views
 from skiros2_skill.command_line.tree import Changes, frame_of, picture
-from skiros2_skill.command_line.views import JsonView, LineView, LiveView
+from skiros2_skill.command_line.views import JsonView, LineView, view_of
+from support.terminal import Terminal
 
 ROOT = 100
 
@@ -218,8 +219,9 @@ def live(monkeypatch):
     """A terminal of 60 x 12 and what stands on it."""
     monkeypatch.setattr(views.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
     monkeypatch.setattr(views, "screen", lambda: Screen(60))
-    out = io.StringIO()
-    view = LiveView(out, idle="no task runs on /arm; Ctrl-C ends")
+    monkeypatch.setenv("TERM", "xterm")
+    out = Terminal()
+    view = view_of(out, Screen(60), idle="no task runs on /arm; Ctrl-C ends")
 
     def shown(*tasks):
         for nodes in tasks:
@@ -254,6 +256,19 @@ def test_ended_task_stays_above(live):
     done = live(task(node(1, "drive", SUCCESS), state=SUCCESS))
     assert done == ["task 100 on /arm: succeeded", "✓ drive  succeeded  0.0 s", "no task runs on /arm; Ctrl-C ends"]
     assert live(task(node(1, "grasp", RUNNING), number=ROOT))[:2] == done[:2]
+
+
+@pytest.mark.parametrize(("variable", "value", "redrawn"), [("TERM", "dumb", False), ("NO_COLOR", "1", True)])
+def test_view_without_colours(monkeypatch, variable, value, redrawn):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv(variable, value)
+    out = Terminal()
+    view = view_of(out, Screen(60))
+    for seconds in (0.0, 1.0):
+        view.show(task(node(1, "drive", RUNNING, seconds=seconds)))
+        view.draw()
+    assert "\x1b[36m" not in out.getvalue()
+    assert ("A\x1b[J" in out.getvalue()) is redrawn
 
 
 def test_several_tasks_share_the_terminal(live):

@@ -1,5 +1,7 @@
 """Faults of skills are found before they run, with file and line; correct skills have none."""
 
+import ast
+import json
 import re
 import sys
 import threading
@@ -12,9 +14,12 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_skill.command_line import lint as lint_command
+from skiros2_skill.core import lint as lint_package
 from skiros2_skill.core.library.description import ReadOnlyWorldModel
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING
+from skiros2_skill.core.lint.codes import MEANINGS
+from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, UNKNOWN_SKILL, WARNING
 from skiros2_skill.core.lint.linter import Linter, lint_libraries, log_faults
 from skiros2_skill.core.skill import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -332,3 +337,52 @@ def test_unknown_parameter_type_is_reported_with_line_and_known_types(wmi):
     (fault,) = Linter([], wmi).lint(type("misspelt", (PrimitiveBase,), {"createDescription": create}))
     assert (fault.file, fault.line) == (__file__, create.__code__.co_firstlineno + 2)
     assert "Requird; ParamTypes has: Required, Optional, Inferred" in fault.text
+
+
+LINT = Path(lint_package.__file__).parent
+
+
+def codes_in_sources():
+    """The codes that the sources of lint give faults: their third or second argument, a text or a constant."""
+    constants = {"UNKNOWN_SKILL": UNKNOWN_SKILL, "NOT_DESCRIBED": NOT_DESCRIBED}
+    for file in LINT.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("Fault", "fault_of"):
+                given = node.args[2 if node.func.id == "fault_of" else 1]
+                if isinstance(given, ast.JoinedStr):
+                    yield from ("unknown-class", "unknown-property", "unknown-relation")
+                elif isinstance(given, ast.Constant):
+                    yield given.value
+                elif given.id in constants:
+                    yield constants[given.id]
+
+
+def test_each_code_is_explained():
+    assert set(codes_in_sources()) == set(MEANINGS)
+
+
+def explained(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        lint_command.run(arguments)
+    return ended.value.code, *capsys.readouterr()
+
+
+def test_explanation_of_a_code_has_an_example(capsys):
+    status, out, _ = explained(capsys, "--explain", "unknown-skill")
+    assert status == 0
+    assert out.splitlines()[0].startswith("unknown-skill: No library has a skill of that type")
+    assert out.splitlines()[-2:] == ['  wrong  self.skill("Driv", "")', '  right  self.skill("Drive", "")']
+
+
+def test_all_codes_are_explained_as_json(capsys):
+    assert set(json.loads(explained(capsys, "--explain", "--json")[1])) == set(MEANINGS)
+
+
+def test_unknown_code_is_refused_with_the_nearest(capsys):
+    assert explained(capsys, "--explain", "unknwn-skill") == (
+        2, "", "lint: there is no code 'unknwn-skill'; did you mean 'unknown-skill'?\n",
+    )  # fmt: skip
+
+
+def test_lint_without_packages_is_a_usage_error(capsys):
+    assert explained(capsys) == (2, "", "lint: expected a PACKAGE, or --explain; see lint --help\n")

@@ -10,8 +10,11 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from skiros2_common.core.world_element import Element
 from skiros2_task.command_line import planning, program
 from skiros2_task.command_line.planning import goal_text
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
 from support.source import ROOT
 
 DEMO = ROOT / "skiros2_std_lib/skiros2_demo_skills/owl/pick_place_scene.ttl"
@@ -187,3 +190,31 @@ def test_goal_text_reads_files_and_joins_goals(tmp_path: Path, monkeypatch: pyte
     assert goal_text(["(e f)", f"@{file}"]) == f"(e f),\n{file.read_text()}"
     monkeypatch.setattr("sys.stdin", io.StringIO("(g h)"))
     assert goal_text(["-"]) == "(g h)"
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The demo's scene, with a skill of the robot as a manager registers it."""
+    wm = LocalWorldModel("test", WorldModel(source_ontologies(), DEMO.parent, initial=[("scene", DEMO.name)]))
+    skill, effect = Element("skiros:Skill", "place"), Element("skiros:ConditionRelation", "InTray")
+    effect.setProperty("skiros:appliedOnType", "skiros:contain")
+    wm.add_element(skill)
+    wm.add_element(effect)
+    wm.set_relation(skill, "skiros:hasPostCondition", effect)
+    monkeypatch.setattr(program, "connect", lambda name, author: wm)
+    monkeypatch.setenv("_SKIROS2_COMPLETE", "zsh")
+
+
+@pytest.mark.parametrize(
+    ("begun", "expected"),
+    [
+        ("(skiros:c", ["(skiros:contain"]),
+        ("(and (not (skiros:c", ["(and (not (skiros:contain"]),
+        ("(for", ["(forall"]),
+        ("(skiros:contain demo:Tray-12 demo:Tray-13", ["(skiros:contain demo:Tray-12 demo:Tray-13"]),
+        ("--qu", ["--quality"]),
+    ],
+)
+@pytest.mark.usefixtures("registered")
+def test_shell_completes_a_goal(run: Run, begun: str, expected: list[str]) -> None:
+    assert run("achieve", begun).out.splitlines() == expected

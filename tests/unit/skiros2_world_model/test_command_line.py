@@ -477,3 +477,23 @@ def test_files_that_cannot_be_read_are_named(run, tmp_path, name, text, said):
     told = run("validate_scene", str(tmp_path / name))
     assert (told.status, told.out, told.err.count("\n")) == (2, "", 1)
     assert name in told.err and said in told.err
+
+
+# -- completion ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("view", "skiros:L"), ["skiros:LargeBox-80"]),
+        (("get", "skiros:Part"), ["skiros:Part-82"]),
+        (("get", "skiros:Part-9"), ["skiros:Part-90"]),  # not in the tree of the scene
+        (("get", "skiros:Starter-81", "skiros:W"), ["skiros:Weight"]),
+        (("set", "skiros:LargeBox-80", "skiros:c"), ["skiros:contain"]),
+        (("get", "skiros:Nobody-1", ""), []),
+        (("history", "--a"), ["--at", "--author", "--all"]),
+    ],
+)
+def test_shell_completes_words(run, monkeypatch, arguments, expected) -> None:
+    monkeypatch.setenv("_SKIROS2_COMPLETE", "zsh")
+    assert run(*arguments).out.splitlines() == expected

@@ -172,7 +172,9 @@ def property_row(vocabulary: Vocabulary, etype: str, key: str, prop: Property) -
 
 
 def display_name(hierarchy: SceneHierarchy, eid: str) -> str:
-    """Returns the displayed name of an element: its label, if it has one, and its id without prefix."""
+    """Returns the displayed name of an element: its label; without one, its id without prefix. If several elements have
+    the label, both; parameters of skills do not count.
+    """
     if eid == UNPLACED:
         return "Not placed"
     record = hierarchy.scene.record(eid)
@@ -182,7 +184,11 @@ def display_name(hierarchy: SceneHierarchy, eid: str) -> str:
     if eid == ROOT:
         return "Scene"
     label = local_name(record.label)
-    return f"{label}  ({short})" if label else short
+    if not label:
+        return short
+    same = map(hierarchy.scene.record, hierarchy.scene.of_label(record.label))
+    count = sum(other is not None and other.type != "skiros:Parameter" for other in same)
+    return f"{label}  ({short})" if count > 1 else label
 
 
 def _pose(hierarchy: SceneHierarchy, eid: str) -> PoseDetails | None:

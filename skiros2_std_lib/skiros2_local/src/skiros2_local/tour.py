@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TextIO
 
 import skiros2_demo_skills
-from skiros2_common.command_line.layout import Screen
+from skiros2_common.command_line.layout import Screen, styled
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.world_element import Element
 from skiros2_local.system import LocalGoal, LocalSystem
 from skiros2_runs.core.progress import NodeMessage, has_ended
-from skiros2_skill.command_line.views import LineView, LiveView, View
+from skiros2_skill.command_line.views import View, view_of
 from skiros2_task.core.execution import StepState
 
 ROBOT = "demo:mobile_manipulator"
@@ -57,7 +57,7 @@ class Tour:
 
     def __init__(self, out: TextIO) -> None:
         self._out = out
-        self._view: View = LiveView(out) if out.isatty() else LineView(out, Screen())
+        self._view: View = view_of(out, Screen())
         self._progress: queue.SimpleQueue[Sequence[NodeMessage]] = queue.SimpleQueue()
         self._running: set[int] = set()
 
@@ -192,7 +192,7 @@ class Tour:
         return ", ".join(self.system.world.get_element(relation["dst"]).label for relation in held) or "empty"
 
     def _title(self, text: str) -> None:
-        self._say(f"\n\033[1m{text}\033[0m" if self._out.isatty() else f"\n{text}")
+        self._say(f"\n{styled(text, '1', self._out)}")
 
     def _say(self, text: str) -> None:
         self._out.write(f"{text}\n")

@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, TextIO
 
-from skiros2_common.command_line.layout import Screen
+from skiros2_common.command_line.layout import Screen, can_redraw, styled
 from skiros2_demo.run_check import Step, name_of, plan_lines, steps_of
 from skiros2_runs.core.progress import NodeMessage, has_ended
-from skiros2_skill.command_line.views import LineView, LiveView, View
+from skiros2_skill.command_line.views import view_of
 
 _ID = re.compile(r"\b\w+:\w+-\d+\b")
 _NODES = re.compile(r"^(\S+\(\w+\): )+")
@@ -29,8 +29,7 @@ class ProgressReport:
         self._out = out
         self._name = name
         self._started = time.monotonic()
-        live = out.isatty()
-        self._view: View = LiveView(out) if live else LineView(out, Screen())
+        self._view = view_of(out, Screen())
         self._tasks: set[int] = set()  # running
         self._waiting: list[str] = []
         self._known = 0  # highest reported step number
@@ -72,7 +71,7 @@ class ProgressReport:
 
     def title(self, text: str) -> None:
         """Prints a title."""
-        self.say(f"\n\033[1m{text}\033[0m" if self._out.isatty() else f"\n{text}")
+        self.say(f"\n{styled(text, '1', self._out)}")
 
     def say(self, text: str) -> None:
         """Prints a text; on a terminal, once no tree is being drawn."""
@@ -85,7 +84,7 @@ class ProgressReport:
         self._flush()
 
     def _flush(self) -> None:
-        if not (self._tasks and self._out.isatty()):
+        if not (self._tasks and can_redraw(self._out)):
             for text in self._waiting:
                 self._out.write(f"{text}\n")
             self._waiting.clear()

@@ -80,8 +80,10 @@ class open_gripper(_GripperMotion):
     def onDone(self, status: int, msg: GripperCommandResult) -> State:
         if status == GoalStatus.SUCCEEDED and not msg.stalled:
             return self.success(f"{self.doing()}: {msg.position * 1000:.0f} mm")
-        stuck = "the fingers are stuck" if getattr(msg, "stalled", False) else self.status_text()
-        return self.failed(stuck, status)
+        if not getattr(msg, "stalled", False):
+            return self.failed(self.status_text(), status)
+        wanted = opening(self.element("Gripper"))
+        return self.failed(f"the fingers are stuck, {msg.position * 1000:.0f} of {wanted * 1000:.0f} mm apart", status)
 
 
 class close_gripper(_GripperMotion):

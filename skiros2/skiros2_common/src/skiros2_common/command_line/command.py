@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
+from skiros2_common.command_line.completion import VARIABLE, print_completions
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import SkirosError
 
@@ -49,7 +50,22 @@ class CommandResult:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser of arguments that reports wrong usage in one line."""
+    """A parser of arguments that reports wrong usage in one line, and completes command lines for shells."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Same as `argparse`; ends the process if a shell asks for completions."""
+        self._complete(args)
+        return super().parse_args(args, namespace)
+
+    def parse_intermixed_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Same as `argparse`; ends the process if a shell asks for completions."""
+        self._complete(args)
+        return super().parse_intermixed_args(args, namespace)
+
+    def _complete(self, given: Sequence[str] | None) -> None:
+        if VARIABLE in os.environ:
+            print_completions(self, sys.argv[1:] if given is None else given)
+            end(OK)
 
     def error(self, message: str) -> NoReturn:
         """Reports a usage error in one line."""

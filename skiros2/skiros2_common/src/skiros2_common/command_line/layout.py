@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import functools
+import os
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import TextIO
 
 #: The minimum width of a column when a table is shrunk.
 _MIN_WIDTH = 8
@@ -26,6 +28,24 @@ class Screen:
         """The text on one line, cut to the width."""
         line = plain(line)
         return line if self.width is None else cut(line, self.width)
+
+
+def can_redraw(out: TextIO) -> bool:
+    """Whether lines of a stream can be rewritten: it is a terminal, and `TERM` is not dumb."""
+    return out.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def has_colours(out: TextIO) -> bool:
+    """Whether a stream shows colours; the variable `NO_COLOR` turns them off (no-color.org)."""
+    return can_redraw(out) and not os.environ.get("NO_COLOR")
+
+
+def styled(text: str, style: str, out: TextIO) -> str:
+    """The text with a style where the stream shows colours.
+
+    :param style: ANSI SGR parameters: "1" bold, "31" red; "" for none.
+    """
+    return f"\033[{style}m{text}\033[0m" if style and has_colours(out) else text
 
 
 @dataclass

@@ -32,7 +32,7 @@ def connect(robot: str, author: str) -> ManagerClient:
 
 def find_manager(robot: str) -> str:
     """The node name of the skill manager; arguments and errors as in `connect`."""
-    registered = _registered()
+    registered = registered_managers()
     if robot:
         name = _resolved(robot, registered)
         check_node(name, _SKILLS, "skill manager")
@@ -46,7 +46,7 @@ def find_manager(robot: str) -> str:
     return alive[0]
 
 
-def _registered() -> list[str]:
+def registered_managers() -> list[str]:
     """The node names of the registered skill managers, including killed ones."""
     _, _, services = ask_master("getSystemState")
     known = {name for name, _ in services}

@@ -8,7 +8,7 @@ import logging
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -22,7 +22,10 @@ from skiros2_common.command_line.command import (
     end,
     run_command,
 )
+from skiros2_common.core.errors import UnknownName
+from skiros2_skill.client.description import did_you_mean
 from skiros2_skill.command_line.local_world_model import world_model_of
+from skiros2_skill.core.lint.codes import MEANINGS, Meaning
 from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING, Fault
 from skiros2_skill.core.lint.linter import lint_libraries
 
@@ -41,7 +44,8 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     :param arguments: of the command line; None: those of this process.
     """
     parser = Parser(prog="lint", description="Checks skill libraries.", epilog=_EPILOG)
-    parser.add_argument("packages", nargs="+", metavar="PACKAGE", help="a Python package with skills")
+    parser.add_argument("packages", nargs="*", metavar="PACKAGE", help="a Python package with skills")
+    parser.add_argument("--explain", nargs="?", const="", metavar="CODE", help="explain a code; without one, all")
     parser.add_argument(
         "--uses", nargs="+", default=[], metavar="PACKAGE", help="further packages whose skills are used"
     )
@@ -50,7 +54,27 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     parser.add_argument("--notes", action="store_true", help="also list what could not be checked")
     parser.add_argument("--json", action="store_true", help="print JSON")
     given = parser.parse_args(command_arguments(arguments))
-    end(run_command("lint", lambda: _lint(given), given.json, refused=USAGE))
+    if not given.packages and given.explain is None:
+        parser.error("expected a PACKAGE, or --explain")
+    work = _lint if given.explain is None else _explain
+    end(run_command("lint", lambda: work(given), given.json, refused=USAGE))
+
+
+def _explain(given: argparse.Namespace) -> CommandResult:
+    if given.explain and given.explain not in MEANINGS:
+        raise UnknownName(f"there is no code {given.explain!r}; {did_you_mean(given.explain, MEANINGS)}")
+    wanted = {code: MEANINGS[code] for code in ([given.explain] if given.explain else MEANINGS)}
+    lines = [line for code, meaning in wanted.items() for line in ("", *_explained(code, meaning))]
+    return CommandResult(lines[1:], {code: asdict(meaning) for code, meaning in wanted.items()})
+
+
+def _explained(code: str, meaning: Meaning) -> list[str]:
+    examples = [
+        f"  {word:7}{line}"
+        for word, example in (("wrong", meaning.wrong), ("right", meaning.right))
+        for line in example.splitlines()
+    ]
+    return [f"{code}: {meaning.text}", f"  {meaning.advice}", *examples]
 
 
 def _lint(given: argparse.Namespace) -> CommandResult:
@@ -77,4 +101,5 @@ def _line(fault: Fault) -> str:
 def _summary(counts: Counter[str]) -> str:
     named = [f"{counts[s]} {s}{'' if counts[s] == 1 else 's'}" for s in (ERROR, WARNING)]
     more = f"; {counts[NOTE]} not checked (--notes)" if counts[NOTE] else ""
-    return ", ".join(named) + more
+    hint = "; lint --explain CODE explains a code" if counts[ERROR] + counts[WARNING] else ""
+    return ", ".join(named) + more + hint

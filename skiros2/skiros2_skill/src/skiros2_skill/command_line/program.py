@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
+from skiros2_common.command_line.completion import Typed, complete_by
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_skill.client.manager import ALL, ManagerClient
-from skiros2_skill.command_line import queries, run_skills, watch
-from skiros2_skill.command_line.connection import connect
+from skiros2_skill.command_line import completers, queries, run_skills, watch
+from skiros2_skill.command_line.connection import connect, registered_managers
 
 
 def stop(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
@@ -128,10 +129,16 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     statuses = f"Exit status: {result}, 2 wrong usage, {UNAVAILABLE} no master or no skill manager."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
     add_arguments(parser)
-    parser.add_argument("--robot", default="", metavar="NAME", help="the skill manager, if there are several")
+    robot = parser.add_argument("--robot", default="", metavar="NAME", help="the skill manager, if there are several")
+    complete_by(robot, lambda typed, _: registered_managers())
     parser.add_argument("--author", default=user(), metavar="NAME", help="author of commands (default: %(default)s)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     return command, parser
+
+
+def _manager(typed: Typed) -> ManagerClient:
+    """The manager of a command line that is being typed."""
+    return connect(typed.options.get("robot", ""), user())
 
 
 def _nothing(parser: argparse.ArgumentParser) -> None:
@@ -139,11 +146,13 @@ def _nothing(parser: argparse.ArgumentParser) -> None:
 
 
 def _skill(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("skill", metavar="SKILL", help="the label of an implementation, or a type")
+    skill = parser.add_argument("skill", metavar="SKILL", help="the label of an implementation, or a type")
+    complete_by(skill, lambda typed, _: completers.skill_names(_manager(typed)))
 
 
 def _task(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("task", metavar="TASK", nargs="?", type=_task_id, help="its number")
+    task = parser.add_argument("task", metavar="TASK", nargs="?", type=_task_id, help="its number")
+    complete_by(task, lambda typed, _: completers.task_numbers(_manager(typed)))
 
 
 def _libraries(parser: argparse.ArgumentParser) -> None:
@@ -153,7 +162,9 @@ def _libraries(parser: argparse.ArgumentParser) -> None:
 
 def _words(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s [OPTION ...] SKILL [KEY=VALUE ...] [SKILL [KEY=VALUE ...] ...]"
-    parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help="the skills to run, with parameters")
+    text = "the skills to run, with parameters"
+    words = parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help=text)
+    complete_by(words, lambda typed, current: completers.step_words(_manager(typed), typed, current))
 
 
 def _run_words(parser: argparse.ArgumentParser) -> None:
@@ -174,7 +185,8 @@ def _breakpoint(parser: argparse.ArgumentParser) -> None:
     adding.add_argument("pattern", metavar="PATTERN", help="matches names")
     adding.add_argument("when", metavar="WHEN", nargs="?", help="of a node: start (default) or end")
     removing = actions.add_parser("remove", help="remove a breakpoint")
-    removing.add_argument("number", metavar="NUMBER", type=_number_or_all, help="its number, or all")
+    number = removing.add_argument("number", metavar="NUMBER", type=_number_or_all, help="its number, or all")
+    complete_by(number, lambda typed, _: [*map(str, _manager(typed).breakpoints()), "all"])
 
 
 def _task_id(text: str) -> int:

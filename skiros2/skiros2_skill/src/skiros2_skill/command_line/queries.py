@@ -96,9 +96,16 @@ class World:
         if matching and name:
             ids = ", ".join(element.id for element in matching)
             raise WrongValue(f"{len(matching)} elements are labelled {name!r}, {ids}: give the id")
-        known = self._client.resolve_elements(Element(declared.type))
+        known = self.elements_for(declared)
         names = [word for element in known for word in (element.label, element.id) if word]
         raise UnknownName(f"there is no {declared.type} with the id or label {name!r}; {did_you_mean(name, names)}")
+
+    def elements_for(self, declared: Parameter) -> list[Element]:
+        """The elements of a parameter's class.
+
+        :raises Unavailable: the world model does not answer.
+        """
+        return self._client.resolve_elements(Element(declared.type))
 
     def has_learned_values(self, skill_type: str) -> bool:
         """Whether the world model has a parameter set for a type of skill. False if it does not answer."""

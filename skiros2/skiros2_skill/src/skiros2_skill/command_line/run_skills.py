@@ -133,7 +133,7 @@ class _ProgressDisplay:
                 self._task = feedback.task_id
                 self._out.write(f"task {self._task} on {self._robot}\n")
             for line in self._changes.lines(feedback.progress):
-                self._out.write(line.shown(self._out.isatty()) + "\n")
+                self._out.write(line.shown(self._out) + "\n")
         self._out.flush()
 
     def finish(self) -> None:

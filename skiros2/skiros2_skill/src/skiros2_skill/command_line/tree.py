@@ -6,8 +6,9 @@ import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TextIO
 
-from skiros2_common.command_line.layout import Branch, Screen, drawn, table
+from skiros2_common.command_line.layout import Branch, Screen, drawn, styled, table
 from skiros2_runs.core.frame import Frame, NodeProgress
 from skiros2_runs.core.progress import NodeMessage
 from skiros2_runs.core.states import ENDS, FAILURE, IDLE, RUNNING, StateStyle, TaskState, style_of
@@ -24,8 +25,9 @@ class Line:
     text: str
     colour: str
 
-    def shown(self, coloured: bool) -> str:
-        return f"\033[{self.colour}m{self.text}\033[0m" if coloured else self.text
+    def shown(self, out: TextIO) -> str:
+        """The text, in its colour where a stream shows colours."""
+        return styled(self.text, self.colour, out)
 
 
 def frame_of(nodes: Sequence[NodeMessage]) -> Frame:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol, TextIO
 
 from skiros2_common.command_line.command import json_safe, screen
-from skiros2_common.command_line.layout import Screen
+from skiros2_common.command_line.layout import Screen, can_redraw
 from skiros2_runs.core.progress import NodeMessage, has_ended, task_state
 from skiros2_runs.core.states import state_name
 from skiros2_skill.command_line.tree import Changes, frame_of, picture, summary
@@ -64,6 +64,14 @@ class JsonView:
         self._out.flush()
 
 
+def view_of(out: TextIO, page: Screen, idle: str = "") -> View:
+    """Returns a live view of a terminal that can redraw lines, otherwise a view of lines.
+
+    :param idle: shown by a live view while no task runs.
+    """
+    return LiveView(out, idle) if can_redraw(out) else LineView(out, page)
+
+
 class LiveView:
     """The trees of all tasks, redrawn in place on a terminal. The trees of ended tasks stay above.
 
@@ -95,7 +103,7 @@ class LiveView:
         self._out.flush()
 
     def _picture(self, nodes: Nodes, most: int) -> list[str]:
-        return [line.shown(True) for line in picture(screen(), frame_of(nodes), nodes[0].robot, most)]
+        return [line.shown(self._out) for line in picture(screen(), frame_of(nodes), nodes[0].robot, most)]
 
 
 def task_json(nodes: Nodes) -> dict[str, Any]:

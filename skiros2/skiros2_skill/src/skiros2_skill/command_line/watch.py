@@ -14,7 +14,7 @@ from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.command_line.queries import present_stops
 from skiros2_skill.command_line.tree import frame_of, picture
-from skiros2_skill.command_line.views import JsonView, LineView, LiveView, Nodes, View, task_json
+from skiros2_skill.command_line.views import JsonView, Nodes, View, task_json, view_of
 
 #: Minimum time between redraws of a terminal (s).
 _PERIOD = 0.1
@@ -47,10 +47,9 @@ def _tasks(manager: ManagerClient, task_id: int | None) -> list[Nodes]:
 
 
 def _picture(tasks: list[Nodes], page: Screen) -> CommandResult:
-    coloured = sys.stdout.isatty()
     lines: list[str] = []
     for nodes in tasks:
-        lines += ["", *(line.shown(coloured) for line in picture(page, frame_of(nodes), nodes[0].robot))]
+        lines += ["", *(line.shown(sys.stdout) for line in picture(page, frame_of(nodes), nodes[0].robot))]
     return CommandResult(lines[1:] or ["no task runs"], [task_json(nodes) for nodes in tasks])
 
 
@@ -73,6 +72,4 @@ def _show_until_end(monitor: Any, task_id: int | None, messages: list[Nodes], vi
 def _view(robot: str, as_json: bool, page: Screen) -> View:
     if as_json:
         return JsonView(sys.stdout)
-    if sys.stdout.isatty():
-        return LiveView(sys.stdout, idle=f"no task runs on {robot}; Ctrl-C ends")
-    return LineView(sys.stdout, page)
+    return view_of(sys.stdout, page, idle=f"no task runs on {robot}; Ctrl-C ends")

@@ -10,7 +10,7 @@ import time
 from typing import Any, TextIO
 
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
-from skiros2_common.command_line.layout import Screen
+from skiros2_common.command_line.layout import Screen, styled
 from skiros2_common.command_line.master import check_node
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
@@ -149,7 +149,7 @@ class ProgressPrinter:
     def _print(self, text: str, colour: str = "") -> None:
         assert self._out is not None
         line = self._screen.fitted(f"{self.seconds:6.1f} s  {text}")
-        self._out.write(f"\033[{colour}m{line}\033[0m\n" if colour and self._out.isatty() else f"{line}\n")
+        self._out.write(f"{styled(line, colour, self._out)}\n")
 
 
 def format_result(result: Any, seconds: float) -> tuple[list[str], dict[str, Any]]:

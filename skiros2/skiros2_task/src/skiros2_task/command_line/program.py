@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen
+from skiros2_common.command_line.completion import Typed, complete_by
 from skiros2_common.command_line.layout import Screen
-from skiros2_task.command_line import achieve, planning
+from skiros2_task.command_line import achieve, completers, planning
 from skiros2_task.core.planners import DEFAULT_ENGINE
+from skiros2_world_model.command_line.program import connect
 
 Command = Callable[[argparse.Namespace, Screen], CommandResult]
 
@@ -37,10 +39,15 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     server = "task manager" if name == "achieve" else "world model"
     statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {UNAVAILABLE} no master or no {server}."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
-    parser.add_argument("goal", metavar="GOAL", nargs="+", help="the goal to reach")
+    goal = parser.add_argument("goal", metavar="GOAL", nargs="+", help="the goal to reach")
+    complete_by(goal, _goals)
     add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
     return command, parser
+
+
+def _goals(typed: Typed, begun: str) -> Iterable[str]:
+    return () if "scene" in typed.options else completers.goals(connect("wm", "completion"), begun)
 
 
 def _planning(parser: argparse.ArgumentParser) -> None:

@@ -19,6 +19,7 @@ from skiros2_common.command_line.command import (
     screen,
     user,
 )
+from skiros2_common.command_line.completion import Completer, Typed, complete_by
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.command_line.master import check_node
 from skiros2_world_model.command_line import reading, writing
@@ -122,7 +123,9 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     parser = Parser(prog=name, description=description, epilog=f"{epilog} {_statuses(name)}".strip())
     group = parser.add_mutually_exclusive_group(required=True) if name == "query" else parser
     for names, options in _ARGUMENTS.get(name, ()):
-        group.add_argument(*names, **options)
+        action = group.add_argument(*names, **options)
+        if names[0] in _COMPLETERS:
+            complete_by(action, _COMPLETERS[names[0]])
     parser.add_argument(
         "--context",
         default="" if name == "query" else "scene",
@@ -146,6 +149,18 @@ def _statuses(name: str) -> str:
 def _argument(*names: str, **options: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
     return names, options
 
+
+def _world_model(typed: Typed) -> WorldModelAbstractInterface:
+    """The world model of a command line that is being typed."""
+    return connect(typed.options.get("wm", "wm"), user())
+
+
+#: By argument.
+_COMPLETERS: dict[str, Completer] = {
+    "id": lambda typed, begun: reading.element_ids(_world_model(typed), begun),
+    "property": lambda typed, _: reading.names_of(_world_model(typed), typed.words[0]),
+    "name": lambda typed, _: reading.names_of(_world_model(typed), typed.words[0]),
+}
 
 _AUTHOR = _argument("--author", default=user(), metavar="NAME", help="author of the change (default: %(default)s)")
 

@@ -94,6 +94,23 @@ def view(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen:
     return scene_tree(elements, predicates_of(wm, arguments.all), screen, arguments.id, arguments.all)
 
 
+def element_ids(wm: WorldModelAbstractInterface, begun: str) -> list[str]:
+    """The ids that may complete a word: those in the tree of the scene; if none begins so, all."""
+    elements = wm.resolve_elements(Element(""))
+    forest = _Forest(elements, frozenset(predicates_of(wm, False)), False)
+    forest.branch(ROOT)
+    return list(forest.shown if any(eid.startswith(begun) for eid in forest.shown) else forest.elements)
+
+
+def names_of(wm: WorldModelAbstractInterface, eid: str) -> list[str]:
+    """The names of an element's properties and outgoing relations; [] if there is no such element."""
+    element = wm.find_element(eid)
+    if element is None:
+        return []
+    relations = [relation["type"] for relation in element.getRelations("-1")]
+    return ["label", "type", *(prop.key for prop in element.properties), *dict.fromkeys(relations)]
+
+
 def predicates_of(wm: WorldModelAbstractInterface, whole: bool) -> set[str]:
     """The relations that form the tree of a scene: spatial ones, or all."""
     relation = "skiros:sceneProperty" if whole else "skiros:spatiallyRelated"

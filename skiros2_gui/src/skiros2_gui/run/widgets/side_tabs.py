@@ -182,10 +182,14 @@ class _List(RowsView):
 
 
 class MessageList(_List):
-    """The messages of a task's nodes; `picked` emits a `LogLine`. Stays at its end unless the user has scrolled."""
+    """The messages of a task's nodes; `picked` emits a `LogLine`. Stays at its end unless the user has scrolled.
 
-    def __init__(self) -> None:
+    :param names: of the elements in the messages.
+    """
+
+    def __init__(self, names: Names) -> None:
         super().__init__("messages", "progress messages")
+        self._names = names
         self._shown: tuple[TaskRun | None, int] = (None, 0)
 
     def show_log(self, run: TaskRun | None) -> None:
@@ -196,9 +200,16 @@ class MessageList(_List):
         self._shown = shown
         bar = self.verticalScrollBar()
         is_at_end = bar.value() >= bar.maximum() - 1
-        self.rows.show_rows([_message_row(line) for line in run.log.lines] if run is not None else [])
+        self.rows.show_rows([self._row(line) for line in run.log.lines] if run is not None else [])
         if is_at_end:
             self.scrollToBottom()
+
+    def _row(self, line: LogLine) -> Row:
+        style = style_of(line.state)
+        message = self._names.readable(one_line(line.message))
+        said = f": {message}" if message else f" {style.word}"
+        text = f"{clock_text(line.time)}  {style.symbol} {line.name}{said}"
+        return Row((text,), line.message or text, line, style.colour_role)
 
 
 class TimeList(_List):
@@ -220,13 +231,6 @@ class TimeList(_List):
             for index, seconds in pairs
             if frame is not None
         ])  # fmt: skip
-
-
-def _message_row(line: LogLine) -> Row:
-    style = style_of(line.state)
-    message = one_line(line.message)
-    text = f"{clock_text(line.time)}  {style.symbol} {line.name}" + (f": {message}" if message else f" {style.word}")
-    return Row((text,), line.message or text, line, style.colour_role)
 
 
 class BreakpointPanel(QWidget):

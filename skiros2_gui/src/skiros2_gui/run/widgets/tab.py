@@ -49,7 +49,7 @@ class RunTab(QWidget):
         self._tasks.picked.connect(self.presenter.pick)
         self._names = Names(window.system)
         self._details = NodeDetails(self._names)
-        self._messages = MessageList()
+        self._messages = MessageList(self._names)
         self._times = TimeList()
         self._breakpoints = BreakpointPanel(self.presenter)
         self._signals = SignalPanel(window, self.presenter)

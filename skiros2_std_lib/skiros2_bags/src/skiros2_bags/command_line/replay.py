@@ -6,11 +6,11 @@ Exit status: 0 without divergence, 1 after a divergence, 2 if the re-run fails.
 from __future__ import annotations
 
 import argparse
-import sys
+from dataclasses import asdict
 from pathlib import Path
 
 from skiros2_bags.testing.rerun import MAX_ORDERS, Settings, replay
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.command_line.command import OK, REFUSED, USAGE, CommandResult, Parser, run_command
 from skiros2_runs.core.tolerance import NARROW, Tolerance
 
 
@@ -19,20 +19,22 @@ def main(arguments: list[str] | None = None) -> int:
 
     :returns: the exit status.
     """
-    parser = argparse.ArgumentParser(prog="replay", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = Parser(prog="replay", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("bag", type=Path)
     parser.add_argument("--workspace", type=Path, help="folder of the ontologies of the scene (default: as recorded)")
     parser.add_argument("--played", default="", help="labels of primitives to replace by their recorded progress: a,b")
     parser.add_argument("--relative", type=float, default=NARROW.relative, help="relative tolerance of numbers")
     parser.add_argument("--absolute", type=float, default=NARROW.absolute, help="absolute tolerance of numbers")
     parser.add_argument("--orders", type=int, default=MAX_ORDERS, help="the most event orders to try")
+    parser.add_argument("--json", action="store_true", help="print JSON")
     given = parser.parse_args(arguments)
     tolerance = Tolerance(given.relative, given.absolute)
     played = frozenset(filter(None, given.played.split(",")))
-    try:
+
+    def work() -> CommandResult:
         found = replay(given.bag, Settings(given.workspace, played, tolerance, given.orders))
-    except SkirosError as error:
-        sys.stderr.write(f"replay: {error}\n")
-        return 2
-    sys.stdout.write(f"{found}\n")
-    return 0 if found.divergence is None else 1
+        first = found.divergence
+        data = {"divergence": None if first is None else asdict(first), "orders": found.orders}
+        return CommandResult(str(found).splitlines(), data, OK if first is None else REFUSED)
+
+    return run_command("replay", work, given.json, refused=USAGE)

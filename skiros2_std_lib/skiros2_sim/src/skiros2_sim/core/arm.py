@@ -140,6 +140,8 @@ class Arm:
         self._wrench = None
         if self.sensor is not None:
             self.sensor.after_step()
+        if self.gripper is not None:
+            self.gripper.after_step()
         if self._last_wrench is not None:
             self._silent_steps += 1
 

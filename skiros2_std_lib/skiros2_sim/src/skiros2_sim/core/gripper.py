@@ -9,7 +9,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.bullet import Bullet, Joint
 from skiros2_sim.core.motion import Outcome, State
 from skiros2_sim.core.scene_spec import GripperSpec
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_std_reasoners.core.geometry import Pose, angle_between
 
 #: Friction of the rubber pads; PyBullet multiplies the values of both contact partners.
 FRICTION = 1.2
@@ -17,6 +17,9 @@ _SPINNING = 0.02
 _SPEED = 0.1  # m/s, of a finger
 #: PyBullet's defaults: the group of movable bodies, which collide with all groups.
 _GROUP_AND_MASK = (1, -1)
+#: Anchored contacts keep the direction of their first normal: they are made again after a turn of this size (rad),
+#: which is looked for every so many steps. Without it, fingers stick to an object after half a turn.
+_TURN, _STEPS = 0.05, 10
 #: Default effort of a finger (N).
 _EFFORT = 20.0
 
@@ -45,6 +48,8 @@ class Gripper:
         if len(fingers) == 2:
             self._couple(*self._indices)
         self.drive(self.max_width)
+        self._steps = 0
+        self._direction = self.tool_pose().orientation
 
     def width(self) -> float:
         """Distance between the fingers (m)."""
@@ -92,7 +97,20 @@ class Gripper:
                 spinningFriction=_SPINNING * part,
                 frictionAnchor=part == 1.0,
             )
-            # present contacts keep their anchors: with a new proxy in the broad phase they are made again
+        self._renew_contacts()
+
+    def after_step(self) -> None:
+        """Called by its arm after each step."""
+        self._steps += 1
+        if self.joints and self._steps % _STEPS == 0:
+            direction = self.tool_pose().orientation
+            if angle_between(self._direction, direction) > _TURN:
+                self._direction = direction
+                self._renew_contacts()
+
+    def _renew_contacts(self) -> None:
+        """Forgets present contacts and their anchors: with a new proxy in the broad phase they are made again."""
+        for index in self._indices:
             self._bullet.setCollisionFilterGroupMask(self.body, index, *_GROUP_AND_MASK)
 
     def _couple(self, one: int, other: int) -> None:

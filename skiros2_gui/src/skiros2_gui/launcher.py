@@ -32,6 +32,11 @@ def display_problem() -> str:
     return ""
 
 
+def missing_binding() -> str:
+    """Returns which module the window lacks; "" if none. Debian 13 has no package of it."""
+    return "" if find_spec("python_qt_binding") else "the Python module python_qt_binding is not installed"
+
+
 def rqt_command() -> list[str] | None:
     """Returns the command that opens the window in rqt; None if rqt is not installed."""
     if find_spec("rqt_gui_py") is None:
@@ -50,7 +55,7 @@ def launch(standalone: list[str]) -> int:
     user has closed the window, it logs one line and sleeps until the end of the launch: roslaunch would open the window
     again otherwise.
     """
-    if why := display_problem():
+    if why := missing_binding() or display_problem():
         _wait(f"{why}; everything else runs without the window")
     interrupts: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))  # the window receives it too

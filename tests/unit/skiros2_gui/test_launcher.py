@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_gui.display import Display
-from skiros2_gui.launcher import display_problem, rqt_command
+from skiros2_gui.launcher import display_problem, missing_binding, rqt_command
 from support.programs import Program
 from support.ros import ROOT
 
@@ -37,6 +37,12 @@ def rqt_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_launcher_opens_plugin_if_rqt_is_installed(rqt_modules: None, rqt_package: None) -> None:
     assert rqt_command() == ["rosrun", "rqt_gui", "rqt_gui", "-s", "gui.skiros"]
+
+
+def test_missing_binding_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert missing_binding() == ""
+    monkeypatch.setattr("skiros2_gui.launcher.find_spec", lambda name: None)
+    assert "python_qt_binding" in missing_binding()
 
 
 def test_launcher_has_no_plugin_without_rqt(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,7 +37,7 @@ _PARTS = {
     "up_fast_downward": ("planning", "planner"),
     "pybullet": ("simulation", "sim"),
     "optuna": ("learning", "learning"),
-    "PyQt5": ("the window", "run"),
+    "python_qt_binding": ("the window", "run"),
 }
 #: How long tf is listened to (s), and the difference of clocks from which transforms are lost (s).
 _LISTENING, _SKEW = 1.5, 0.5

@@ -33,6 +33,8 @@ GENERATED = {
     "skills": reference.skills, "vocabulary": reference.vocabulary, "ros": reference.ros_interface,
     "commands": reference.commands, "errors": reference.errors,
 }  # fmt: skip
+#: The search of a site that is opened as a file, without a server and without the network.
+WORKER = "assets/iframe-worker.js"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 
 
@@ -42,6 +44,7 @@ def main() -> int:
     shutil.rmtree(OUT, ignore_errors=True)
     problems: list[str] = []
     menu = stage(problems)
+    write(WORKER, (ROOT / "docs/site/iframe-worker.js").read_text())
     for name, generate in GENERATED.items():
         write(f"reference/{name}.md", generate(problems))
     api = [write(f"reference/api/{package}.md", api_page(package, problems)) for package in SOURCES]
@@ -168,6 +171,7 @@ def settings(menu: list[object]) -> dict[str, object]:
                 *("navigation.tabs", "navigation.indexes", "navigation.top"), "search.highlight", "content.code.copy",
             ],
         },
+        "extra": {"polyfills": [WORKER]},
         "plugins": ["search", "offline", {"mkdocstrings": {"handlers": {"python": handler}}}],
         "markdown_extensions": [
             *("tables", "admonition", "pymdownx.highlight", "pymdownx.superfences"), {"toc": {"permalink": True}},

@@ -89,6 +89,8 @@ class FactoryDemo:
             self._say(f"Starting a system of its own: master on port {system.port}, logs in {folder}")
             system.start_recording(ROBOT)
             system.init_node("factory_demo")
+            for old in self._gateway_folder.glob("jobs.sqlite*"):  # the jobs of an earlier demo have the same ids
+                old.unlink()
             broker = free_port()
             system.start("broker", ["mosquitto", "-p", str(broker)])
             system.launch(*self._launch_arguments(broker))

@@ -63,7 +63,7 @@ export class PlanView {
     const span = Math.max(1, Math.max(...ends, isRunning ? now : 0) - start);
     const percent = (time) => `${(100 * (time - start)) / span}%`;
     const tick = TICKS.find((each) => span / each <= 8) ?? 86400;
-    const marks = Array.from({ length: Math.floor(span / tick) + 1 }, (_, i) => i * tick);
+    const marks = Array.from({ length: Math.floor(span / tick) + 1 }, (_, i) => i * tick).filter((mark) => mark < 0.94 * span); // not cut
     keyed(this.axis, marks, (mark) => mark, (mark) => h("span", {}, mark < 60 ? `${mark} s` : duration(mark)),
       (element, mark) => (element.style.left = `${(100 * mark) / span}%`));
     this.now.hidden = now < start || now > start + span;

@@ -63,7 +63,7 @@ export class ShownRun extends EventTarget {
     if (isOther) [this.node, this.#history] = [null, null];
     [this.key, this.time] = [key, time];
     if (this.sceneTime === null) this.scene = null;
-    this.#isFollowing = false;
+    this.#isFollowing = time === null && !this.hasEnded;
     this.#changed();
     if (key && !this.isLive) this.readHistory();
   }
@@ -88,17 +88,14 @@ export class ShownRun extends EventTarget {
     this.#changed();
   }
 
-  // Shows the newest run, until a run is selected by hand; a selected one stays while it exists.
+  // Shows the newest run when the shown one has ended; a run that was selected after its end stays.
   refresh() {
     const runs = Object.entries(this.cell.document.runs);
     const newest = runs.reduce((best, entry) => (!best || entry[1].start >= best[1].start ? entry : best), null);
     const isGone = this.key && !this.summary;
-    const hasEndedLive = this.time === null && this.hasEnded && newest && newest[1].end === undefined;
-    if (newest && (isGone || !this.key || ((this.#isFollowing || hasEndedLive) && newest[0] !== this.key))) {
-      if (!this.bagName || isGone || !this.key) {
-        this.select(newest[0]);
-        this.#isFollowing = true;
-      }
+    if (newest && (!this.key || isGone || (this.#isFollowing && this.hasEnded && newest[0] !== this.key))) {
+      this.select(newest[0]);
+      this.#isFollowing = true;
     } else if (isGone) this.select(null);
   }
 

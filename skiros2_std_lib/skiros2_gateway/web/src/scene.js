@@ -9,6 +9,9 @@ import { STLLoader } from "three/addons/loaders/STLLoader.js";
 import { clock, h, setText } from "./dom.js";
 
 const LABEL_HEIGHT = 20; // pixels, at any distance
+const TEXT_HEIGHT = 60; // pixels of a label's texture
+const FONT = "500 40px system-ui, sans-serif";
+const SLOW = 40; // ms for a picture
 
 export class Scene {
   #frames = new Map(); // three.Group by the name of the tf frame
@@ -16,6 +19,8 @@ export class Scene {
   #bodies = new Map(); // a list of meshes by robot
   #files = new Map(); // promises of meshes by URL
   #isWanted = false;
+  #timer = null;
+  #next = 0; // when a change may be drawn (ms)
   #isCameraChosen = false;
   #bag = ""; // the open bag when the camera was placed
 
@@ -54,7 +59,10 @@ export class Scene {
   theme() {
     this.grid.material.color.set(getComputedStyle(this.panel).borderColor);
     this.grid.material.vertexColors = false;
-    for (const { marker, label } of this.#elements.values()) if (label) paint(label, marker.text);
+    for (const { label } of this.#elements.values()) {
+      label?.material.map?.dispose();
+      if (label) label.material.map = null;
+    }
     this.draw();
   }
 
@@ -82,7 +90,7 @@ export class Scene {
     for (const name of Object.keys((patch ?? document).frames ?? {})) this.#placeFrame(name, document.frames[name]);
     for (const id of Object.keys((patch ?? document).elements ?? {})) this.#showElement(id, document.elements[id]);
     for (const robot of Object.keys((patch ?? document).bodies ?? {})) this.#showBody(robot, document.bodies[robot] ?? []);
-    this.draw();
+    this.#drawSoon();
   }
 
   draw() {
@@ -99,7 +107,20 @@ export class Scene {
       }
       this.#placeLabels();
       this.renderer.render(this.scene, this.camera);
+      const begin = performance.now();
+      requestAnimationFrame(() => {
+        const took = performance.now() - begin;
+        this.#next = begin + (took > SLOW ? 4 * took : 0);
+      });
     });
+  }
+
+  // Draws a change of the cell. Where drawing is slow, this waits, for the other views follow 25 changes a second.
+  #drawSoon() {
+    this.#timer ??= setTimeout(() => {
+      this.#timer = null;
+      this.draw();
+    }, this.#next - performance.now());
   }
 
   // Hides labels that would cover others; those of small elements stay.
@@ -110,13 +131,15 @@ export class Scene {
     const high = (2 * LABEL_HEIGHT) / this.panel.clientHeight; // of the picture, which is 2 high
     const entries = [...this.#elements.values()].filter((entry) => entry.label);
     const extent = ({ group, marker }) => (group.userData.id === this.selection.id ? -1 : Math.max(...marker.size) || 1); // the size of a mesh is not known
-    for (const { label } of entries.sort((a, b) => extent(a) - extent(b))) {
+    for (const { label, marker } of entries.sort((a, b) => extent(a) - extent(b))) {
       const unit = high * Math.tan((this.camera.fov * Math.PI) / 360);
       label.scale.set(unit * label.userData.aspect, unit, 1);
       const { x, y, z } = new three.Vector3().setFromMatrixPosition(label.matrixWorld).project(this.camera);
       const half = (high * label.userData.aspect) / this.camera.aspect / 2;
       label.visible = z < 1 && !taken.some((other) => Math.abs(x - other.x) < half + other.half && Math.abs(y - other.y) < high);
-      if (label.visible) taken.push({ x, y, half });
+      if (!label.visible) continue;
+      taken.push({ x, y, half });
+      if (!label.material.map) paint(label, marker.text);
     }
   }
 
@@ -211,7 +234,7 @@ export class Scene {
       label.renderOrder = 1; // over transparent elements
       label.center.set(0.5, -0.1);
       label.position.z = marker.size[2] / 2;
-      paint(label, marker.text);
+      label.userData.aspect = widthOf(marker.text) / TEXT_HEIGHT;
       group.add(label);
     }
     return { group, body, label, marker };
@@ -327,15 +350,16 @@ async function readMesh(url) {
   throw new Error("the page shows meshes of the types stl, obj and dae");
 }
 
+const measure = document.createElement("canvas").getContext("2d");
+measure.font = FONT;
+const widthOf = (text) => Math.ceil(measure.measureText(text).width) + 24;
+
 // Draws the text of a label in the colour of the theme.
 function paint(sprite, text) {
-  const canvas = document.createElement("canvas");
+  const canvas = h("canvas", { width: widthOf(text), height: TEXT_HEIGHT });
   const context = canvas.getContext("2d");
-  const font = "500 40px system-ui, sans-serif";
-  context.font = font;
-  [canvas.width, canvas.height] = [Math.ceil(context.measureText(text).width) + 24, 60];
   const style = getComputedStyle(document.querySelector(".label-style"));
-  context.font = font;
+  context.font = FONT;
   context.fillStyle = style.backgroundColor;
   context.beginPath();
   context.roundRect(0, 2, canvas.width, 56, 14);
@@ -343,9 +367,7 @@ function paint(sprite, text) {
   context.fillStyle = style.color;
   context.textBaseline = "middle";
   context.fillText(text, 12, 31);
-  sprite.material.map?.dispose();
   sprite.material.map = new three.CanvasTexture(canvas);
   sprite.material.map.colorSpace = three.SRGBColorSpace;
   sprite.material.needsUpdate = true;
-  sprite.userData.aspect = canvas.width / canvas.height;
 }

@@ -151,9 +151,9 @@ export class TreeView {
     setText(row.symbol, style.symbol);
     row.symbol.title = style.word;
     setText(row.name, shape.names[index]);
-    const type = index && !isGroup ? localName(shape.types[index]) : "";
+    const type = index && !isGroup && !shape.types[index].startsWith(":") ? localName(shape.types[index]) : "";
     setText(row.type, plain(type) === plain(shape.names[index]) ? "" : type);
-    setText(row.processor, isGroup || shape.processors[index] === shape.names[index] ? "" : shape.processors[index]);
+    setText(row.processor, isGroup || shape.names[index].includes(shape.processors[index]) ? "" : shape.processors[index]);
     setText(row.time, began >= 0 ? duration((ended >= 0 ? ended : Math.max(this.run.elapsed, began)) - began) : "");
     setText(row.message, state === SUCCESS && !message ? "" : message);
   }

@@ -37,10 +37,12 @@ class GoalServer:
 
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
+    :param status_kept: how long the status lists a goal that has ended, at least (s).
     """
 
-    def __init__(self, name: str, spec: Any) -> None:
+    def __init__(self, name: str, spec: Any, status_kept: float = 0.0) -> None:
         self._name = name
+        self._status_kept = status_kept
         self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any] | None] = queue.SimpleQueue()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=name.strip("~/"), daemon=True)
@@ -81,6 +83,7 @@ class GoalServer:
         """Starts to accept goals."""
         self._thread.start()
         self._server.start()
+        self._server.status_list_timeout = max(self._server.status_list_timeout, rospy.Duration(self._status_kept))
         if not rospy.rostime.is_wallclock():
             self._server.status_timer.shutdown()
             threading.Thread(target=self._publish_status, name=f"{self._thread.name} status", daemon=True).start()

@@ -26,6 +26,8 @@ log = logging.getLogger(__name__)
 MAX_REPLANS = 5
 #: The default of `interrupt_priority`.
 INTERRUPT_PRIORITY = 100
+#: How long a client that was restarted can read how its goal has ended (s).
+_STATUS_KEPT = 60.0
 
 
 class AchieveAction(GoalServer):
@@ -41,7 +43,7 @@ class AchieveAction(GoalServer):
         self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS,
         interrupt_priority: int = INTERRUPT_PRIORITY,
     ) -> None:  # fmt: skip
-        super().__init__("~achieve", AchieveActionSpec)
+        super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT)
         self._executor = executor
         self._options = options
         self._max_replans = max_replans

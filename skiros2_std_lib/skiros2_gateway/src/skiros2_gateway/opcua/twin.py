@@ -20,8 +20,9 @@ from skiros2_gateway.core.service import Service
 log = logging.getLogger(__name__)
 
 NAMESPACE = "urn:skiros2:cell"
-#: After how many elements other tasks of the loop get their turn.
-_CHUNK = 20
+#: The pause after an object was added (s). Adding one with its variables takes about as long, and the loop does nothing
+#: else meanwhile: requests of others would wait until a whole scene is added.
+_PAUSE = 0.01
 
 
 class Twin:
@@ -71,12 +72,10 @@ class Twin:
         self._is_stale = False
         await self._show_cell(self._service.control.cell.state())
         known = {path for path in self._objects if path.startswith("World/")}
-        for i, element in enumerate(world["elements"]):
+        for element in world["elements"]:
             known.discard(f"World/{element['id']}")
             self._relations[f"World/{element['id']}"] = {f"{name} {end}" for name, end in element["relations"]}
             await self._show_element(element)
-            if i % _CHUNK == 0:
-                await asyncio.sleep(0)
         for path in known:
             await self._remove(path)
 
@@ -94,6 +93,7 @@ class Twin:
         relations = sorted(self._relations.get(path, ()))
         values = {key: value[0] if len(value) == 1 else value for key, value in element["properties"].items() if value}
         await self._show(path, node, {"Type": element["type"], **values, "Relations": relations})
+        await asyncio.sleep(0)  # other tasks of the loop get their turn
 
     async def _relate(self, added: list[list[str]], removed: list[list[str]]) -> None:
         for subject, name, end in removed:
@@ -107,6 +107,7 @@ class Twin:
         if path not in self._objects:
             await parent.add_object(self._id(path), f"{self._index}:{name}")
             self._objects[path] = {}
+            await asyncio.sleep(_PAUSE)
         return self._server.get_node(self._id(path))
 
     async def _show(self, path: str, node: Node, values: dict[str, Any]) -> None:

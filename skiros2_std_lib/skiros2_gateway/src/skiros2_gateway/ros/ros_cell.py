@@ -17,6 +17,7 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut, UnknownNa
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
+from skiros2_gateway.core.connection import connect
 from skiros2_gateway.core.edits import EditPreview, Edits, apply_edits, preview_edits
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.goal_check import goal_problems
@@ -42,8 +43,6 @@ T = TypeVar("T")
 
 #: How long calls of the platform's services may take (s).
 _TIMEOUT = 10.0
-#: The delay before the next attempt to connect to the world model (s).
-_RETRY = 1.0
 #: Calls at once.
 _THREADS = 16
 
@@ -78,21 +77,17 @@ class RosCell:
         self._threads.submit(self._connect)
 
     def _connect(self) -> None:
-        """Connects to the world model, which may start later, or end meanwhile. In a thread of its own."""
-        while not self._closed.is_set():
-            try:
-                wm = WorldModelInterface(rospy.get_name(), make_cache=True)
-                SceneWorkMasters(wm, self._masters, self._loop)
-            except rospy.ROSInterruptException:
-                return
-            except Exception as error:  # the gateway starts no job before it is connected, so it tries again
-                log.warning("no connection to the world model, the next attempt follows: %s", error)
-                self._closed.wait(_RETRY)
-                continue
+        """Connects to the world model. In a thread of its own: no job starts before."""
+        wm = connect(self._world_model_client, self._closed)
+        if wm is not None:
             wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
             self._wm = wm
             self._in_loop(self._listener.cell_changed)
-            return
+
+    def _world_model_client(self) -> WorldModelInterface:
+        wm = WorldModelInterface(rospy.get_name(), make_cache=True)
+        SceneWorkMasters(wm, self._masters, self._loop)
+        return wm
 
     def close(self) -> None:
         """Closes all connections. Goals continue."""

@@ -22,7 +22,7 @@ PAGE = INSTALL / "share/skiros2_gateway/page/index.html"
 pytestmark = [
     pytest.mark.timeout(300),
     pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium"),
-    pytest.mark.skipif(not PAGE.is_file(), reason="the page is not built: it needs node and npm at the set-up"),
+    pytest.mark.skipif(not PAGE.is_file(), reason="the page is not built: npm had no network at the set-up"),
 ]
 
 

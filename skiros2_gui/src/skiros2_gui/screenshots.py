@@ -10,7 +10,7 @@ import argparse
 import contextlib
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
 
 from python_qt_binding.QtCore import QSettings, Qt
@@ -51,7 +51,8 @@ def main(arguments: list[str]) -> int:
     try:
         with virtual_display(), PrivateSystem("screenshots", has_own_home=True) as system:
             system.init_node("skiros_gui")
-            save(folder, _screenshots(system))
+            with contextlib.closing(_screenshots(system)) as taken:  # the window ends before the display
+                save(folder, taken)
     except Terminated as signal:
         sys.stderr.write("screenshots: stopped; all processes it started have ended\n")
         return 128 + signal.number
@@ -86,7 +87,7 @@ def virtual_display() -> Iterator[None]:
         yield
 
 
-def _screenshots(ros: PrivateSystem) -> Iterator[tuple[str, QImage]]:
+def _screenshots(ros: PrivateSystem) -> Generator[tuple[str, QImage], None, None]:
     """Starts the demo and operates the window; yields names and screenshots."""
     application = QApplication(["skiros_gui"])
     settings = QSettings(str(Path.home() / "window.ini"), QSettings.IniFormat)  # of the temporary system

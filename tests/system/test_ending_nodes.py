@@ -6,6 +6,7 @@ import signal
 
 import pytest
 
+from support.programs import Program
 from support.ros import ROOT, Ros
 
 #: A node whose shutdown needs a lock that its main thread holds until it is told to end.
@@ -41,3 +42,10 @@ def test_shutdown_waits_for_a_lock_of_the_main_thread(ros: Ros, number: int) -> 
     assert node.wait() == 0
     assert node.output.splitlines()[-2:] == ["shut down", "main is over"]
     assert "/busy" not in ros.master.nodes()
+
+
+def test_messages_reach_a_pipe_at_once(ros: Ros) -> None:
+    env = {key: value for key, value in ros.master.env.items() if key != "PYTHONUNBUFFERED"}
+    node = Program(["rosrun", "skiros2_world_model", "ontology_server_node"], env)
+    ros.programs.append(node)  # it ends with the test
+    node.wait_for_line("ontologies are served")

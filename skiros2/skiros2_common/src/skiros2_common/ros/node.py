@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import logging
 import math
 import os
@@ -72,6 +73,8 @@ def run_node(name: str, main: Callable[[], None]) -> None:
     :param main: does the node's work and returns at shutdown, which a signal starts in another thread; see `spin`.
         If it raises `ConfigurationError`, the process ends with one line on stderr and status 78.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # a pipe, as of `roslaunch | tee`, gets each message at once
     if not rosgraph.is_master_online():
         _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
     with shutdown_in_thread():

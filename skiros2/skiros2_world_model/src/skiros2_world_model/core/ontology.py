@@ -18,7 +18,10 @@ from skiros2_world_model.core.prefixes import STANDARD, prefix_of
 NamedTriple = tuple[str, str, Any]
 
 #: Selects what a client needs of the ontologies: all triples except those with literals.
+#: It is answered from memory, without SPARQL.
 STRUCTURE_QUERY = "SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isLiteral(?o)) }"
+#: Answered with yes by a server that is there, similarly.
+ALIVE_QUERY = "ASK {}"
 
 _META = ("rdf:", "rdfs:", "owl:", "xsd:")
 _CLASS_TYPES = ("owl:Class", "rdfs:Class", "owl:class")
@@ -228,6 +231,14 @@ class Ontology:
     def types(self, name: str) -> list[str]:
         """The declared types of a name: `owl:Class`, or the classes of an individual."""
         return list(self._types.get(name, ()))
+
+    def declared(self, kind: str) -> list[str]:
+        """The names with a declared type, such as `owl:Class`."""
+        return [name for name, types in self._types.items() if kind in types and not name.startswith("_:")]
+
+    def with_range(self, datatype: str) -> list[str]:
+        """The properties with a declared range."""
+        return [name for name, ranges in self._ranges.items() if datatype in ranges]
 
     def instance_types(self, types: Iterable[str]) -> list[str]:
         """The domain classes among the declared types of an individual, most specific first."""

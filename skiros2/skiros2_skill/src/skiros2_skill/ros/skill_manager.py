@@ -33,6 +33,7 @@ from skiros2_skill.ros.messages import ProgressPublisher, explanations_json, par
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.safety import SafetyMonitor
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
+from skiros2_skill.ros.stop_service import ALL, PAUSE_TIMEOUT, StopService
 from skiros2_world_model.core.last_will import last_will_author
 
 log = logging.getLogger(__name__)
@@ -40,11 +41,8 @@ log = logging.getLogger(__name__)
 TICK_RATE = 25.0  # per second
 PREEMPT_TIMEOUT = 10.0  # s
 
-#: How long `tick_once` and `pause` wait for the tick in progress (s); limited because a hook may send the command.
-TICK_TIMEOUT, PAUSE_TIMEOUT = 5.0, 0.5
-
-#: The task id in a command for all tasks, or for a new one.
-ALL = -1
+#: How long `tick_once` waits for the tick in progress (s); limited because a hook may send the command.
+TICK_TIMEOUT = 5.0
 
 
 class SkillManager(DiscoverableNode):
@@ -118,6 +116,8 @@ class SkillManager(DiscoverableNode):
         self._starter = TaskStarter(self._library, self._wmi, tasks, self._history, lambda: self._registration.robot)
         self._execute = ExecuteAction(self._starter, tasks)
         self._safety = SafetyMonitor(self._safety_settings, tasks)
+        self._stops = StopService(tasks, self._catch_up)
+        self._stops.start()
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
@@ -143,6 +143,7 @@ class SkillManager(DiscoverableNode):
         self.stop_discovery()
         for service in self._services:
             service.shutdown()
+        self._stops.close()
         self._safety.close()
         self._scheduler.stop()
         self._signals.close()

@@ -198,6 +198,12 @@ class Scheduler:
         with self._lock:
             return [s.task for s in self._scheduled.values() if not s.task.ended.is_set()]
 
+    def paused(self) -> list[int]:
+        """The ids of the tasks that have started and are paused."""
+        with self._lock:
+            started = [s.task for s in self._scheduled.values() if s.started and not s.task.ended.is_set()]
+            return [task.id for task in started if task.paused and task.preempted_at is None]
+
     def stop(self, timeout: float = 2.0) -> None:
         """Preempts all tasks, ticks until they have ended, and ends the threads. No `on_preempt` runs.
 

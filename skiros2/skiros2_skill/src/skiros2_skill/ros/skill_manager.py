@@ -116,11 +116,10 @@ class SkillManager(DiscoverableNode):
         self._starter = TaskStarter(self._library, self._wmi, tasks, self._history, lambda: self._registration.robot)
         self._execute = ExecuteAction(self._starter, tasks)
         self._safety = SafetyMonitor(self._safety_settings, tasks)
-        self._stops = StopService(tasks, self._catch_up)
-        self._stops.start()
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
+            StopService(tasks, self._catch_up).offer(),
             rospy.Service("~reload", srvs.SkillReload, self._on_reload),
             rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
@@ -143,7 +142,6 @@ class SkillManager(DiscoverableNode):
         self.stop_discovery()
         for service in self._services:
             service.shutdown()
-        self._stops.close()
         self._safety.close()
         self._scheduler.stop()
         self._signals.close()

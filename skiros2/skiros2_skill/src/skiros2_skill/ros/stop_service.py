@@ -25,7 +25,7 @@ _ACTIONS = (srvs.SkillStopRequest.PREEMPT, srvs.SkillStopRequest.PAUSE, srvs.Ski
 
 
 class StopService:
-    """Offers the service; `close` ends it.
+    """Carries out the requests.
 
     :param catch_up: updates the world model before tasks are resumed; may block.
     :param clock: returns the time (s) of deadlines.
@@ -37,13 +37,10 @@ class StopService:
         self._scheduler = scheduler
         self._catch_up = catch_up
         self._clock = clock
-        self._service: Any = None
 
-    def start(self) -> None:
-        self._service = rospy.Service("~stop", srvs.SkillStop, self.handle)
-
-    def close(self) -> None:
-        self._service.shutdown()
+    def offer(self) -> Any:
+        """Offers the service, which is returned."""
+        return rospy.Service("~stop", srvs.SkillStop, self.handle)
 
     def handle(self, request: Any) -> Any:
         """Carries out a request."""

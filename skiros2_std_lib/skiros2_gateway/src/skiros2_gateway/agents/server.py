@@ -20,6 +20,7 @@ from starlette.types import Receive, Scope, Send
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_gateway.agents.tools import Tools
 from skiros2_gateway.core.approvals import Approvals
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.http.app import CallerArg, ServiceArg
@@ -100,7 +101,7 @@ class AgentServer:
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             data, is_error = {"code": error.code, "detail": str(error), "problems": problems}, True
-        text = json.dumps(data, default=str)
+        text = json_text(data)
         content = [types.TextContent(type="text", text=text)]
         return types.CallToolResult(content=content, structured_content=json.loads(text), is_error=is_error)
 

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated, problems_of
+from skiros2_gateway.core.refusals import Refusals
 
 log = logging.getLogger(__name__)
 
@@ -145,9 +146,11 @@ class RateLimit:
 
 
 class AuditLog(Protocol):
-    """Where audited requests are written to."""
+    """Where audited requests are written to, and read from."""
 
     def audit(self, entry: Mapping[str, Any]) -> None: ...
+
+    def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]: ...
 
 
 class Access:
@@ -163,6 +166,7 @@ class Access:
         self._audit = audit
         self._rate, self._burst = rate, burst
         self._limits: dict[tuple[str, str], RateLimit] = {}
+        self._refusals = Refusals(self._write)
 
     def authenticate(self, token: str, way: str, address: str = "") -> Caller:
         """Returns the caller with a token.
@@ -181,10 +185,8 @@ class Access:
 
     def _admit(self, user: User | None, way: str, address: str, reason: str) -> Caller:
         if user is None:
-            try:
-                self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST).take()
-            finally:
-                log.debug("%s: request from %s: %s", way, address, reason)
+            self._refusals.add(_entry("", way, "log in", address, reason))
+            self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST).take()
             raise Unauthenticated(reason)
         return Caller(user.name, user.level, way)
 
@@ -201,14 +203,26 @@ class Access:
         :raises Denied: the caller lacks the role. The denial is in the audit log.
         """
         if caller.role < role:
-            self.record(caller, action, thing, f"denied: needs the role {role.name.lower()}")
+            outcome = f"denied: needs the role {role.name.lower()}"
+            self._refusals.add(_entry(caller.user, caller.way, action, thing, outcome))
             raise Denied(f"{action} needs the role {role.name.lower()}, {caller.user} has {caller.role.name.lower()}")
 
     def record(self, caller: Caller, action: str, thing: str, outcome: str) -> None:
         """Writes an entry of the audit log."""
-        entry = {"user": caller.user, "way": caller.way, "action": action, "object": thing[:200], "outcome": outcome}
+        self._write(_entry(caller.user, caller.way, action, thing, outcome))
+
+    def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]:
+        """Returns entries of the audit log with a higher number, the oldest first."""
+        self._refusals.write_ended(also_open=True)
+        return self._audit.audit_log(since, limit)
+
+    def close(self) -> None:
+        """Writes what is only counted so far."""
+        self._refusals.write_ended(also_open=True)
+
+    def _write(self, entry: Mapping[str, Any]) -> None:
         try:
-            self._audit.audit({"time": time.time(), **entry})
+            self._audit.audit(entry)
         except StoreFailed as error:  # what was done is done: it is in the node's log instead
             log.error("not in the audit log: %s: %s", entry, error)
 
@@ -219,6 +233,11 @@ class Access:
                 self._limits = {k: each for k, each in self._limits.items() if each.refill() < 1.0}
             limit = self._limits[key] = RateLimit(rate, burst)
         return limit
+
+
+def _entry(user: str, way: str, action: str, thing: str, outcome: str) -> dict[str, Any]:
+    fields = {"user": user, "way": way, "action": action, "object": thing[:200], "outcome": outcome}
+    return {"time": time.time(), **fields}
 
 
 def _sha256(token: str) -> str:

@@ -21,10 +21,13 @@ needs_broker = pytest.mark.skipif(
 
 
 @contextmanager
-def broker() -> Iterator[int]:
-    """Runs a broker on this machine; yields its port once it listens."""
+def broker(access: str = "allow_anonymous true\n") -> Iterator[int]:
+    """Runs a broker on this machine; yields its port once it listens.
+
+    :param access: lines of its configuration.
+    """
     with tempfile.NamedTemporaryFile("w", suffix=".conf") as file:
-        file.write("set_tcp_nodelay true\nallow_anonymous true\n")
+        file.write(f"set_tcp_nodelay true\n{access}")
         file.flush()
         yield from _run(file.name)
 

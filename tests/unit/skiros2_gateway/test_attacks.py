@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from skiros2_common.core.world_element import Element
 from skiros2_gateway.core.events import EventStream
-from skiros2_gateway.core.job import read_order
+from skiros2_gateway.core.job import Job, Order, read_order
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.settings import Settings
@@ -95,6 +95,14 @@ def test_strange_number_of_an_event_means_a_reset(number: str) -> None:
     events = EventStream()
     events.publish("job", {})
     assert [event.kind for event in events._missed(f"{events.name}-{number}")] == ["reset"]
+
+
+@pytest.mark.parametrize("value", [10**40, math.nan])
+def test_job_that_an_earlier_version_has_stored_is_read(value: float) -> None:
+    job = Job(Order(id="a", goal="g"), "g", 1, 0.0, 0.0)
+    data = job.to_dict()
+    data["order"]["parameters"]["P"] = value
+    assert str(Job.from_dict(data).order.parameters["P"]) == str(value)
 
 
 # -- sizes -------------------------------------------------------------------------------------------------------------

@@ -178,6 +178,14 @@ class Access:
         user = self._by_token.get(_sha256(token))
         return self._admit(user, way, address, "the token is missing or unknown")
 
+    def authenticate_signature(self, name: str, is_right: Callable[[str], bool], way: str, address: str = "") -> Caller:
+        """Returns the caller with a name, whose signature is right; raises like `authenticate`.
+
+        :param is_right: whether a signature was made with a key: the SHA-256 of the token, as hexadecimal digits.
+        """
+        users = [user for key, user in self._by_token.items() if user.name == name and is_right(key)]
+        return self._admit(users[0] if users else None, way, address, "the user or the signature is wrong")
+
     def authenticate_certificate(self, der: bytes, way: str, address: str = "") -> Caller:
         """Returns the caller with a certificate (DER); raises like `authenticate`."""
         user = self._by_certificate.get(hashlib.sha256(der).hexdigest())

@@ -8,15 +8,28 @@ from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    ValidationInfo,
+)
 
 from skiros2_common.core.errors import Refused
 from skiros2_gateway.core.problems import Rejected, problems_of
 
+#: The context in which orders of a store are read: earlier versions have stored any number.
+_STORED = {"is_stored": True}
 
-def _carried(value: bool | int | float | str) -> bool | int | float | str:
+
+def _carried(value: bool | int | float | str, info: ValidationInfo) -> bool | int | float | str:
     """Returns a value that every interface can carry."""
-    is_right = -(2**63) <= value < 2**63 if isinstance(value, int) else isinstance(value, str) or math.isfinite(value)
+    is_right = info.context is _STORED
+    is_right |= -(2**63) <= value < 2**63 if isinstance(value, int) else isinstance(value, str) or math.isfinite(value)
     if not is_right:
         raise ValueError(f"{str(value)[:50]} is no finite number or no integer of 64 bits")
     return value
@@ -303,7 +316,7 @@ class Job:
     def from_dict(cls, data: dict[str, Any]) -> Job:
         """Reverses `to_dict`."""
         return cls(
-            order=Order.model_validate(data["order"]),
+            order=Order.model_validate(data["order"], context=_STORED),
             goal=data["goal"],
             sequence=data["sequence"],
             created=data["created"],

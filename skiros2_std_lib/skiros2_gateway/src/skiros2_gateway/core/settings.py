@@ -20,6 +20,7 @@ class Settings(BaseModel):
     :param host: address to bind to. Others than that of this machine need `certificate` and `key`.
     :param http_port, opcua_port: 0: a free port; -1: off.
     :param mqtt: HOST or HOST:PORT of a broker; "": off. One on another machine needs `mqtt_ca`: TLS.
+    :param mqtt_tokens: whether commands may have a token instead of a signature; all who may read the topics read it.
     :param bags: folder of recorded runs to look at in the page; "": none.
     :param agents: the Model Context Protocol at `/mcp`: off; a person approves what agents start (ask), or this setting
         does (approved).
@@ -42,7 +43,8 @@ class Settings(BaseModel):
     mqtt_user: str = ""
     mqtt_password_file: str = ""
     mqtt_ca: str = ""
-    mqtt_prefix: str = "skiros2"
+    mqtt_prefix: str = Field("skiros2", pattern=r"^[^#+\x00]*$")
+    mqtt_tokens: bool = False
     certificate: str = ""
     key: str = ""
     bags: str = ""

@@ -98,10 +98,11 @@ class WorkMaster(BaseModel):
         names = [parameter.id for parameter in self.parameters]
         if len(set(names)) < len(names):
             raise ValueError("two parameters have the same id")
-        fields = [(name, *more) for _, name, *more in string.Formatter().parse(self.goal) if name is not None]
-        if formats := [f"{{{name}}}" for name, spec, conversion in fields if spec or conversion]:
-            raise ValueError(f"the goal formats values, expected only {' '.join(formats)}")
-        used = {name for name, _, _ in fields}
+        used = set()
+        for _, name, spec, conversion in string.Formatter().parse(self.goal):
+            if spec or conversion:
+                raise ValueError(f"the goal formats {name}, expected only {{{name}}}")
+            used |= {name} if name is not None else set()
         if unknown := used - set(names):
             raise ValueError(f"the goal uses {sorted(unknown)}, expected the parameters {sorted(names)}")
         for parameter in self.parameters:

@@ -26,19 +26,15 @@ def broker(access: str = "allow_anonymous true\n") -> Iterator[int]:
 
     :param access: lines of its configuration.
     """
-    with tempfile.NamedTemporaryFile("w", suffix=".conf") as file:
-        file.write(f"set_tcp_nodelay true\n{access}")
-        file.flush()
-        yield from _run(file.name)
-
-
-def _run(configuration: str) -> Iterator[int]:
     while True:
         port = free_port()
-        command = ["mosquitto", "-c", configuration, "-p", str(port)]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while process.poll() is None and not _listens(port):
-            time.sleep(0.02)
+        with tempfile.NamedTemporaryFile("w", suffix=".conf") as file:
+            file.write(f"set_tcp_nodelay true\nlistener {port} 127.0.0.1\n{access}")
+            file.flush()
+            command = ["mosquitto", "-c", file.name]
+            process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            while process.poll() is None and not _listens(port):
+                time.sleep(0.02)
         if process.poll() is None:
             break  # else somebody else has taken the port meanwhile
     try:

@@ -42,7 +42,9 @@ def test_exported_modules_are_imported_and_broken_ones_logged(
     assert "broken_plugin" in caplog.text
 
 
-@pytest.mark.parametrize("broken", [b"<package", b"\xff\xfe\x00", b"", b"<package/>", b"<package><name>p</name></package>"])
+@pytest.mark.parametrize(
+    "broken", [b"<package", b"\xff\xfe\x00", b"", b"<package/>", b"<package><name>p</name></package>"]
+)
 def test_package_xml_that_cannot_be_read_is_reported_once_and_skipped(
     broken: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -25,7 +25,7 @@ from skiros2_demo.run_check import ACHIEVE, WorldState
 from skiros2_demo.simulation import Simulation
 from skiros2_factory_demo.mes import Answer, Channel, MqttChannel, OpcuaChannel, Order, RestChannel
 from skiros2_factory_demo.page_picture import take_picture
-from skiros2_gateway.core.access import read_users
+from skiros2_gateway.core.users import read_users
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface

@@ -7,7 +7,7 @@ content; an error has `code`, `detail` and `problems`, as of REST.
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -19,10 +19,12 @@ from starlette.types import Receive, Scope, Send
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_gateway.agents.tools import Tools
+from skiros2_gateway.core.access import Role
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.service import Service
-from skiros2_gateway.http.app import CallerArg, ServiceArg
+from skiros2_gateway.http.app import CallerArg, ServiceArg, agent_of
+from skiros2_gateway.http.origin import check_origin
 
 _INSTRUCTIONS = (
     "Robots with skills. Read the skills and the world first; plan and preview a goal before you execute it. execute "
@@ -34,9 +36,13 @@ class AgentServer:
     """The server. To be used in the gateway's loop, within `running`.
 
     :param max_body: the largest request (bytes).
+    :param hosts: names of this machine by which agents reach it, beside its host name.
     """
 
-    def __init__(self, service: Service, approvals: Approvals, max_body: int = 256 * 1024) -> None:
+    def __init__(
+        self, service: Service, approvals: Approvals, max_body: int = 256 * 1024, hosts: Collection[str] = ()
+    ) -> None:
+        self._hosts = hosts
         self._tools = Tools(service, approvals)
         self._approvals = approvals
         server: Server[Any] = Server(
@@ -61,8 +67,9 @@ class AgentServer:
         router = APIRouter()
 
         @router.api_route("/mcp", methods=["GET", "POST", "DELETE"], include_in_schema=False)
-        async def endpoint(request: Request, caller: CallerArg) -> Response:
-            request.state.caller = caller
+        async def endpoint(request: Request) -> Response:
+            check_origin(request, self._hosts)
+            request.state.caller = agent_of(request)
             return _Handled(self._manager)
 
         @router.get("/api/approvals")
@@ -76,7 +83,7 @@ class AgentServer:
             """Approves or rejects what an agent asks for: answers approve and reject. Not by the agent's own user."""
             if answer not in ("approve", "reject"):
                 raise UnknownName(f"there is no answer {answer!r}; there are: approve, reject")
-            with service.audited(caller, answer, str(number)):
+            with service.audited(caller, answer, str(number), Role.APPROVE):
                 return self._approvals.answer(caller, number, answer == "approve").to_dict()
 
         return router

@@ -1,38 +1,30 @@
-"""Who may do what: users with tokens or certificates, roles, rate limits, and the audit log."""
+"""Who may do what: checks credentials, roles and rates, and writes the audit log."""
 
 from __future__ import annotations
 
 import hashlib
 import logging
-import os
-import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
-from pathlib import Path
 from typing import Any, Protocol
 
-import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated
+from skiros2_gateway.core.users import Role, User, sha256
 
-from skiros2_common.core.errors import ConfigurationError
-from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated, problems_of
+__all__ = ["AGENTS", "Access", "AuditLog", "Caller", "RateLimit", "Role", "User"]
 
 log = logging.getLogger(__name__)
 
+#: The `way` of callers of agents' tools.
+AGENTS = "mcp"
+
 #: Failed logins that an address may make per second, and in a burst.
 _FAILURES_RATE, _FAILURES_BURST = 1.0, 20
+#: The kinds of credentials.
+_TOKEN, _CERTIFICATE = "token ", "certificate "
 #: How many rate limits are kept.
 _MAX_LIMITS = 10_000
-
-
-class Role(IntEnum):
-    """What a user may do; each role includes the lower ones."""
-
-    VIEW = 1
-    OPERATE = 2
-    MAINTAIN = 3
 
 
 @dataclass(frozen=True)
@@ -40,79 +32,22 @@ class Caller:
     """A user of one connection.
 
     :param way: `rest`, `opcua`, `mqtt`, `mcp` or `browser`.
+    :param person: whether a person, and no program, has the credentials.
+    :param credential: identifies them.
+    :param session: the id of the page's session; "" without one.
     """
 
     user: str
     role: Role
     way: str
-
-
-class User(BaseModel):
-    """A user in the file of users.
-
-    :param token: the secret itself; the file must be readable by its owner only.
-    :param sha256: the token's SHA-256 as hexadecimal digits, instead of the token.
-    :param certificate: the SHA-256 of an OPC UA client's certificate (DER), as hexadecimal digits.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    name: str
-    role: str
-    token: str = ""
-    sha256: str = ""
-    certificate: str = ""
-
-    @model_validator(mode="after")
-    def _check(self) -> User:
-        if self.role.upper() not in Role.__members__:
-            raise ValueError(f"role {self.role!r} is unknown, expected view, operate or maintain")
-        if self.token and len(self.token) < 16:
-            raise ValueError("the token is too short, expected at least 16 characters")
-        if not (self.token or self.sha256 or self.certificate):
-            raise ValueError("expected a token, its sha256, or a certificate")
-        return self
+    person: bool = False
+    credential: str = ""
+    session: str = ""
 
     @property
     def level(self) -> Role:
-        return Role[self.role.upper()]
-
-
-class _Users(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-    users: list[User]
-
-
-def read_users(path: Path) -> list[User]:
-    """Reads the file of users; makes it, with a random token for each role, if it does not exist.
-
-    :raises ConfigurationError: the file has mistakes, or others may read it.
-    """
-    if not path.exists():
-        _make_users(path)
-    if path.stat().st_mode & 0o077:
-        raise ConfigurationError(f"{path} has tokens and may be read by others; expected: chmod 600 {path}")
-    try:
-        users = _Users.model_validate(yaml.safe_load(path.read_text())).users
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    except ValidationError as error:
-        raise ConfigurationError(f"{path}: " + "; ".join(str(problem) for problem in problems_of(error))) from error
-    names = [user.name for user in users]
-    if len(set(names)) < len(names):
-        raise ConfigurationError(f"{path}: two users have the same name")
-    return users
-
-
-def _make_users(path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    users = [
-        {"name": name, "role": name, "token": secrets.token_urlsafe(24)} for name in ("view", "operate", "maintain")
-    ]
-    text = "# Users of the gateway. Roles: view, operate (jobs, goals, pause, stop), maintain (also the audit log).\n"
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(text + yaml.safe_dump({"users": users}, sort_keys=False))
-    log.warning("made %s with a random token for each role", path)
+        """The role by which requests are checked. An agent, which only its tools admit, is an operator there."""
+        return Role.OPERATE if self.role is Role.AGENT and self.way == AGENTS else self.role
 
 
 class RateLimit:
@@ -156,13 +91,17 @@ class Access:
     :param rate, burst: limit of requests per second and user.
     """
 
-    def __init__(self, users: list[User], audit: AuditLog, rate: float = 100.0, burst: float = 300.0) -> None:
-        with_token = [user for user in users if user.token or user.sha256]
-        self._by_token = {user.sha256.lower() or _sha256(user.token): user for user in with_token}
-        self._by_certificate = {user.certificate.lower(): user for user in users if user.certificate}
+    def __init__(self, users: Sequence[User], audit: AuditLog, rate: float = 100.0, burst: float = 300.0) -> None:
+        self._by_credential: dict[str, User] = {}
         self._audit = audit
         self._rate, self._burst = rate, burst
         self._limits: dict[tuple[str, str], RateLimit] = {}
+        self.set_users(users)
+
+    def set_users(self, users: Sequence[User]) -> None:
+        """Replaces the users. Callers whose credentials are gone are refused from now on; see `renew`."""
+        self._by_credential = {_TOKEN + user.digest: user for user in users if user.digest}
+        self._by_credential |= {_CERTIFICATE + user.certificate.lower(): user for user in users if user.certificate}
 
     def authenticate(self, token: str, way: str, address: str = "") -> Caller:
         """Returns the caller with a token.
@@ -170,23 +109,45 @@ class Access:
         :param address: of the client.
         :raises Unauthenticated: the token is unknown.
         :raises TooMany: the token is unknown, and the address has sent too many of these.
+        :raises Denied: an agent's token is valid for agents' tools only, and a person's is not valid there.
         """
-        user = self._by_token.get(_sha256(token))
-        return self._admit(user, way, address, "the token is missing or unknown")
+        return self._admit(_TOKEN + sha256(token), way, address, "the token is missing or unknown")
 
     def authenticate_certificate(self, der: bytes, way: str, address: str = "") -> Caller:
         """Returns the caller with a certificate (DER); raises like `authenticate`."""
-        user = self._by_certificate.get(hashlib.sha256(der).hexdigest())
-        return self._admit(user, way, address, "the certificate is unknown")
+        return self._admit(_CERTIFICATE + hashlib.sha256(der).hexdigest(), way, address, "the certificate is unknown")
 
-    def _admit(self, user: User | None, way: str, address: str, reason: str) -> Caller:
+    def renew(self, caller: Caller) -> Caller:
+        """Returns an earlier caller with the present role.
+
+        :raises Unauthenticated: the credentials are not valid any more.
+        """
+        user = self._by_credential.get(caller.credential)
+        if user is None or user.name != caller.user:
+            raise Unauthenticated(f"the credentials of {caller.user} are not valid any more")
+        return self._caller(user, caller.way, caller.credential)
+
+    def _admit(self, credential: str, way: str, address: str, reason: str) -> Caller:
+        user = self._by_credential.get(credential)
         if user is None:
             try:
                 self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST).take()
             finally:
                 log.debug("%s: request from %s: %s", way, address, reason)
             raise Unauthenticated(reason)
-        return Caller(user.name, user.level, way)
+        return self._caller(user, way, credential)
+
+    def _caller(self, user: User, way: str, credential: str) -> Caller:
+        caller = Caller(user.name, user.level, way, user.person, credential)
+        reason = ""
+        if user.level is Role.AGENT and way != AGENTS:
+            reason = f"{user.name} is an agent; its role is valid for agents' tools only"
+        elif user.person and way == AGENTS:
+            reason = f"{user.name} is a person; an agent needs a user of its own with the role agent"
+        if reason:
+            self.record(caller, "log in", "", f"denied: {reason}")
+            raise Denied(reason)
+        return caller
 
     def count(self, caller: Caller) -> None:
         """Counts a request of a user.
@@ -200,7 +161,7 @@ class Access:
 
         :raises Denied: the caller lacks the role. The denial is in the audit log.
         """
-        if caller.role < role:
+        if caller.level < role:
             self.record(caller, action, thing, f"denied: needs the role {role.name.lower()}")
             raise Denied(f"{action} needs the role {role.name.lower()}, {caller.user} has {caller.role.name.lower()}")
 
@@ -220,6 +181,3 @@ class Access:
             limit = self._limits[key] = RateLimit(rate, burst)
         return limit
 
-
-def _sha256(token: str) -> str:
-    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()

@@ -77,11 +77,13 @@ class Approvals:
         """Approves or rejects a request. Check the role before.
 
         :raises UnknownName: no request with this number is open.
-        :raises Denied: the caller is the one who asks.
+        :raises Denied: the caller is no person, or the one who asks.
         """
         if number not in self._open:
             raise UnknownName(f"approval {number} is not open; open: {', '.join(map(str, self._open)) or 'none'}")
         approval, answer = self._open[number]
+        if not caller.person:
+            raise Denied(f"{caller.user} is not marked as a person; only persons answer")
         if caller.user == approval.user:
             raise Denied(f"{caller.user} has made the request; another user has to answer it")
         if not answer.done():

@@ -16,6 +16,7 @@ class Settings(BaseModel):
     """The settings, as private parameters of the node.
 
     :param host: address to bind to. Others than that of this machine need `certificate` and `key`.
+    :param hosts: further names of this machine by which agents reach `/mcp`, separated by commas.
     :param http_port, opcua_port: 0: a free port; -1: off.
     :param mqtt: HOST or HOST:PORT of a broker; "": off.
     :param bags: folder of recorded runs to look at in the page; "": none.
@@ -33,6 +34,7 @@ class Settings(BaseModel):
     users: str = ""
     work_masters: str = ""
     host: str = "127.0.0.1"
+    hosts: str = ""
     http_port: int = Field(8765, ge=-1, le=65535)
     opcua_port: int = Field(-1, ge=-1, le=65535)
     mqtt: str = ""

@@ -31,6 +31,9 @@ CREATE INDEX IF NOT EXISTS events_of_job ON job_events (job, number);
 CREATE TABLE IF NOT EXISTS audit (
     number INTEGER PRIMARY KEY AUTOINCREMENT, time REAL NOT NULL, user TEXT NOT NULL, way TEXT NOT NULL,
     action TEXT NOT NULL, object TEXT NOT NULL, outcome TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS sessions (
+    id TEXT PRIMARY KEY, digest TEXT NOT NULL, user TEXT NOT NULL, credential TEXT NOT NULL, address TEXT NOT NULL,
+    created REAL NOT NULL);
 """
 
 
@@ -150,6 +153,24 @@ class JobStore:
             limit,
         )
         keys = ("number", "time", "user", "way", "action", "object", "outcome")
+        return [dict(zip(keys, row, strict=True)) for row in rows]
+
+    # -- sessions of the page ----------------------------------------------------------------------------------
+
+    def put_session(self, entry: Mapping[str, Any]) -> None:
+        """Writes a session with the keys `id`, `digest`, `user`, `credential`, `address` and `created`."""
+        with self._transaction() as db:
+            db.execute("INSERT INTO sessions VALUES (:id, :digest, :user, :credential, :address, :created)", entry)
+
+    def delete_session(self, session_id: str) -> None:
+        """Removes a session."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM sessions WHERE id = ?", (session_id,))
+
+    def sessions(self) -> list[dict[str, Any]]:
+        """Returns the sessions as of `put_session`, the oldest first."""
+        keys = ("id", "digest", "user", "credential", "address", "created")
+        rows = self._read(f"SELECT {', '.join(keys)} FROM sessions ORDER BY created")
         return [dict(zip(keys, row, strict=True)) for row in rows]
 
     # -- internals ---------------------------------------------------------------------------------------------

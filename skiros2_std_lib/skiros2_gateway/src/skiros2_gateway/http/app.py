@@ -1,8 +1,9 @@
 """The HTTP interface (OpenAPI at `/openapi.json`, JSON everywhere).
 
-Authentication: `Authorization: Bearer TOKEN`, or the cookie that `POST /api/session` sets for a page. Roles: view
-reads, operate commands, maintain also reads the audit log. A command with the cookie needs the header `X-Gateway: 1`,
-which a page of another origin cannot send.
+Authentication: `Authorization: Bearer TOKEN`, or the cookie of a page's session, which `POST /api/session` starts.
+Roles: view reads, operate commands, approve also answers what agents ask for, maintain also reads the audit log; tokens
+of agents are refused. A command with the cookie needs the header `X-Gateway: 1`, which a page of another origin cannot
+send.
 
 Errors are problem details (RFC 9457, `application/problem+json`): `title`, `status`, `code`, `detail`, and for requests
 with wrong fields `problems`, a list of {code, where, message, expected, nearest}. A request with an error has changed
@@ -38,10 +39,11 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
-from skiros2_gateway.core.access import Caller, Role
+from skiros2_gateway.core.access import AGENTS, Caller, Role
 from skiros2_gateway.core.job import Method, Order
 from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, field_problems
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
+from skiros2_gateway.core.sessions import MAX_AGE
 
 log = logging.getLogger(__name__)
 
@@ -161,16 +163,28 @@ def caller_of(request: Request) -> Caller:
     :raises Unauthenticated: it has no valid credentials.
     :raises TooMany: too many failures of this address.
     """
-    address = request.client.host if request.client else ""
-    kind, _, token = request.headers.get("authorization", "").partition(" ")
-    access = service_of(request).access
-    if kind.lower() == "bearer":
-        return access.authenticate(token.strip(), "rest", address)
+    access, address, token = service_of(request).access, _address_of(request), _token_of(request)
+    if token:
+        return access.authenticate(token, "rest", address)
     if COOKIE in request.cookies:
         if request.method not in ("GET", "HEAD") and request.headers.get("x-gateway") != "1":
             raise Unauthenticated("a command with the cookie needs the header X-Gateway: 1")
-        return access.authenticate(request.cookies[COOKIE], "browser", address)
+        return service_of(request).sessions.caller(request.cookies[COOKIE])
     return access.authenticate("", "rest", address)
+
+
+def agent_of(request: Request) -> Caller:
+    """Returns the authenticated caller of agents' tools; raises like `caller_of`. A page's cookie is not valid here."""
+    return service_of(request).access.authenticate(_token_of(request), AGENTS, _address_of(request))
+
+
+def _address_of(request: Request) -> str:
+    return request.client.host if request.client else ""
+
+
+def _token_of(request: Request) -> str:
+    kind, _, token = request.headers.get("authorization", "").partition(" ")
+    return token.strip() if kind.lower() == "bearer" else ""
 
 
 #: The authenticated caller as the argument of a route.
@@ -223,18 +237,37 @@ class _Session(BaseModel):
 
 @_router.post("/session")
 async def login(request: Request, response: Response, body: _Session, service: ServiceArg) -> dict[str, str]:
-    """Sets the cookie of a page for a token."""
-    address = request.client.host if request.client else ""
-    caller = service.access.authenticate(body.token, "browser", address)
+    """Starts a session of the page for a token, and sets its cookie."""
+    secret, caller = service.sessions.start(body.token, _address_of(request))
     is_secure = request.url.scheme == "https"
-    response.set_cookie(COOKIE, body.token, httponly=True, samesite="strict", secure=is_secure, path="/")
+    response.set_cookie(
+        COOKIE, secret, max_age=int(MAX_AGE), httponly=True, samesite="strict", secure=is_secure, path="/"
+    )
     return {"user": caller.user, "role": caller.role.name.lower()}
 
 
 @_router.delete("/session")
-async def logout(response: Response) -> dict[str, str]:
-    """Removes the cookie of a page."""
+async def logout(caller: CallerArg, response: Response, service: ServiceArg) -> dict[str, str]:
+    """Ends the page's session, and removes its cookie."""
+    if caller.session:
+        service.sessions.end(caller, caller.session)
     response.delete_cookie(COOKIE, path="/")
+    return {}
+
+
+@_router.get("/sessions")
+async def sessions(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
+    """The page's sessions that the caller may end: {sessions: [{id, user, address, created, is_own}]}."""
+    service.view(caller)
+    return {"sessions": service.sessions.open(caller)}
+
+
+@_router.delete("/sessions/{session_id}")
+async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -> dict[str, str]:
+    """Ends a session of the page: an own one, or with the role maintain any."""
+    service.view(caller)
+    service.sessions.end(caller, session_id)
+    service.access.record(caller, "end session", session_id, "done")
     return {}
 
 
@@ -256,6 +289,8 @@ async def events(
     async def lines() -> AsyncIterator[str]:
         yield "retry: 1000\n\n"
         async for event in stream:
+            if not service.is_admitted(caller):
+                return
             yield f"id: {event.id}\nevent: {event.kind}\ndata: {event.json}\n\n"
 
     return StreamingResponse(lines(), media_type="text/event-stream")

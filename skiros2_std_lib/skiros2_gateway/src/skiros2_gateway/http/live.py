@@ -1,7 +1,7 @@
 """The routes of the live view, and of the page.
 
-- `GET /api/live`: {event, time, document, styles, role, user}: the document of `skiros2_gateway.core.live`, the id of
-  the last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
+- `GET /api/live`: {event, time, document, styles, role, user, person}: the document of `skiros2_gateway.core.live`, the
+  id of the last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
 - `GET /api/live/patches?after=ID`: server-sent events `patch` after that id (also from the header `Last-Event-ID`);
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
   are missing, so read the document again.
@@ -54,7 +54,8 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
     async def document(caller: CallerArg, service: ServiceArg) -> Response:
         """The document, and the id of the last patch."""
         service.view(caller)
-        found = {**view.snapshot(), "styles": _styles(), "role": caller.role.name.lower(), "user": caller.user}
+        user = {"role": caller.role.name.lower(), "user": caller.user, "person": caller.person}
+        found = {**view.snapshot(), "styles": _styles(), **user}
         return _json(found)
 
     @router.get("/patches")
@@ -66,6 +67,8 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         async def lines() -> AsyncIterator[bytes]:
             yield b"retry: 500\n\n"
             async for event in stream:
+                if not service.is_admitted(caller):
+                    return
                 yield event.message
 
         return StreamingResponse(lines(), media_type="text/event-stream")

@@ -67,16 +67,29 @@ class _Users:
                 return _SessionUser(caller) if caller.user == username else None
             if certificate is not None:
                 return _SessionUser(self._access.authenticate_certificate(certificate, "opcua", "opcua"))
-        except (Unauthenticated, TooMany) as error:
+        except (Unauthenticated, Denied, TooMany) as error:
             log.info("session of %s refused: %s", username or "a certificate", error)
         return None
 
 
 class _Rules(SimpleRoleRuleset):
-    """Notes whose request is processed: the request and the methods that it calls run in one task."""
+    """Notes whose request is processed: the request and the methods that it calls run in one task.
+
+    A session whose user was removed, or has another token, may do nothing any more.
+    """
+
+    def __init__(self, service: Service) -> None:
+        super().__init__()
+        self._service = service
 
     def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
-        _caller.set(getattr(user, "caller", None))
+        caller = getattr(user, "caller", None)
+        if caller is not None:
+            try:
+                caller = self._service.renew(caller)
+            except (Denied, Unauthenticated):
+                return False
+        _caller.set(caller)
         return bool(super().check_validity(user, action_type_id, body))
 
 
@@ -146,7 +159,7 @@ class OpcuaServer:
         ]
         if self._settings.is_local:
             policies.append(ua.SecurityPolicyType.NoSecurity)
-        server.set_security_policy(policies, permission_ruleset=_Rules())
+        server.set_security_policy(policies, permission_ruleset=_Rules(self._service))
         server.set_identity_tokens([ua.UserNameIdentityToken, ua.X509IdentityToken])
 
     # -- nodes -------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.agents.server import AgentServer
-from skiros2_gateway.core.access import Access, read_users
+from skiros2_gateway.core.access import Access
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.events import EventStream
@@ -29,6 +29,7 @@ from skiros2_gateway.core.problems import problems_of
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
+from skiros2_gateway.core.users import UsersFile
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.app import create_app
 from skiros2_gateway.http.live import live_router, page_router
@@ -76,11 +77,12 @@ async def _serve(settings: Settings) -> None:
     folder = settings.folder.expanduser()
     folder.mkdir(parents=True, exist_ok=True)
     masters = WorkMasters(read_work_masters(Path(settings.work_masters).expanduser()) if settings.work_masters else ())
-    users = read_users(settings.users_file)
+    users = UsersFile(settings.users_file)
     store = JobStore(folder / "jobs.sqlite")
     events = EventStream()
     control = JobControl(store, masters, events)
-    service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
+    access = Access(users.users, store, settings.rate, settings.burst)
+    service = Service(store, access, control, events)
     cell = RosCell(control, events, masters, settings.jobs_at_once)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
@@ -89,11 +91,13 @@ async def _serve(settings: Settings) -> None:
         stack.callback(control.close)
         control.start(cell)
         rospy.on_shutdown(end)
+        stack.callback(loop.create_task(users.follow(access.set_users)).cancel)
         if settings.http_port >= 0:
             routers = _live_view(service, cell, settings, stack)
             if settings.agents != "off":
                 approvals = Approvals(events, is_needed=settings.agents == "ask", timeout=settings.approval_timeout)
-                agents = AgentServer(service, approvals, settings.max_body)
+                hosts = [settings.host, *filter(None, settings.hosts.replace(" ", "").split(","))]
+                agents = AgentServer(service, approvals, settings.max_body, hosts)
                 await stack.enter_async_context(agents.running())
                 routers.append(agents.router())
             await _start_http(service, settings, routers, stack)

@@ -24,8 +24,8 @@ REASONER_PROPERTY = "skiros:DiscreteReasoner"
 #: may not be installed.
 _LOADER = "skiros2_common.ros.reasoners"
 
-#: How long a stopped thread may take to end before the next one starts (s).
-_STOP_TIMEOUT = 2.0
+#: How often a thread that waits for an earlier one checks whether it is itself to end (s).
+_POLL_PERIOD = 0.1
 
 #: The maximum size of the lookup cache.
 _MAX_CACHED = 1000
@@ -40,7 +40,7 @@ class DiscreteReasoner:
     """
 
     _wmi: Any = None
-    _thread: threading.Thread | None = None
+    _thread: _RunThread | None = None
 
     def __repr__(self) -> str:
         return self.__class__.__name__
@@ -59,6 +59,12 @@ class DiscreteReasoner:
 
     @property
     def _stop_event(self) -> threading.Event:
+        """The request to end the run of this thread, or the latest run for other threads."""
+        thread = threading.current_thread()
+        if isinstance(thread, _RunThread) and thread.reasoner is self:
+            return thread.stop_event
+        if self._thread is not None:
+            return self._thread.stop_event
         # Created on first use, because subclasses need not call a constructor.
         event: threading.Event = self.__dict__.setdefault("_stopped", threading.Event())
         return event
@@ -66,21 +72,26 @@ class DiscreteReasoner:
     @property
     def stopRequested(self) -> bool:
         """Whether `run` has to end. Reading it clears the request."""
-        requested = self._stop_event.is_set()
+        event = self._stop_event
+        requested = event.is_set()
         if requested:
-            self._stop_event.clear()
+            event.clear()
         return requested
 
     def stop(self) -> None:
         """Requests the end of `run`."""
-        self._stop_event.set()
+        if self._thread is not None:
+            self._thread.stop_event.set()
+            self._thread.is_stopped = True
+        else:
+            self._stop_event.set()
 
     def execute(self) -> None:
-        """Starts a thread that calls `run`. Waits for the end of a stopped thread first."""
-        if self._thread is not None and self._stop_event.is_set():
-            self._thread.join(_STOP_TIMEOUT)
-        self._stop_event.clear()
-        self._thread = threading.Thread(target=self._run_logged, name=repr(self), daemon=True)
+        """Starts a thread that calls `run`, after the end of a stopped one. No effect while one runs."""
+        latest = self._thread
+        if latest is not None and latest.is_alive() and not latest.is_stopped:
+            return
+        self._thread = _RunThread(self, latest)
         self._thread.start()
 
     def wait_stopped(self, timeout: float) -> bool:
@@ -88,9 +99,10 @@ class DiscreteReasoner:
 
         :param timeout: s.
         """
-        if self._thread is not None:
-            self._thread.join(timeout)
-        return self._thread is None or not self._thread.is_alive()
+        if self._thread is None:
+            return True
+        self._thread.join(timeout)
+        return not any(run.is_alive() for run in (self._thread, *self._thread.earlier))
 
     def _run_logged(self) -> None:
         try:
@@ -159,6 +171,31 @@ class DiscreteReasoner:
 
     def _missing(self, method: str) -> NotImplementedError:
         return NotImplementedError(f"{self!r} has to define {method}")
+
+
+class _RunThread(threading.Thread):
+    """One run of a reasoner. Each has a request to stop of its own, so that a later start cannot revive it.
+
+    :param latest: the run before; it, and those that it waits for, end before this one starts. None: none.
+    """
+
+    def __init__(self, reasoner: DiscreteReasoner, latest: _RunThread | None) -> None:
+        super().__init__(name=repr(reasoner), daemon=True)
+        self.reasoner = reasoner
+        self.stop_event = threading.Event()
+        self.is_stopped = False  # stays, unlike the event, which `stopRequested` clears
+        self.earlier: list[_RunThread] = []
+        if latest is not None:
+            self.earlier = [run for run in (latest, *latest.earlier) if run.is_alive()]
+
+    def run(self) -> None:
+        for run in self.earlier:
+            while run.is_alive():
+                run.join(_POLL_PERIOD)
+                if self.is_stopped:
+                    return
+        self.earlier = []
+        self.reasoner._run_logged()
 
 
 class ReasonerRegistry:

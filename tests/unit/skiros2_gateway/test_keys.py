@@ -100,10 +100,9 @@ def test_wrong_keys_are_rejected_and_old_ones_forgotten(in_gateway: Run) -> None
             with pytest.raises(Rejected):
                 await keys.once("operate", wrong, [], do)
         assert await keys.once("operate", "first", [], do) == 1
-        gateway.store._db.execute("BEGIN")
-        for i in range(1999):
-            gateway.store._db.execute("INSERT INTO keys (user, key, digest, answer) VALUES ('operate', ?, '', '')", (str(i),))
-        gateway.store._db.execute("COMMIT")
+        with gateway.store._transaction() as db:
+            insert = "INSERT INTO keys (user, key, digest, answer) VALUES ('operate', ?, '', '')"
+            db.executemany(insert, [(str(i),) for i in range(1999)])
         assert await keys.once("operate", "first", [], do) == 1
         await keys.once("view", "other", [], do)
         assert await keys.once("operate", "first", [], do) == 1

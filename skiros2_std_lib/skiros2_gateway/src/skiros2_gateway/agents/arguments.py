@@ -17,7 +17,7 @@ _JSON_TYPES = {
 
 
 #: A field of what moves robots.
-KEY: Any = Field("", description="idempotency key, chosen by the client: sent again with it, a call is answered as before")
+KEY: Any = Field("", description="idempotency key, chosen by the client: a call that is repeated with it is done once")
 
 
 class Arguments(BaseModel):

@@ -80,7 +80,7 @@ class AgentServer:
         async def approvals(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
             """What agents ask for: {approvals: [{id, digest, user, what, robots, reason, created, expires}]}.
 
-            `what` has exactly what will run (of which `digest` is the SHA-256), and what a person should read beside it.
+            `what` has exactly what will run, of which `digest` is the SHA-256, and what a person should read beside it.
             """
             service.view(caller)
             return {"approvals": [approval.to_dict() for approval in service.approvals.open]}

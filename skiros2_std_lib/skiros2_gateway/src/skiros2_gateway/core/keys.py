@@ -1,4 +1,4 @@
-"""Idempotency keys: a command that a client repeats with its key is carried out once, and answered as the first time."""
+"""Idempotency keys: a command that a client repeats with its key is carried out once, and answered as before."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ Roles: view reads, operate commands, approve also answers what agents ask for, m
 of agents are refused. A command with the cookie needs the header `X-Gateway: 1`, which a page of another origin cannot
 send.
 
-A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with the same
+A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with its
 key, it is answered as the first time. A command that was refused may be sent again.
 
 Errors are problem details (RFC 9457, `application/problem+json`): `title`, `status`, `code`, `detail`, and for requests
@@ -34,7 +34,7 @@ import logging
 from collections.abc import AsyncIterator, Sequence
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Body, Depends, FastAPI, Query, Request, Response
+from fastapi import APIRouter, Body, FastAPI, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict

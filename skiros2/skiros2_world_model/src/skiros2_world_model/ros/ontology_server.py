@@ -20,6 +20,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Statement
 from skiros2_world_model.core.journal import KILLED, Journal
 from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
+from skiros2_world_model.core.query_budget import BUDGET_SECONDS, QueryBudgets
 from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.triple_store import QUERY_BYTES, QUERY_MEMORY, QUERY_ROWS, QUERY_SECONDS, TripleStore
 from skiros2_world_model.ros.service_pool import ON_BEHALF_OF, service_handler
@@ -103,6 +104,14 @@ def triple_store() -> TripleStore:
     size = _positive("~query_answer_megabytes", QUERY_BYTES / _MEGABYTE)
     memory = _positive("~query_megabytes", QUERY_MEMORY / _MEGABYTE)
     return WorkerStore(seconds, rows, int(size * _MEGABYTE), int(memory * _MEGABYTE))
+
+
+def query_budgets() -> QueryBudgets:
+    """The budgets of this node's callers: `~query_budget` (s).
+
+    :raises ConfigurationError: the parameter is invalid.
+    """
+    return QueryBudgets(_positive("~query_budget", BUDGET_SECONDS))
 
 
 def _text(name: str) -> str:
@@ -193,6 +202,7 @@ def serve_ontologies() -> None:
     :raises ConfigurationError: a folder is missing, or an ontology does not parse.
     """
     knowledge_base = KnowledgeBase(ontology_folder(), workspace_folder(), triple_store())
+    knowledge_base.budgets = query_budgets()
     _services = OntologyServices(knowledge_base, AdvisoryLock())
     log.info("ontologies are served")
     spin()

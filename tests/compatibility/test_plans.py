@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.engines import FoundPlan, Limits, Outcome, PlannerAnswer
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 LIBRARIES = Path(__file__).parents[1] / "libraries"
@@ -121,6 +123,23 @@ class ImpossibleUnlessAssumed(GivenPlan):
         if any(action.name == "paint" for action in task.actions):
             return super().solve(task, limits, cancelled)
         return PlannerAnswer(Outcome.IMPOSSIBLE)
+
+
+@rule("wire", "Programs import names of `skiros2_task.core.pddl_interface`, often without using them",
+      better="`PddlInterface` reads the PDDL of the last goal; the import warns, once in a process")  # fmt: skip
+def test_the_pddl_module_can_be_imported(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    monkeypatch.delitem(sys.modules, "skiros2_task.core.pddl_interface", raising=False)
+    names: dict[str, Any] = {}
+    with pytest.warns(DeprecationWarning, match="TaskManagerInterface"):
+        exec("from skiros2_task.core.pddl_interface import *", names)
+    exec("import skiros2_task.core.pddl_interface as pddl", names)
+    assert caplog.text.count("for existing imports only") == 1
+    assert {"PddlInterface", "Predicate", "GroundPredicate", "ForallPredicate", "Action"} <= names.keys()
+    Archive(tmp_path).keep({"domain.pddl": "(define (domain d))", "p01.pddl": "(define (problem p))"})
+    written = names["PddlInterface"](str(tmp_path))
+    assert (written.printDomain(), written.printProblem()) == ("(define (domain d))", "(define (problem p))")
 
 
 @rule("wire", "A skill with a Required number or text without a value is planned; the client specifies the value",

@@ -38,19 +38,23 @@ class GoalServer:
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
     :param status_kept: how long the status lists a goal that has ended, at least (s).
+    :param delay: from the receipt of a goal to its start (s). actionlib's simple client logs an error, and may miss the
+        goal's end, if the goal changes its state before the client's `send_goal` has returned.
     """
 
-    def __init__(self, name: str, spec: Any, status_kept: float = 0.0) -> None:
+    def __init__(self, name: str, spec: Any, status_kept: float = 0.0, delay: float = 0.0) -> None:
         self._name = name
         self._status_kept = status_kept
-        self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any] | None] = queue.SimpleQueue()
+        self._delay = delay
+        #: With the earliest time (s, monotonic) of each.
+        self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any, float] | None] = queue.SimpleQueue()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=name.strip("~/"), daemon=True)
         self._server = actionlib.ActionServer(
             name,
             spec,
-            lambda handle: self._requests.put((self._take, handle)),
-            lambda handle: self._requests.put((self._cancel, handle)),
+            lambda handle: self._requests.put((self._take, handle, time.monotonic() + self._delay)),
+            lambda handle: self._requests.put((self._cancel, handle, 0.0)),
             auto_start=False,
         )
 
@@ -106,7 +110,7 @@ class GoalServer:
         for handle in self._unfinished_handles():
             if handle.get_goal_status().status in ACTIVE:
                 handle.set_aborted(result, message)
-        for act, handle in self._waiting():
+        for act, handle, _ in self._waiting():
             if act == self._take:
                 handle.set_rejected(result, message)
         self._flush()
@@ -117,7 +121,8 @@ class GoalServer:
 
     def _serve(self) -> None:
         while (request := self._requests.get()) is not None:
-            act, handle = request
+            act, handle, earliest = request
+            time.sleep(max(0.0, earliest - time.monotonic()))
             try:
                 act(handle)
             except Exception:
@@ -136,7 +141,7 @@ class GoalServer:
 
     # -- the end -------------------------------------------------------------------------------------------------
 
-    def _waiting(self) -> Iterable[tuple[Callable[[Any], None], Any]]:
+    def _waiting(self) -> Iterable[tuple[Callable[[Any], None], Any, float]]:
         while not self._requests.empty():
             if (request := self._requests.get()) is not None:
                 yield request

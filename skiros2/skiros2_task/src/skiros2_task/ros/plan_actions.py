@@ -27,6 +27,9 @@ from skiros2_task.ros.task_message import Offered, task_holder
 
 log = logging.getLogger(__name__)
 
+#: From the receipt of a goal to its start (s); see `GoalServer`.
+START_DELAY = 0.05
+
 _FAILURES = (Verdict.IMPOSSIBLE, Verdict.TIMED_OUT, Verdict.FAILED)
 
 def end_goal(handle: Any, verdict: Verdict, result: object, text: str) -> None:
@@ -75,7 +78,7 @@ class _PlanningAction(GoalServer):
     """Plans each goal in its own thread. Subclasses define how, and the result."""
 
     def __init__(self, name: str, spec: Any) -> None:
-        super().__init__(name, spec)
+        super().__init__(name, spec, delay=START_DELAY)
         self._running: list[tuple[Any, threading.Thread, threading.Event]] = []  # owned by the action's thread
 
     def plan(self, goal: Any, cancelled: threading.Event, progress: Callable[[str], None]) -> PlanningResult:

@@ -6,7 +6,7 @@ import asyncio
 import threading
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import requests
 import schemathesis
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from hypothesis.errors import Unsatisfiable
 from schemathesis import GenerationMode, checks
 
 from skiros2_gateway.agents.server import AgentServer
@@ -26,6 +27,8 @@ from unit.skiros2_gateway.test_live_http import _Cell, _nodes
 
 #: Paths whose answers do not end.
 _STREAMS = ("/api/events", "/api/live/patches")
+#: Failed logins are soon answered with 429, so most requests have a token.
+_USERS = ("maintain", "operate", "maintain", "operate", "view", "agent", "")
 _CHECKS = [
     checks.not_a_server_error,
     checks.status_code_conformance,
@@ -88,11 +91,12 @@ def _send(operation: Any, mode: Any, session: Any, found: Counter[int], count: i
         max_examples=count, database=None, deadline=None, derandomize=False,
         suppress_health_check=list(HealthCheck), phases=[Phase.generate],
     )  # fmt: skip
-    @given(case=operation.as_strategy(generation_mode=mode), user=st.sampled_from([*TOKENS, ""]))
+    @given(case=operation.as_strategy(generation_mode=mode), user=st.sampled_from(_USERS))
     def send(case: Any, user: str) -> None:
         headers = {"Authorization": f"Bearer {TOKENS[user]}"} if user else {}
         response = case.call(session=session, headers=headers, timeout=20.0)
         found[response.status_code] += 1
         case.validate_response(response, checks=_CHECKS)
 
-    send()
+    with suppress(Unsatisfiable):  # no wrong request is possible: the operation has no arguments
+        send()

@@ -103,14 +103,14 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         service.view(caller)
         return _json(await asyncio.to_thread(bags.open, name))
 
-    @router.get("/runs/{key:path}/why", responses=answers(models.Why, 404, 409))
+    @router.get("/runs/{key:path}/why", responses=answers(models.Why, 404, 405, 409))
     async def why(caller: CallerArg, service: ServiceArg, key: str) -> dict[str, Any]:
         """Why a run failed: {text, explanations}."""
         service.view(caller)
         run = view.find_run(key)
         return await cell.why(run.robot, run.task_id)
 
-    @router.get("/runs/{key:path}/nodes/{node}", responses=answers(models.NodeValues, 404, 409))
+    @router.get("/runs/{key:path}/nodes/{node}", responses=answers(models.NodeValues, 404, 405, 409))
     async def node(
         caller: CallerArg, service: ServiceArg, key: str, node: NodeId, time: FiniteFloat | None = None
     ) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
             raise UnknownName(f"the values of node {node} of {key} were not read while it ran")
         return values.to_dict()
 
-    @router.get("/runs/{key:path}/scene", responses=answers(models.Scene, 404))
+    @router.get("/runs/{key:path}/scene", responses=answers(models.Scene, 404, 405))
     async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat) -> Response:
         """Elements and robots at a time."""
         service.view(caller)
@@ -133,7 +133,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
             return _json(await asyncio.to_thread(bags.scene_at, key, time, cell.recorded_view()))
         return _json(view.scenes.at(time))
 
-    @router.get("/runs/{key:path}", responses=answers(models.RunAt, 404))
+    @router.get("/runs/{key:path}", responses=answers(models.RunAt, 404, 405))
     async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat | None = None) -> Response:
         """A run at a time."""
         service.view(caller)

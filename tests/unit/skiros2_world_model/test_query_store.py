@@ -12,8 +12,9 @@ import pyoxigraph as ox
 import pytest
 
 from skiros2_common.core.errors import TimedOut
+from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.changes import Add
-from skiros2_world_model.core.local_world_model import source_ontologies
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.query_worker import check_words
 from skiros2_world_model.core.triple_store import QueryError, QueryNotAllowed, QueryTooLarge
@@ -197,3 +198,16 @@ def test_clients_get_the_ontology_without_a_process():
     assert isinstance(store, WorkerStore)
     assert model.query("ASK {}", "ontology") == ["true"]
     assert store._holder is None
+
+
+def test_planner_reads_classes_and_properties_from_memory():
+    model = WorldModel(source_ontologies())
+    wm, store = LocalWorldModel("test", model), model.knowledge_base.store
+    assert isinstance(store, WorkerStore)
+    view = WorldView(wm)
+    found = view.classes(), view.relations(), view.boolean_properties()
+    assert store._holder is None
+    query = "SELECT ?x {{ ?x a owl:{} }}"
+    assert {n for n in model.query(query.format("Class"), "ontology") if not n.startswith("_:")} <= found[0]
+    assert set(model.query(query.format("ObjectProperty"), "ontology")) <= found[1]
+    assert set(model.query("SELECT ?x { ?x rdfs:range xsd:boolean }", "ontology")) <= found[2]

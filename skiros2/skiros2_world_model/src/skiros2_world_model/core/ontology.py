@@ -232,14 +232,6 @@ class Ontology:
         """The declared types of a name: `owl:Class`, or the classes of an individual."""
         return list(self._types.get(name, ()))
 
-    def declared(self, kind: str) -> list[str]:
-        """The names with a declared type, such as `owl:Class`."""
-        return [name for name, types in self._types.items() if kind in types and not name.startswith("_:")]
-
-    def with_range(self, datatype: str) -> list[str]:
-        """The properties with a declared range."""
-        return [name for name, ranges in self._ranges.items() if datatype in ranges]
-
     def instance_types(self, types: Iterable[str]) -> list[str]:
         """The domain classes among the declared types of an individual, most specific first."""
         classes = sorted(t for t in set(types) if not t.startswith(_META) and not t.startswith("_:"))

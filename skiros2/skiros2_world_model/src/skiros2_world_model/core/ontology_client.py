@@ -215,12 +215,18 @@ class OntologyAbstractInterface(ABC):
         return sorted(self.query_ontology(f"SELECT DISTINCT ?x WHERE {{ ?x a {self._sparql(uri)} }}"))
 
     def declared_names(self, kind: str) -> list[str]:
-        """The names that the ontologies declare with a type such as `owl:ObjectProperty`, sorted; from memory."""
-        return sorted(self._ontology.declared(self._name(kind)))
+        """The classes and properties that the ontologies declare with a type such as `owl:ObjectProperty`, sorted.
+
+        From memory.
+        """
+        ontology, wanted = self._ontology, self._name(kind)
+        names = {*ontology.classes(), *ontology.relations(), *ontology.data_properties()}
+        return sorted(name for name in names if wanted in ontology.types(name))
 
     def properties_of_range(self, datatype: str) -> list[str]:
-        """The properties with a range such as `xsd:boolean`, sorted; from memory."""
-        return sorted(self._ontology.with_range(self._name(datatype)))
+        """The data properties with a range such as `xsd:boolean`, sorted; from memory."""
+        ontology, wanted = self._ontology, self._name(datatype)
+        return [name for name in ontology.data_properties() if ontology.datatype(name) == wanted]
 
     def get_triples(self, subj: str | None = None, pred: str | None = None, obj: str | None = None) -> list[str]:
         """The triples of all contexts that match a subject, predicate and object, as texts.

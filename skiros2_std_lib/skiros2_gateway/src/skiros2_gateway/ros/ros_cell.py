@@ -66,8 +66,7 @@ class RosCell:
         self._events = events
         self._masters = masters
         self._capacity = capacity
-        self._threads = ThreadPoolExecutor(_THREADS, "cell")
-        self._queries = UserQueries()
+        self._threads, self._queries = ThreadPoolExecutor(_THREADS, "cell"), UserQueries()
         self._wm: WorldModelInterface | None = None
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
         self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)

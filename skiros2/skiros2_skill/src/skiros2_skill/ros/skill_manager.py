@@ -11,7 +11,7 @@ from typing import Any
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.ros.signals import RosSignals
@@ -327,7 +327,10 @@ class SkillManager(DiscoverableNode):
 
     def _on_world_change(self, change: Any) -> None:
         if self._scheduler is not None:
-            self._scheduler.on_change(change)
+            try:
+                self._scheduler.on_change(change)
+            except FOREIGN_ERRORS:  # a condition of a library
+                log.exception("waking tasks after change %s", change.snapshot_id)
         known, self._world_state = self._world_state, change.snapshot_id
         will_executed = change.author == last_will_author(rospy.get_name())  # unreachable for a while, but alive
         robot_gone = change.action.startswith(msgs.WmMonitor.REMOVE) and any(

@@ -228,23 +228,28 @@ class ReasonerRegistry:
     def all(self) -> list[DiscreteReasoner]:
         return list(self._by_name.values())
 
+    def find(self, name: str) -> DiscreteReasoner | None:
+        """Returns the reasoner that has this class name or owns this code, property or relation, or None."""
+        found = self._find(name)
+        return self._find(name) if found is None and self._load() else found
+
     def find_or_load(self, name: str) -> DiscreteReasoner | None:
-        """The reasoner that has this class name or owns this code, property or relation. Cached, thread-safe."""
+        """Same as `find`, with a cache. Thread-safe."""
         cache = self._cache
         try:
             return cache[name]
         except KeyError:
             if len(cache) >= _MAX_CACHED:
                 cache.clear()
-        cache[name] = found = self._search(name)
+        cache[name] = found = self.find(name)
         return found
 
     def get(self, name: str) -> DiscreteReasoner:
-        """Same as `find_or_load`, without the cache.
+        """Same as `find`.
 
         :raises UnknownName: no reasoner has this name.
         """
-        found = self._search(name)
+        found = self.find(name)
         if found is None:
             loaded = ", ".join(self._by_name) or "none"
             raise UnknownName(f"no reasoner has the name or owns {name!r}; loaded: {loaded}")
@@ -252,12 +257,8 @@ class ReasonerRegistry:
 
     def owner_of_data(self, name: str) -> str:
         """The class name of the reasoner that owns a property (not a code or relation); "" if none does."""
-        self._search(name)  # loads the reasoners, if none is known
+        self.find(name)  # loads the reasoners, if none is known
         return next((repr(known) for known in self.all() if full_name(name) in map(full_name, data_of(known))), "")
-
-    def _search(self, name: str) -> DiscreteReasoner | None:
-        found = self._find(name)
-        return self._find(name) if found is None and self._load() else found
 
     def _find(self, name: str) -> DiscreteReasoner | None:
         for spelling in (name, *spellings(name)):

@@ -126,12 +126,10 @@ class ReasonerWorldModel:
         """The relation, followed by all its subproperties."""
         return _itself_first(name, self._model.ontology.subproperties)
 
-    def get_reasoner(self, name: str) -> DiscreteReasoner:
-        """Returns the reasoner with a class name, or the one that owns a code, property or relation.
-
-        :raises UnknownName: it does not exist.
-        """
-        return reasoners.get(name)
+    def get_reasoner(self, name: str) -> DiscreteReasoner | None:
+        """Returns the reasoner with a class name, or the one that owns a code, property or relation; None if it does
+        not exist."""
+        return reasoners.find(name)
 
     def query(self, query: str) -> list[str]:
         """Answers a SPARQL query with a text for each row."""

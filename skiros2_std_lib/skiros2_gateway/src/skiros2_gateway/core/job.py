@@ -175,6 +175,8 @@ class Job:
     :param robots: node names of the allowed robots; empty: all.
     :param sequence: the number of the job; of equal jobs, the lowest starts first.
     :param created, changed: s since the epoch.
+    :param approved: of an agent's job: `plan`, the steps that are executed instead of a new plan, their `digest`, and
+        `by`, who has approved them; None for others.
     :param wanted: the method that the cell is carrying out: Pause, Stop or Abort; "" for none.
     :param cleared: whether it was removed from the list by Cancel or Clear. Its response is kept.
     """
@@ -190,6 +192,7 @@ class Job:
     cleared: bool = False
     author: str = ""
     robots: tuple[str, ...] = ()
+    approved: dict[str, Any] | None = None
     response: Response = field(default_factory=Response)
 
     @property
@@ -283,6 +286,7 @@ class Job:
             "cleared": self.cleared,
             "author": self.author,
             "robots": list(self.robots),
+            "approved": self.approved,
             "response": asdict(self.response),
         }
 
@@ -301,5 +305,6 @@ class Job:
             cleared=data["cleared"],
             author=data["author"],
             robots=tuple(data["robots"]),
+            approved=data.get("approved"),
             response=Response(**data["response"]),
         )

@@ -8,9 +8,11 @@ from typing import Any, TypeVar
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_gateway.core.access import Access, Caller, Role
+from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Job, Method, read_order
 from skiros2_gateway.core.job_control import JobControl
+from skiros2_gateway.core.keys import Keys
 from skiros2_gateway.core.problems import Denied, Unauthenticated
 from skiros2_gateway.core.sessions import Sessions
 from skiros2_gateway.core.store import JobStore
@@ -27,12 +29,21 @@ class Service:
     Each method raises `Denied` if the caller lacks the role, and `TooMany` above the rate limit.
     """
 
-    def __init__(self, store: JobStore, access: Access, control: JobControl, events: EventStream) -> None:
+    def __init__(
+        self,
+        store: JobStore,
+        access: Access,
+        control: JobControl,
+        events: EventStream,
+        approvals: Approvals | None = None,
+    ) -> None:
         self.store = store
         self.access = access
         self.control = control
         self.events = events
         self.sessions = Sessions(store, access)
+        self.keys = Keys(store)
+        self.approvals = approvals or Approvals(events)
 
     def renew(self, caller: Caller) -> Caller:
         """Returns a caller who was admitted earlier, such as that of a stream, with the present role.

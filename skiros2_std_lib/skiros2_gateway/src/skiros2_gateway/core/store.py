@@ -34,7 +34,14 @@ CREATE TABLE IF NOT EXISTS audit (
 CREATE TABLE IF NOT EXISTS sessions (
     id TEXT PRIMARY KEY, digest TEXT NOT NULL, user TEXT NOT NULL, credential TEXT NOT NULL, address TEXT NOT NULL,
     created REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS keys (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, user TEXT NOT NULL, key TEXT NOT NULL, digest TEXT NOT NULL,
+    answer TEXT NOT NULL, UNIQUE (user, key));
 """
+
+#: The idempotency keys of a user that are kept, the newest.
+_MAX_KEYS = 2000
+
 
 
 class JobStore:
@@ -172,6 +179,33 @@ class JobStore:
         keys = ("id", "digest", "user", "credential", "address", "created")
         rows = self._read(f"SELECT {', '.join(keys)} FROM sessions ORDER BY created")
         return [dict(zip(keys, row, strict=True)) for row in rows]
+
+    # -- idempotency keys --------------------------------------------------------------------------------------
+
+    def find_key(self, user: str, key: str) -> tuple[str, str] | None:
+        """Returns the command's digest and the answer of a key; the answer "" is not known yet."""
+        rows = self._read("SELECT digest, answer FROM keys WHERE user = ? AND key = ?", user, key)
+        return tuple(rows[0]) if rows else None
+
+    def put_key(self, user: str, key: str, digest: str) -> None:
+        """Writes a key without an answer."""
+        with self._transaction() as db:
+            db.execute("INSERT INTO keys (user, key, digest, answer) VALUES (?, ?, ?, '')", (user, key, digest))
+            db.execute(
+                "DELETE FROM keys WHERE user = ? AND number <= (SELECT number FROM keys WHERE user = ?"
+                " ORDER BY number DESC LIMIT 1 OFFSET ?)",
+                (user, user, _MAX_KEYS),
+            )
+
+    def answer_key(self, user: str, key: str, answer: str) -> None:
+        """Writes the answer of a key."""
+        with self._transaction() as db:
+            db.execute("UPDATE keys SET answer = ? WHERE user = ? AND key = ?", (answer, user, key))
+
+    def delete_key(self, user: str, key: str) -> None:
+        """Removes a key."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM keys WHERE user = ? AND key = ?", (user, key))
 
     # -- internals ---------------------------------------------------------------------------------------------
 

@@ -5,6 +5,9 @@ Roles: view reads, operate commands, approve also answers what agents ask for, m
 of agents are refused. A command with the cookie needs the header `X-Gateway: 1`, which a page of another origin cannot
 send.
 
+A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with its
+key, it is answered as the first time. A command that was refused may be sent again.
+
 Errors are problem details (RFC 9457, `application/problem+json`): `title`, `status`, `code`, `detail`, and for requests
 with wrong fields `problems`, a list of {code, where, message, expected, nearest}. A request with an error has changed
 nothing. Status: 401 no credentials, 403 role, 404 unknown, 409 not in this state, 413 too large, 422 wrong fields, 429
@@ -31,7 +34,7 @@ import logging
 from collections.abc import AsyncIterator, Sequence
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Body, Depends, FastAPI, Query, Request, Response
+from fastapi import APIRouter, Body, FastAPI, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict
@@ -39,16 +42,16 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
-from skiros2_gateway.core.access import AGENTS, Caller, Role
+from skiros2_gateway.core.access import Role
 from skiros2_gateway.core.job import Method, Order
 from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, field_problems
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
+from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
+from skiros2_gateway.http.once import Once
 
 log = logging.getLogger(__name__)
 
-#: The cookie of a page.
-COOKIE = "skiros2_gateway"
 #: The largest body of a request (bytes).
 MAX_BODY = 256 * 1024
 
@@ -72,6 +75,7 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     app.add_exception_handler(SkirosError, _on_skiros_error)
     app.add_exception_handler(RequestValidationError, _on_wrong_fields)
     app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_middleware(Once, on_error=_on_skiros_error)
     app.add_middleware(_Limits, max_body=max_body)
     return app
 
@@ -136,7 +140,10 @@ class _Limits:
                 message["headers"] = [*message["headers"], *_HEADERS]
             await send(message)
 
-        await self._app(scope, limited, guarded)
+        try:
+            await self._app(scope, limited, guarded)
+        except HTTPException as error:  # the body was read before a route was found
+            await (await _on_http_error(Request(scope), error))(scope, receive, send)
 
 
 _HEADERS = [
@@ -145,52 +152,6 @@ _HEADERS = [
     (b"referrer-policy", b"no-referrer"),
     (b"cache-control", b"no-store"),
 ]
-
-
-# -- authentication ----------------------------------------------------------------------------------------------------
-
-
-def service_of(request: Request) -> Service:
-    """Returns the service of the application."""
-    service = request.app.state.service
-    assert isinstance(service, Service)
-    return service
-
-
-def caller_of(request: Request) -> Caller:
-    """Returns the authenticated caller of a request.
-
-    :raises Unauthenticated: it has no valid credentials.
-    :raises TooMany: too many failures of this address.
-    """
-    access, address, token = service_of(request).access, _address_of(request), _token_of(request)
-    if token:
-        return access.authenticate(token, "rest", address)
-    if COOKIE in request.cookies:
-        if request.method not in ("GET", "HEAD") and request.headers.get("x-gateway") != "1":
-            raise Unauthenticated("a command with the cookie needs the header X-Gateway: 1")
-        return service_of(request).sessions.caller(request.cookies[COOKIE])
-    return access.authenticate("", "rest", address)
-
-
-def agent_of(request: Request) -> Caller:
-    """Returns the authenticated caller of agents' tools; raises like `caller_of`. A page's cookie is not valid here."""
-    return service_of(request).access.authenticate(_token_of(request), AGENTS, _address_of(request))
-
-
-def _address_of(request: Request) -> str:
-    return request.client.host if request.client else ""
-
-
-def _token_of(request: Request) -> str:
-    kind, _, token = request.headers.get("authorization", "").partition(" ")
-    return token.strip() if kind.lower() == "bearer" else ""
-
-
-#: The authenticated caller as the argument of a route.
-CallerArg = Annotated[Caller, Depends(caller_of)]
-#: The service as the argument of a route.
-ServiceArg = Annotated[Service, Depends(service_of)]
 
 
 # -- the routes --------------------------------------------------------------------------------------------------------
@@ -238,7 +199,7 @@ class _Session(BaseModel):
 @_router.post("/session")
 async def login(request: Request, response: Response, body: _Session, service: ServiceArg) -> dict[str, str]:
     """Starts a session of the page for a token, and sets its cookie."""
-    secret, caller = service.sessions.start(body.token, _address_of(request))
+    secret, caller = service.sessions.start(body.token, address_of(request))
     is_secure = request.url.scheme == "https"
     response.set_cookie(
         COOKIE, secret, max_age=int(MAX_AGE), httponly=True, samesite="strict", secure=is_secure, path="/"

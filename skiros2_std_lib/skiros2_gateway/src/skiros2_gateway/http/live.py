@@ -29,7 +29,7 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import TASK_ACTIONS, LiveCell, LiveView
 from skiros2_gateway.core.run_view import history_data
-from skiros2_gateway.http.app import CallerArg, ServiceArg
+from skiros2_gateway.http.callers import CallerArg, ServiceArg
 from skiros2_runs.core.states import ROLE_COLOURS, NodeState, StateStyle, TaskState, style_of
 from skiros2_runs.core.task_run import TaskRun
 

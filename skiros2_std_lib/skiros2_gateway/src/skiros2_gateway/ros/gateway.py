@@ -82,7 +82,8 @@ async def _serve(settings: Settings) -> None:
     events = EventStream()
     control = JobControl(store, masters, events)
     access = Access(users.users, store, settings.rate, settings.burst)
-    service = Service(store, access, control, events)
+    approvals = Approvals(events, is_needed=settings.agents == "ask", timeout=settings.approval_timeout)
+    service = Service(store, access, control, events, approvals)
     cell = RosCell(control, events, masters, settings.jobs_at_once)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
@@ -95,9 +96,8 @@ async def _serve(settings: Settings) -> None:
         if settings.http_port >= 0:
             routers = _live_view(service, cell, settings, stack)
             if settings.agents != "off":
-                approvals = Approvals(events, is_needed=settings.agents == "ask", timeout=settings.approval_timeout)
                 hosts = [settings.host, *filter(None, settings.hosts.replace(" ", "").split(","))]
-                agents = AgentServer(service, approvals, settings.max_body, hosts)
+                agents = AgentServer(service, settings.max_body, hosts)
                 await stack.enter_async_context(agents.running())
                 routers.append(agents.router())
             await _start_http(service, settings, routers, stack)

@@ -332,13 +332,12 @@ class SkillManager(DiscoverableNode):
             except FOREIGN_ERRORS:  # a condition of a library
                 log.exception("waking tasks after change %s", change.snapshot_id)
         known, self._world_state = self._world_state, change.snapshot_id
-        will_executed = change.author == last_will_author(rospy.get_name())  # unreachable for a while, but alive
+        will_executed = change.author == last_will_author(rospy.get_name())  # alive, but it was unreachable
         robot_gone = change.action.startswith(msgs.WmMonitor.REMOVE) and any(
             element.id == self._registration.robot_id for element in change.elements
         )
         if will_executed or robot_gone or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
-            # The scene was replaced, or changes were missed (a restarted world model publishes only its last change).
-            # In a new thread, because this one delivers changes.
+            # Replaced, or changes were missed. In a new thread, because this one delivers changes.
             threading.Thread(target=self._register_again, name="register", daemon=True).start()
 
     def _register_again(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import logging
 import queue
 import threading
@@ -168,6 +169,7 @@ class GoalExecutor:
         self._lost: set[str] = set()
         self._events: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._ids = count(1)
+        self._timers: list[tuple[float, int, Callable[[], None]]] = []  # a heap; of the executor's thread
         self._thread = threading.Thread(target=self._run, name="goal executor", daemon=True)
         self._thread.start()
 
@@ -218,7 +220,7 @@ class GoalExecutor:
     def _run(self) -> None:
         closing = False
         while not (closing and not self._executions):
-            event = self._events.get()
+            event = self._next_event()
             if event is None:
                 closing = True
                 continue
@@ -227,10 +229,17 @@ class GoalExecutor:
             except Exception:
                 log.exception("executing goals")
 
+    def _next_event(self) -> Callable[[], None] | None:
+        """Waits for the next event; a timer that is due is one."""
+        while True:
+            delay = max(0.0, self._timers[0][0] - time.monotonic()) if self._timers else None
+            try:
+                return self._events.get(timeout=delay) if delay != 0.0 else heapq.heappop(self._timers)[2]
+            except queue.Empty:
+                continue
+
     def _after(self, seconds: float, event: Callable[[], None]) -> None:
-        timer = threading.Timer(seconds, self._events.put, (event,))
-        timer.daemon = True
-        timer.start()
+        heapq.heappush(self._timers, (time.monotonic() + seconds, next(self._ids), event))
 
     def _begin(self, execution: GoalExecution) -> None:
         self._executions[execution.name] = execution
@@ -254,12 +263,16 @@ class GoalExecutor:
         try:
             self._execute_each(execution, commands)
         except Exception as error:
-            message = _internal_error(error)
-            execution.cancelled.set()
-            for stop in execution.stops.values():
-                stop()
-            if execution.name in self._executions:
-                self._end(execution, End(Verdict.FAILED, message))
+            self._fail(execution, error)
+
+    def _fail(self, execution: GoalExecution, error: Exception) -> None:
+        """Ends a goal after an unexpected exception."""
+        message = _internal_error(error)
+        execution.cancelled.set()
+        for stop in execution.stops.values():
+            stop()
+        if execution.name in self._executions:
+            self._end(execution, End(Verdict.FAILED, message))
 
     def _execute_each(self, execution: GoalExecution, commands: Sequence[Command]) -> None:
         for command in commands:
@@ -373,7 +386,10 @@ class GoalExecutor:
 
     def _work(self, execution: GoalExecution) -> None:
         while (work := execution.work.get()) is not None:
-            work()
+            try:
+                work()
+            except Exception as error:
+                self._events.put(partial(self._fail, execution, error))
 
     def _read(self, execution: GoalExecution) -> None:
         start = time.monotonic()

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import rospy
-from rospy.impl.tcpros import TCPROSTransport
+from rospy.impl.tcpros_base import TCPROSTransport
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
@@ -70,6 +70,21 @@ class _Socket(socket.socket):
 
     def setblocking(self, flag: bool) -> None:
         self.settimeout(self.limit if flag else 0.0)
+
+
+class _Transport(TCPROSTransport):  # type: ignore[misc]
+    """A connection with a limit for each wait; rospy limits only that for the connection itself."""
+
+    limit: float | None = None  # s
+
+    def write_header(self) -> None:
+        self.socket = _Socket(fileno=self.socket.detach())
+        self.set_limit(self.limit)
+        super().write_header()
+
+    def set_limit(self, limit: float | None) -> None:
+        self.limit = self.socket.limit = limit
+        self.socket.setblocking(True)
 
 
 class ServicePool:
@@ -162,15 +177,14 @@ class ServicePool:
         :raises rospy.ServiceException: the service does not exist or cannot be reached.
         """
         address = proxy._get_service_uri(self._kind._request_class())
-        transport = TCPROSTransport(proxy.protocol, proxy.resolved_name)
+        transport = _Transport(proxy.protocol, proxy.resolved_name)
         transport.buff_size = proxy.buff_size
+        transport.limit = limit = max(self.timeout, _CONNECT)
         try:
-            transport.connect(*rospy.core.parse_rosrpc_uri(address), address, timeout=max(self.timeout, _CONNECT))
+            transport.connect(*rospy.core.parse_rosrpc_uri(address), address, timeout=limit)
         except rospy.exceptions.TransportInitError as error:
             raise rospy.ServiceException(f"unable to connect to service: {error}") from error
-        transport.socket = _Socket(fileno=transport.socket.detach())
-        transport.socket.limit = self._answer_timeout
-        transport.socket.setblocking(True)
+        transport.set_limit(self._answer_timeout)
         proxy.transport = transport
 
     def _put_back(self, proxy: Any) -> None:

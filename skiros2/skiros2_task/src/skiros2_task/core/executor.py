@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import logging
 import queue
 import threading
@@ -17,6 +16,7 @@ from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.engines import Limits
+from skiros2_task.core.event_queue import EventQueue
 from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
@@ -167,9 +167,8 @@ class GoalExecutor:
         self._resources = Resources()
         self._executions: dict[str, GoalExecution] = {}
         self._lost: set[str] = set()
-        self._events: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._events = EventQueue()
         self._ids = count(1)
-        self._timers: list[tuple[float, int, Callable[[], None]]] = []  # a heap; of the executor's thread
         self._thread = threading.Thread(target=self._run, name="goal executor", daemon=True)
         self._thread.start()
 
@@ -189,9 +188,11 @@ class GoalExecutor:
         return execution
 
     def cancel(self, execution: GoalExecution) -> None:
-        """Cancels a goal. Its running steps are stopped."""
+        """Cancels a goal. Its running steps are stopped at once, whatever the executor's thread does."""
         execution.cancelled.set()
         self._events.put(lambda: self._execute(execution, execution.machine.cancel()))
+        for stop in list(execution.stops.values()):
+            stop()
 
     def world_changed(self) -> None:
         """Reports that the world model has changed."""
@@ -220,7 +221,7 @@ class GoalExecutor:
     def _run(self) -> None:
         closing = False
         while not (closing and not self._executions):
-            event = self._next_event()
+            event = self._events.get()
             if event is None:
                 closing = True
                 continue
@@ -229,17 +230,8 @@ class GoalExecutor:
             except Exception:
                 log.exception("executing goals")
 
-    def _next_event(self) -> Callable[[], None] | None:
-        """Waits for the next event; a timer that is due is one."""
-        while True:
-            delay = max(0.0, self._timers[0][0] - time.monotonic()) if self._timers else None
-            try:
-                return self._events.get(timeout=delay) if delay != 0.0 else heapq.heappop(self._timers)[2]
-            except queue.Empty:
-                continue
-
     def _after(self, seconds: float, event: Callable[[], None]) -> None:
-        heapq.heappush(self._timers, (time.monotonic() + seconds, next(self._ids), event))
+        self._events.put_later(seconds, event)
 
     def _begin(self, execution: GoalExecution) -> None:
         self._executions[execution.name] = execution
@@ -328,7 +320,9 @@ class GoalExecutor:
             self._events.put(lambda: self._ended(execution, step, succeeded, message, explanations))
 
         log.info("%s: %s", execution.name, step)
-        execution.stops[step.number] = self._runner.start(step, ended)
+        execution.stops[step.number] = stop = self._runner.start(step, ended)
+        if execution.cancelled.is_set():  # just now
+            stop()
 
     def _ended(
         self, execution: GoalExecution, step: Step, succeeded: bool, message: str, explanations: Sequence[Explanation]

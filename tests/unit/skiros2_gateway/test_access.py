@@ -14,6 +14,7 @@ from skiros2_common.core.errors import ConfigurationError, UnknownName
 from skiros2_gateway.core.access import Access, Role
 from skiros2_gateway.core.problems import Denied, Unauthenticated
 from skiros2_gateway.core.sessions import MAX_AGE, MAX_SESSIONS, Sessions
+from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.users import User, UsersFile, read_users
 from support.http_gateway import curl, served
 from unit.skiros2_gateway.conftest import TOKENS
@@ -184,4 +185,4 @@ def test_sessions_survive_a_restart_and_end_by_age_and_number(in_gateway: Run) -
 
 def test_access_without_users_admits_nobody() -> None:
     with pytest.raises(Unauthenticated):
-        Access([], NotImplemented).authenticate("", "rest")
+        Access([], JobStore(":memory:")).authenticate("", "rest")

@@ -135,7 +135,7 @@ class FactoryDemo:
         self._say(f"The cell is ready ({self._elapsed()})")
         self._say(f"The page, until the jobs have ended: {address}, token {token}")
         rest, orders = RestChannel(address, token), jobs()
-        mqtt = MqttChannel("127.0.0.1", broker, token, self._on_state)
+        mqtt = MqttChannel("127.0.0.1", broker, "operate", token, self._on_state)
         opcua = await OpcuaChannel.connect(rospy.get_param("/gateway/opcua_address"), "operate", token, NAMESPACE)
         channels: dict[str, Channel] = {REST: rest, OPCUA: opcua, MQTT: mqtt}
         picture = asyncio.create_task(self._take_picture(address))

@@ -21,6 +21,7 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_gateway.agents.calls import Calls, until_gone
 from skiros2_gateway.agents.tools import Tools
 from skiros2_gateway.core.access import Role
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.http.callers import CallerArg, ServiceArg, agent_of
@@ -125,6 +126,6 @@ class AgentServer:
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             data, is_error = {"code": error.code, "detail": str(error), "problems": problems}, True
-        text = json.dumps(data, default=str)
+        text = json_text(data)
         content = [types.TextContent(type="text", text=text)]
         return types.CallToolResult(content=content, structured_content=json.loads(text), is_error=is_error)

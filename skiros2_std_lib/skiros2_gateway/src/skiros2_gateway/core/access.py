@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated
+from skiros2_gateway.core.refusals import Refusals
 from skiros2_gateway.core.users import Role, User, sha256
 
 __all__ = ["AGENTS", "Access", "AuditLog", "Caller", "RateLimit", "Role", "User"]
@@ -80,9 +81,11 @@ class RateLimit:
 
 
 class AuditLog(Protocol):
-    """Where audited requests are written to."""
+    """Where audited requests are written to, and read from."""
 
     def audit(self, entry: Mapping[str, Any]) -> None: ...
+
+    def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]: ...
 
 
 class Access:
@@ -96,6 +99,7 @@ class Access:
         self._audit = audit
         self._rate, self._burst = rate, burst
         self._limits: dict[tuple[str, str], RateLimit] = {}
+        self._refusals = Refusals(self._write)
         self.set_users(users)
 
     def set_users(self, users: Sequence[User]) -> None:
@@ -113,6 +117,15 @@ class Access:
         """
         return self._admit(_TOKEN + sha256(token), way, address, "the token is missing or unknown")
 
+    def authenticate_signature(self, name: str, is_right: Callable[[str], bool], way: str, address: str = "") -> Caller:
+        """Returns the caller with a name, whose signature is right; raises like `authenticate`.
+
+        :param is_right: whether a signature was made with a key: the SHA-256 of the token, as hexadecimal digits.
+        """
+        tokens = {key.removeprefix(_TOKEN): key for key in self._by_credential if key.startswith(_TOKEN)}
+        found = [key for digest, key in tokens.items() if self._by_credential[key].name == name and is_right(digest)]
+        return self._admit(found[0] if found else "", way, address, "the user or the signature is wrong")
+
     def authenticate_certificate(self, der: bytes, way: str, address: str = "") -> Caller:
         """Returns the caller with a certificate (DER); raises like `authenticate`."""
         return self._admit(_CERTIFICATE + hashlib.sha256(der).hexdigest(), way, address, "the certificate is unknown")
@@ -125,19 +138,17 @@ class Access:
         user = self._by_credential.get(caller.credential)
         if user is None or user.name != caller.user:
             raise Unauthenticated(f"the credentials of {caller.user} are not valid any more")
-        return self._caller(user, caller.way, caller.credential)
+        return self._caller(user, caller.way, caller.credential, "")
 
     def _admit(self, credential: str, way: str, address: str, reason: str) -> Caller:
         user = self._by_credential.get(credential)
         if user is None:
-            try:
-                self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST).take()
-            finally:
-                log.debug("%s: request from %s: %s", way, address, reason)
+            self._refusals.add(_entry("", way, "log in", address, reason))
+            self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST).take()
             raise Unauthenticated(reason)
-        return self._caller(user, way, credential)
+        return self._caller(user, way, credential, address)
 
-    def _caller(self, user: User, way: str, credential: str) -> Caller:
+    def _caller(self, user: User, way: str, credential: str, address: str) -> Caller:
         caller = Caller(user.name, user.level, way, user.person, credential)
         reason = ""
         if user.level is Role.AGENT and way != AGENTS:
@@ -145,7 +156,7 @@ class Access:
         elif user.person and way == AGENTS:
             reason = f"{user.name} is a person; an agent needs a user of its own with the role agent"
         if reason:
-            self.record(caller, "log in", "", f"denied: {reason}")
+            self._refusals.add(_entry(caller.user, way, "log in", address, f"denied: {reason}"))
             raise Denied(reason)
         return caller
 
@@ -162,14 +173,26 @@ class Access:
         :raises Denied: the caller lacks the role. The denial is in the audit log.
         """
         if caller.level < role:
-            self.record(caller, action, thing, f"denied: needs the role {role.name.lower()}")
+            outcome = f"denied: needs the role {role.name.lower()}"
+            self._refusals.add(_entry(caller.user, caller.way, action, thing, outcome))
             raise Denied(f"{action} needs the role {role.name.lower()}, {caller.user} has {caller.role.name.lower()}")
 
     def record(self, caller: Caller, action: str, thing: str, outcome: str) -> None:
         """Writes an entry of the audit log."""
-        entry = {"user": caller.user, "way": caller.way, "action": action, "object": thing[:200], "outcome": outcome}
+        self._write(_entry(caller.user, caller.way, action, thing, outcome))
+
+    def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]:
+        """Returns entries of the audit log with a higher number, the oldest first."""
+        self._refusals.write_ended(also_open=True)
+        return self._audit.audit_log(since, limit)
+
+    def close(self) -> None:
+        """Writes what is only counted so far."""
+        self._refusals.write_ended(also_open=True)
+
+    def _write(self, entry: Mapping[str, Any]) -> None:
         try:
-            self._audit.audit({"time": time.time(), **entry})
+            self._audit.audit(entry)
         except StoreFailed as error:  # what was done is done: it is in the node's log instead
             log.error("not in the audit log: %s: %s", entry, error)
 
@@ -181,3 +204,7 @@ class Access:
             limit = self._limits[key] = RateLimit(rate, burst)
         return limit
 
+
+def _entry(user: str, way: str, action: str, thing: str, outcome: str) -> dict[str, Any]:
+    fields = {"user": user, "way": way, "action": action, "object": thing[:200], "outcome": outcome}
+    return {"time": time.time(), **fields}

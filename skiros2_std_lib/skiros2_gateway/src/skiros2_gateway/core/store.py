@@ -15,6 +15,7 @@ from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.core.job import FINAL, Job
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import StoreFailed
 
 _VERSION = 1
@@ -52,6 +53,9 @@ class JobStore:
     """
 
     def __init__(self, path: Path | str) -> None:
+        if str(path) != ":memory:":
+            Path(path).touch(mode=0o600)
+            Path(path).chmod(0o600)  # SQLite gives its other files the same mode
         self._db = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
@@ -82,7 +86,7 @@ class JobStore:
         """
         response = job.response
         is_open = job.state not in FINAL or not response.collected
-        row = (job.state, job.cleared, is_open, response.ended, response.outcome, json.dumps(job.to_dict()))
+        row = (job.state, job.cleared, is_open, response.ended, response.outcome, json_text(job.to_dict()))
         with self._transaction() as db:
             db.execute(
                 "INSERT INTO jobs (id, sequence, state, cleared, is_open, ended, outcome, document)"

@@ -30,7 +30,9 @@ authenticated caller) and `ServiceArg` (the model).
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import time
 from collections.abc import AsyncIterator, Sequence
 from typing import Annotated, Any, Literal
 
@@ -54,6 +56,8 @@ log = logging.getLogger(__name__)
 
 #: The largest body of a request (bytes).
 MAX_BODY = 256 * 1024
+#: The longest time for the body of a request (s).
+BODY_TIMEOUT = 30.0
 
 _STATUS: tuple[tuple[type[SkirosError], int], ...] = (
     (Rejected, 422), (Denied, 403), (Unauthenticated, 401), (TooMany, 429), (UnknownName, 404), (Conflict, 409),
@@ -125,11 +129,18 @@ class _Limits:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        received = 0
+        received, is_complete, ended = 0, False, time.monotonic() + BODY_TIMEOUT
 
         async def limited() -> Message:
             nonlocal received
-            message = await receive()
+            nonlocal is_complete
+            if is_complete:  # nothing but the end of the connection
+                return await receive()
+            try:
+                message = await asyncio.wait_for(receive(), ended - time.monotonic())
+            except TimeoutError:
+                raise HTTPException(408, f"the body has not arrived within {BODY_TIMEOUT:g} s") from None
+            is_complete = not message.get("more_body", False)
             received += len(message.get("body", b""))
             if received > self._max_body:
                 raise HTTPException(413, f"the body has more than {self._max_body} bytes")
@@ -155,6 +166,9 @@ _HEADERS = [
 
 
 # -- the routes --------------------------------------------------------------------------------------------------------
+
+#: A number of the store: SQLite's integers have 64 bits.
+Since = Annotated[int, Query(ge=0, lt=2**63)]
 
 _router = APIRouter(prefix="/api")
 
@@ -270,7 +284,7 @@ async def jobs(
     service: ServiceArg,
     state: Annotated[list[str] | None, Query()] = None,
     cleared: bool = False,
-    since: int = 0,
+    since: Since = 0,
     limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
 ) -> dict[str, Any]:
     """Jobs, the newest first; only those with a number above `since`."""
@@ -359,8 +373,8 @@ async def query(caller: CallerArg, service: ServiceArg, body: _Query) -> dict[st
 
 @_router.get("/audit")
 async def audit(
-    caller: CallerArg, service: ServiceArg, since: int = 0, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000
+    caller: CallerArg, service: ServiceArg, since: Since = 0, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000
 ) -> dict[str, Any]:
     """The audit log, the oldest first; only entries with a number above `since`."""
     service.view(caller, Role.MAINTAIN, "read the audit log")
-    return {"audit": service.store.audit_log(since, limit)}
+    return {"audit": service.access.audit_log(since, limit)}

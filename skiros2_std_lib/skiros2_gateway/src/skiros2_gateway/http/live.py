@@ -17,16 +17,17 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import FiniteFloat
 
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.live import TASK_ACTIONS, LiveCell, LiveView
 from skiros2_gateway.core.run_view import history_data
 from skiros2_gateway.http.callers import CallerArg, ServiceArg
@@ -103,7 +104,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
 
     @router.get("/runs/{key:path}/nodes/{node}")
     async def node(
-        caller: CallerArg, service: ServiceArg, key: str, node: int, time: float | None = None
+        caller: CallerArg, service: ServiceArg, key: str, node: int, time: FiniteFloat | None = None
     ) -> dict[str, Any]:
         """The parameters and conditions of a node."""
         service.view(caller)
@@ -116,7 +117,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         return values.to_dict()
 
     @router.get("/runs/{key:path}/scene")
-    async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: float) -> Response:
+    async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat) -> Response:
         """Elements and robots at a time."""
         service.view(caller)
         find(key)
@@ -125,7 +126,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         return _json(view.scenes.at(time))
 
     @router.get("/runs/{key:path}")
-    async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: float | None = None) -> Response:
+    async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat | None = None) -> Response:
         """A run at a time."""
         service.view(caller)
         return _json(history_data(find(key), time))
@@ -186,4 +187,4 @@ def _styles() -> dict[str, Any]:
 
 
 def _json(data: Any) -> Response:
-    return Response(json.dumps(data, separators=(",", ":")), media_type="application/json")
+    return Response(json_text(data), media_type="application/json")

@@ -251,17 +251,23 @@ class OpcuaServer:
         last = self._service.events.last_id
         await self._twin.read_all()
         async for event in self._service.events.follow(last):
-            self._lists.on_event(event)
+            try:
+                self._lists.on_event(event)
+                await self._twin.on_event(event)
+            except Exception:  # one event with a mistake does not cost the others
+                log.exception("OPC UA: the event %s of kind %s is not shown", event.id, event.kind)
             if event.kind in ("job", "reset"):
                 self._has_changes.set()
-            await self._twin.on_event(event)
 
     async def _write_lists(self) -> None:
         while True:
             await self._has_changes.wait()
             self._has_changes.clear()
-            await self._write("JobOrderList", self._lists.orders())
-            await self._write("JobOrderResponseList", self._lists.responses())
+            try:
+                await self._write("JobOrderList", self._lists.orders())
+                await self._write("JobOrderResponseList", self._lists.responses())
+            except Exception:
+                log.exception("OPC UA: the lists of jobs are as they were")
             await asyncio.sleep(_LIST_PERIOD)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

@@ -44,7 +44,7 @@ class GivenPlan:
         before = frozenset((first - 1, i) for i, step in enumerate(self.steps) for first in step["after"])
         if missing := sorted(needed.before - _closure(before)):
             first, second = missing[0][0] + 1, missing[0][1] + 1
-            raise WrongValue(f"the given plan does not work any more: step {second} would have to wait for step {first}")
+            raise WrongValue(f"the given plan does not work any more: step {second} would have to wait for {first}")
         order = PartialOrder(steps, before, needed.links)
         plan = plan_of(task, as_early_as_possible(task, order, durations), objects)
         for step, given in zip(plan.steps, self.steps, strict=True):

@@ -4,8 +4,8 @@ Topics below the prefix (`skiros2` by default):
 
 - `job/in/METHOD`: a command as JSON, signed as in `skiros2_gateway.mqtt.signature`: {order, comment} for store,
   store_and_start and update, {id, comment} for start, revoke_start, pause, resume, stop, abort, cancel and clear.
-  `request`, if given, is repeated in the answer; a command with the same `key` (a text) is carried out once. A retained command is refused: a broker would send it again after
-  each connection.
+  `request`, if given, is repeated in the answer; a command with the same `key` (a text) is carried out once. A retained
+  command is refused: a broker would send it again after each connection.
 - `job/answer`: {request, id, ok} and `job` (its state), or `error` (the problem details as of REST).
 - `job/ID/state`, retained: {state, substate, changed}; `job/ID/response`, retained: the complete response. Both are
   removed when the job is cleared.

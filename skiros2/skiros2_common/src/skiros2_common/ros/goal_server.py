@@ -1,4 +1,4 @@
-"""An action server that handles goals and cancellations in its own thread."""
+"""An action server that handles goals in one thread of its own, and cancellations in another."""
 
 from __future__ import annotations
 
@@ -15,6 +15,12 @@ from actionlib_msgs.msg import GoalStatus
 
 log = logging.getLogger(__name__)
 
+
+def is_cancelled(handle: Any) -> bool:
+    """Whether the client has cancelled an accepted goal that has not ended."""
+    return bool(handle.get_goal_status().status == GoalStatus.PREEMPTING)
+
+
 #: States of goals that have not ended.
 ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 
@@ -29,7 +35,8 @@ _STATUS_PERIOD = 0.2
 
 
 class GoalServer:
-    """Handles goals and cancellations in their order. Subclasses define how.
+    """Handles goals in their order, and cancellations beside them: these never wait for a goal to begin. Subclasses
+    define how.
 
     actionlib calls back with a lock held that other threads need to publish feedback and results, so the callbacks only
     queue the request. actionlib publishes the status by the ROS clock; if that is simulated, this class publishes it by
@@ -43,25 +50,31 @@ class GoalServer:
     def __init__(self, name: str, spec: Any, status_kept: float = 0.0) -> None:
         self._name = name
         self._status_kept = status_kept
-        self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any] | None] = queue.SimpleQueue()
+        self._goals_waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._cancellations: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name=name.strip("~/"), daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, args=(self._goals_waiting, self._take), name=name.strip("~/"), daemon=True
+        )
         self._server = actionlib.ActionServer(
             name,
             spec,
-            lambda handle: self._requests.put((self._take, handle)),
-            lambda handle: self._requests.put((self._cancel, handle)),
+            self._goals_waiting.put,
+            self._cancellations.put,
             auto_start=False,
         )
 
-    # -- to override, called in the action's thread --------------------------------------------------------------
+    # -- to override -----------------------------------------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
-        """Accepts or rejects a goal that was not cancelled before."""
+        """Accepts or rejects a goal that was not cancelled before; in the thread of the goals.
+
+        A goal that is cancelled before `_cancel` can find it `is_cancelled` afterwards.
+        """
         raise NotImplementedError
 
     def _cancel(self, handle: Any) -> None:
-        """Preempts a goal, if it is still active."""
+        """Preempts a goal, if it is still active; in the thread of the cancellations."""
         raise NotImplementedError
 
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
@@ -82,6 +95,9 @@ class GoalServer:
     def start(self) -> None:
         """Starts to accept goals."""
         self._thread.start()
+        threading.Thread(
+            target=self._serve, args=(self._cancellations, self._cancel), name=f"{self._thread.name} stop", daemon=True
+        ).start()
         self._server.start()
         self._server.status_list_timeout = max(self._server.status_list_timeout, rospy.Duration(self._status_kept))
         if not rospy.rostime.is_wallclock():
@@ -98,7 +114,8 @@ class GoalServer:
         """
         if self._thread.ident is None:
             return  # never started
-        self._requests.put(None)
+        self._goals_waiting.put(None)
+        self._cancellations.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         message = f"{rospy.get_name()} ended before the goal did"
@@ -106,18 +123,16 @@ class GoalServer:
         for handle in self._unfinished_handles():
             if handle.get_goal_status().status in ACTIVE:
                 handle.set_aborted(result, message)
-        for act, handle in self._waiting():
-            if act == self._take:
-                handle.set_rejected(result, message)
+        for handle in self._waiting():
+            handle.set_rejected(result, message)
         self._flush()
         self._closed.set()
         self._server.stop()
 
-    # -- in the thread of the action -----------------------------------------------------------------------------
+    # -- in the threads of the action ----------------------------------------------------------------------------
 
-    def _serve(self) -> None:
-        while (request := self._requests.get()) is not None:
-            act, handle = request
+    def _serve(self, handles: queue.SimpleQueue[Any], act: Callable[[Any], None]) -> None:
+        while (handle := handles.get()) is not None:
             try:
                 act(handle)
             except Exception:
@@ -136,10 +151,10 @@ class GoalServer:
 
     # -- the end -------------------------------------------------------------------------------------------------
 
-    def _waiting(self) -> Iterable[tuple[Callable[[Any], None], Any]]:
-        while not self._requests.empty():
-            if (request := self._requests.get()) is not None:
-                yield request
+    def _waiting(self) -> Iterable[Any]:
+        while not self._goals_waiting.empty():
+            if (handle := self._goals_waiting.get()) is not None:
+                yield handle
 
     def _flush(self) -> None:
         # rospy writes in its own threads and drops queued messages when a topic is closed.

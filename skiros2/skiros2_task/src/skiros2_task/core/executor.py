@@ -187,9 +187,11 @@ class GoalExecutor:
         return execution
 
     def cancel(self, execution: GoalExecution) -> None:
-        """Cancels a goal. Its running steps are stopped."""
+        """Cancels a goal. Its running steps are stopped at once, whatever the executor's thread does."""
         execution.cancelled.set()
         self._events.put(lambda: self._execute(execution, execution.machine.cancel()))
+        for stop in list(execution.stops.values()):
+            stop()
 
     def world_changed(self) -> None:
         """Reports that the world model has changed."""
@@ -315,7 +317,9 @@ class GoalExecutor:
             self._events.put(lambda: self._ended(execution, step, succeeded, message, explanations))
 
         log.info("%s: %s", execution.name, step)
-        execution.stops[step.number] = self._runner.start(step, ended)
+        execution.stops[step.number] = stop = self._runner.start(step, ended)
+        if execution.cancelled.is_set():  # just now
+            stop()
 
     def _ended(
         self, execution: GoalExecution, step: Step, succeeded: bool, message: str, explanations: Sequence[Explanation]

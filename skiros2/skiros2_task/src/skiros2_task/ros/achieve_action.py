@@ -10,7 +10,7 @@ from typing import Any
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Provenance
 from skiros2_common.core.names import full_name
-from skiros2_common.ros.goal_server import ACTIVE, GoalServer
+from skiros2_common.ros.goal_server import ACTIVE, GoalServer, is_cancelled
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
 from skiros2_skill.core.runtime.request import REFUSED_CODE
@@ -48,7 +48,8 @@ class AchieveAction(GoalServer):
         self._options = options
         self._max_replans = max_replans
         self._interrupt_priority = interrupt_priority
-        self._running: list[tuple[Any, GoalExecution]] = []  # owned by the action's thread
+        #: Replaced by the thread of the goals, never changed.
+        self._running: tuple[tuple[Any, GoalExecution], ...] = ()
 
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
@@ -56,7 +57,7 @@ class AchieveAction(GoalServer):
     def _unfinished_handles(self) -> list[Any]:
         return [handle for handle, _ in self._running]
 
-    # -- in the thread of the action ---------------------------------------------------------------------------
+    # -- in the threads of the action --------------------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
         message = handle.get_goal()
@@ -70,8 +71,10 @@ class AchieveAction(GoalServer):
         log.info("goal of %s: %s", message.author or "unknown", message.goals)
         publisher = _GoalPublisher(handle)
         execution = self._executor.achieve(goal, publisher.on_change, publisher.on_end)
-        self._running = [(h, a) for h, a in self._running if h.get_goal_status().status in ACTIVE]
-        self._running.append((handle, execution))
+        active = [(h, a) for h, a in self._running if h.get_goal_status().status in ACTIVE]
+        self._running = (*active, (handle, execution))
+        if is_cancelled(handle):
+            self._executor.cancel(execution)
 
     def _cancel(self, handle: Any) -> None:
         for known, execution in self._running:

@@ -46,7 +46,7 @@ def main() -> None:
         engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)))
         step_runner = ManagerStepRunner(rospy.get_name(), durations)
         archive = Archive(folder)
-        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, lambda: step_runner.agents)
+        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, step_runner.robots)
         executor = GoalExecutor(planner, step_runner)
         step_runner.subscribe(executor.robot_found, executor.robot_lost)
         wm.add_listener(lambda _: executor.world_changed())

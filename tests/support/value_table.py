@@ -31,7 +31,7 @@ def _plan(user: str, ptype: ParamTypes) -> Callable[[Element], list[Call]]:
     return calls
 
 
-#: Ways in which the value is given, or another skill has found it for a Required parameter: the skill uses this element,
+#: Ways in which the value is given, or another skill has found it for a Required parameter: the skill uses it,
 #: or fails.
 GIVEN: dict[str, Callable[[Element], list[Call]]] = {
     "a command": lambda part: [("Gate", {}), ("UseRequired", {"Object": part})],

@@ -9,10 +9,12 @@ import pytest
 
 from compatibility.rules import rule
 from compatibility.test_blackboard import compound, message, primitive, tells
+from libraries.value_skills import use
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeElement
+from skiros2_skill.core.runtime.request import JsonValues, SkillRequest, make_nodes
 from skiros2_skill.ros.utils import SkillHolder, deserialize_skill
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.value_table import CHANGES, WAYS, Outcome, check, furnish, seen_by
@@ -227,3 +229,54 @@ def test_an_element_that_a_skill_has_built_itself_changes_only_what_it_has_set(d
     after = doors.element("pantry")
     assert (after.value_of("skiros:Weight"), after.value_of("skiros:CadModel")) == (3.0, "closed")
     assert after.getRelations("", "skiros:contain", "-1") == pantry.getRelations("", "skiros:contain", "-1")
+
+
+# -- ways that only the process itself has --------------------------------------------------------------------------
+
+
+def by_default(bench, part):
+    """A skill whose declaration has the element as a default."""
+    bench.load(primitive("Defaulted", ("Object", part, ParamTypes.Required), execute=use))
+    return bench.node("Defaulted")
+
+
+def by_id(bench, part):
+    """A request in JSON, which names the element by its id."""
+    bench.load(primitive("Named", product(kind=ParamTypes.Required), execute=use))
+    (node,) = make_nodes([SkillRequest("Named", "", {"Object": JsonValues([part.id])})], bench.library, bench.wmi)
+    return node
+
+
+@rule("blackboard", "An element that is a default, or that a request names by its id, is read when the skill starts")
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("way", [by_default, by_id])
+def test_a_default_and_an_id_name_the_element_as_it_is(skill_bench, monkeypatch, way, change):
+    monkeypatch.syspath_prepend(LIBRARIES)
+    skill_bench.import_libraries("value_skills")
+    editor = LocalWorldModel("editor", skill_bench.wmi.model)
+    stage = furnish(editor)
+    node = way(skill_bench, editor.get_element(stage.part))
+    CHANGES[change](editor, stage)
+    task = skill_bench.run(node)
+    seen = seen_by([(f"use_{node.label}", node.progress_msg)])
+    check("a command", change, stage, Outcome(task.state is State.Success, seen, task.why), editor)
+
+
+@rule("more", "A learned value replaces a default: each start takes the present one; a given value wins")
+def test_learned_values_are_read_at_each_start(skill_bench):
+    speed = ("Speed", 0.1, ParamTypes.Required)
+    skill_bench.load(primitive("Push", speed, execute=lambda s: s.success(str(s.params["Speed"].value))))
+
+    def learn(value):
+        found = skill_bench.add("skiros:ParameterSet", "learned", SkillType="skiros:Push")
+        part = skill_bench.add("skiros:Parameter", "Speed", found, "skiros:hasParam", Value=value)
+        return found, part
+
+    said = [message(skill_bench.run(skill_bench.node("Push")), "Push")]
+    _, part = learn(0.2)
+    said.append(message(skill_bench.run(skill_bench.node("Push")), "Push"))
+    part.setProperty("skiros:Value", 0.3)
+    skill_bench.wmi.update_element(part)
+    said.append(message(skill_bench.run(skill_bench.node("Push")), "Push"))
+    said.append(message(skill_bench.run(skill_bench.node("Push", Speed=0.9)), "Push"))
+    assert said == ["0.1", "0.2", "0.3", "0.9"]

@@ -16,7 +16,7 @@ from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_client import Element
 
-SEED, ATTACKS, SECONDS = 1, 600, 0.5
+SEED, ATTACKS, SECONDS = 1, 300, 2.0
 DOUBLED = " ".join(f"BIND(CONCAT(?v{i}, ?v{i}) AS ?v{i + 1})" for i in range(30))
 HOSTILE = [
     "SELECT ?s " + "{" * 3000 + "?s ?p ?o" + "}" * 3000,
@@ -54,7 +54,7 @@ def processes() -> int:
 def test_hostile_queries_and_kills_harm_no_other_query() -> None:
     store = WorkerStore(seconds=SECONDS, memory=300 << 20, rows=100_000)
     model = WorldModel(source_ontologies(), store=store)
-    attacks, kills, answers = iter(range(ATTACKS)), iter(range(ATTACKS // 10)), 0
+    attacks, kills, answers = iter(range(ATTACKS)), iter(range(ATTACKS // 5)), 0
     failed: list[BaseException] = []
 
     def attack(number: int) -> None:

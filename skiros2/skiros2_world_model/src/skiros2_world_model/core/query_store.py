@@ -375,7 +375,7 @@ class WorkerStore:
         """Why a worker has ended without an answer."""
         if status == -signal.SIGALRM or seconds >= self._seconds:
             return TimedOut(f"SPARQL query: {query}: ended after {self._seconds:g} s")
-        if status in (-signal.SIGABRT, -signal.SIGKILL):
+        if status == -signal.SIGABRT:
             return QueryTooLarge(f"needs more than {self._memory >> 20} MB", query)
         if status in (-signal.SIGSEGV, -signal.SIGBUS):
             return QueryError("it is nested too deeply", query)

@@ -241,7 +241,12 @@ class LocalSystem:
         goal._cancel = lambda: self._executor.cancel(execution)
         return goal
 
-    def start(self, step: Step, ended: Ended) -> Callable[[], None]:
+    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+        """See `StepRunner`. The steps of an earlier process have ended with it."""
+        known(False)
+        return lambda: None
+
+    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
         """Starts a step of a plan; see `StepRunner`."""
         call = step.call
         robot = self.robots.get(call.manager) or self.robots.get(f"/{call.manager}")

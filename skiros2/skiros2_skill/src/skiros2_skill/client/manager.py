@@ -12,6 +12,7 @@ from typing import Any
 
 import actionlib
 import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus
 
 from skiros2_common.core.errors import Refused, TimedOut, UnknownName
 from skiros2_common.core.explanation import Explanation
@@ -54,6 +55,7 @@ class SkillRun:
     :param client: sends the goal.
     :param monitor_cb: see `SkillRunner.run`.
     :param last_accepted: shared by all goals of the client.
+    :param goal_id: of the goal; None: a new one.
     """
 
     def __init__(
@@ -62,17 +64,24 @@ class SkillRun:
         goal: Any,
         monitor_cb: Callable[[Any], None] | None,
         last_accepted: _LastAccepted,
+        goal_id: GoalID | None = None,
     ) -> None:
         self._watch = ServerWatch(client)
         self._last_accepted = last_accepted
         self._monitor_cb = monitor_cb
         self._ended = threading.Event()
         self._begun = threading.Event()
+        self._known = threading.Event()
         self._task = -1
         self._result: Any = None
         self._was_accepted = False
         self._sent_at = time.monotonic()
-        self._handle = client.send_goal(goal, self._on_transition)
+        if goal_id is not None:
+            client.manager._generate_id = lambda: goal_id  # actionlib has no other way to choose it
+        try:
+            self._handle = client.send_goal(goal, self._on_transition)
+        finally:
+            client.manager.__dict__.pop("_generate_id", None)
 
     @property
     def goal_id(self) -> str:
@@ -88,6 +97,15 @@ class SkillRun:
     def done(self) -> bool:
         """Whether the skills have ended or were refused."""
         return self._ended.is_set()
+
+    def wait_until_known(self, timeout: float | None = None) -> bool:
+        """Waits until the manager has answered. Returns whether it has the skills: they run or have ended.
+
+        :raises TimedOut: the manager has died, or has not answered in time.
+        """
+        if not self._wait(self._known, timeout):
+            raise TimedOut(f"{self._watch.name} has not answered within {timeout:g} s")
+        return not (self.done and self._handle.get_goal_status() == GoalStatus.REJECTED)
 
     def cancel(self) -> None:
         """Requests the preemption of these skills. Returns at once."""
@@ -171,6 +189,8 @@ class SkillRun:
         if not self._was_accepted:
             self._was_accepted = True
             self._last_accepted.sent_at, self._last_accepted.accepted_at = self._sent_at, time.monotonic()
+        if handle.get_comm_state() in (actionlib.CommState.ACTIVE, actionlib.CommState.PREEMPTING):
+            self._known.set()
         if handle.get_comm_state() != actionlib.CommState.DONE:
             return
         result = handle.get_result()
@@ -181,6 +201,7 @@ class SkillRun:
         self._task = result.task_id
         self._ended.set()
         self._begun.set()
+        self._known.set()
 
 
 class SkillRunner:
@@ -208,21 +229,36 @@ class SkillRunner:
         skills: Sequence[Any],
         monitor_cb: Callable[[Any], None] | None = None,
         connect_timeout: float = 5.0,
+        goal_id: str = "",
     ) -> SkillRun:
         """Sends a goal.
 
         :param skills: as `ResourceDescription`.
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
         :param connect_timeout: s to wait for the manager.
+        :param goal_id: with which another process can `attach` to the skills; "": a new one.
         :raises TimedOut: no manager answers.
         """
+        chosen = GoalID(rospy.Time.now(), goal_id) if goal_id else None
+        return self._send(msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, connect_timeout, chosen)
+
+    def attach(self, author: str, goal_id: str, connect_timeout: float = 5.0) -> SkillRun:
+        """Follows skills that another process has started; see `SkillRun.wait_until_known`.
+
+        :raises TimedOut: no manager answers.
+        """
+        return self._send(msgs.ExecuteSkillsGoal(author, []), None, connect_timeout, GoalID(id=goal_id))
+
+    def _send(
+        self, goal: Any, monitor_cb: Callable[[Any], None] | None, connect_timeout: float, goal_id: GoalID | None
+    ) -> SkillRun:
         deadline = time.monotonic() + connect_timeout
         while not self._watch.is_connected():
             if time.monotonic() > deadline:
                 raise TimedOut(f"{self._watch.name}: no manager answers within {connect_timeout:g} s")
             time.sleep(_CONNECT_POLL_PERIOD)
         with self._lock:
-            run = SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._last_accepted)
+            run = SkillRun(self._client, goal, monitor_cb, self._last_accepted, goal_id)
             self._runs[run.goal_id] = run
         return run
 
@@ -328,17 +364,33 @@ class ManagerClient:
         found = utils.deserializeParamMap(answer.params)
         return StartPreview(answer.label, {key: param.value for key, param in found.items()})
 
-    def run(self, skills: Sequence[Step | SkillHolder], monitor_cb: Callable[[Any], None] | None = None) -> SkillRun:
+    def run(
+        self,
+        skills: Sequence[Step | SkillHolder],
+        monitor_cb: Callable[[Any], None] | None = None,
+        goal_id: str = "",
+    ) -> SkillRun:
         """Runs skills in sequence as a new task. Returns a handle to wait for or cancel it.
 
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
+        :param goal_id: with which another process can `attach` to the task; "": a new one.
         :raises TimedOut: the manager does not answer within 5 s.
         """
+        return self._action.run(self.author, [_message(skill) for skill in skills], monitor_cb, goal_id=goal_id)
+
+    def attach(self, goal_id: str) -> SkillRun:
+        """Follows a task that another process has started; see `SkillRun.wait_until_known`.
+
+        :raises TimedOut: the manager does not answer within 5 s.
+        """
+        return self._action.attach(self.author, goal_id)
+
+    @property
+    def _action(self) -> SkillRunner:
         with self._runner_lock:
             if self._runner is None:
                 self._runner = SkillRunner(self.name)
-            runner = self._runner
-        return runner.run(self.author, [_message(skill) for skill in skills], monitor_cb)
+            return self._runner
 
     def read_tasks(self, task_id: int = ALL) -> list[Sequence[Any]]:
         """Returns the tasks that have not ended, by id: the `SkillProgress` of each node, parents before children.

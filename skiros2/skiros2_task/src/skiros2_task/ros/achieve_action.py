@@ -7,20 +7,30 @@ import logging
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from skiros2_common.core.errors import WrongValue
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus
+
+from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Provenance
 from skiros2_common.core.names import full_name
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
-from skiros2_msgs.msg import AchieveFeedback, AchieveResult
+from skiros2_msgs.msg import AchieveActionGoal, AchieveFeedback, AchieveGoal, AchieveResult
+from skiros2_msgs.srv import GoalOnRestart, GoalOnRestartRequest, GoalOnRestartResponse
 from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
 from skiros2_task.core.execution import Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.goal_store import ENDED_GOALS, GoalStore, OnRestart, StoredGoal, StoreFailed
 from skiros2_task.core.planning import Verdict
+from skiros2_task.core.recovery import Restart
 from skiros2_task.ros.plan_actions import PlanningOptions, end_goal
 
 log = logging.getLogger(__name__)
+
+#: The phase in the feedback of a goal that asks how to continue after a restart. No constant of the message, whose md5
+#: sum covers them.
+ASKING = "asking"
 
 #: The default of a goal's `max_replans`.
 MAX_REPLANS = 5
@@ -28,27 +38,93 @@ MAX_REPLANS = 5
 INTERRUPT_PRIORITY = 100
 #: How long a client that was restarted can read how its goal has ended (s).
 _STATUS_KEPT = 60.0
+#: How long after its publication a result counts as delivered (s).
+_DELIVERY_TIME = 2.0
+
+#: The status of an ended goal.
+_STATUS = {
+    Verdict.PLANNED: GoalStatus.SUCCEEDED,
+    Verdict.NOTHING_TO_DO: GoalStatus.SUCCEEDED,
+    Verdict.CANCELLED: GoalStatus.PREEMPTED,
+}
 
 
 class AchieveAction(GoalServer):
     """Executes any number of goals at once. A goal continues when its client disappears.
 
-    To be closed after the executor.
+    With a store, a goal also continues when the task manager is killed. Call `start`, then `recover`. To be closed
+    after the executor.
 
     :param max_replans: for goals with negative `max_replans`.
     :param interrupt_priority: goals with this priority, or a higher one, interrupt goals with a lower priority.
+    :param store: of the goals; None: they are lost with the process.
     """
 
     def __init__(
         self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS,
-        interrupt_priority: int = INTERRUPT_PRIORITY,
+        interrupt_priority: int = INTERRUPT_PRIORITY, store: GoalStore | None = None,
     ) -> None:  # fmt: skip
-        super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT)
+        super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT, ENDED_GOALS)
         self._executor = executor
         self._options = options
         self._max_replans = max_replans
         self._interrupt_priority = interrupt_priority
+        self._store = store
         self._running: list[tuple[Any, GoalExecution]] = []  # owned by the action's thread
+        self._recovered: list[tuple[GoalExecution, StoredGoal]] = []
+        if store is not None:
+            self._restore(store)
+
+    def _restore(self, store: GoalStore) -> None:
+        """Lists the goals of an earlier process, and keeps its results."""
+        for ended in store.results():
+            status = GoalStatus(_goal_id(ended.id, ended.request), ended.status, ended.text)
+            self.restore_result(status, AchieveResult(**ended.result), ended.delivered)
+        for stored in store.open_goals():
+            message = AchieveGoal(**stored.request["goal"])
+            action_goal = AchieveActionGoal(goal_id=_goal_id(stored.id, stored.request), goal=message)
+            handle = self.restore(action_goal, "continued after a restart")
+            publisher = _GoalPublisher(handle, self._executor, store)
+            try:
+                goal = self._goal(message, stored.id)
+            except WrongValue as error:  # the options of the task manager are others now
+                goal = Goal(message.goals, message.priority, id=stored.id)
+                log.warning("goal %s continues with other options: %s", stored.id, error)
+            execution = self._executor.prepare(goal, publisher.on_change, publisher.on_end)
+            self._running.append((handle, execution))
+            self._recovered.append((execution, stored))
+
+    def recover(self, restart: Restart) -> None:
+        """Continues the goals of an earlier process."""
+        if self._recovered:
+            log.warning("%d goals of an earlier process continue", len(self._recovered))
+            self._executor.recover(self._recovered, restart)
+            self._recovered = []
+
+    def set_on_restart(self, request: GoalOnRestartRequest) -> GoalOnRestartResponse:
+        """Serves `~on_restart`."""
+        if self._store is None:
+            return GoalOnRestartResponse(False, "goals are not stored: see the parameter ~goals")
+        try:
+            self._store.set_on_restart(request.goal_id, OnRestart.named(request.on_restart))
+        except (WrongValue, StoreFailed) as error:
+            return GoalOnRestartResponse(False, str(error))
+        for handle, execution in list(self._running):
+            if handle.get_goal_id().id == request.goal_id:
+                self._executor.decide(execution)
+        return GoalOnRestartResponse(True, "")
+
+    def _is_empty(self, goal: Any) -> bool:
+        return not goal.goals.strip()
+
+    def _repeat(self, goal_id: str) -> None:
+        for handle, execution in self._running:
+            if handle.get_goal_id().id == goal_id:
+                self._executor.report(execution)
+
+    def start(self) -> None:
+        super().start()
+        self._service = rospy.Service("~on_restart", GoalOnRestart, self.set_on_restart)
 
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
@@ -59,16 +135,23 @@ class AchieveAction(GoalServer):
     # -- in the thread of the action ---------------------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
-        message = handle.get_goal()
+        message, goal_id = handle.get_goal(), handle.get_goal_id()
         try:
-            goal = self._goal(message)
-        except WrongValue as error:
+            goal = self._goal(message, goal_id.id)
+            if self._store is not None:
+                request = {
+                    "goal": {name: getattr(message, name) for name in message.__slots__},
+                    "stamp": [goal_id.stamp.secs, goal_id.stamp.nsecs],
+                }
+                if not self._store.accept(goal_id.id, request):
+                    raise WrongValue(f"the id {goal_id.id} is the one of an earlier goal")
+        except (WrongValue, StoreFailed) as error:
             log.warning("goal of %s is rejected: %s", message.author or "unknown", error)
             handle.set_rejected(_refusal(AchieveResult.FAILED, str(error)), str(error))
             return
         handle.set_accepted()
         log.info("goal of %s: %s", message.author or "unknown", message.goals)
-        publisher = _GoalPublisher(handle)
+        publisher = _GoalPublisher(handle, self._executor, self._store)
         execution = self._executor.achieve(goal, publisher.on_change, publisher.on_end)
         self._running = [(h, a) for h, a in self._running if h.get_goal_status().status in ACTIVE]
         self._running.append((handle, execution))
@@ -78,7 +161,7 @@ class AchieveAction(GoalServer):
             if known == handle:
                 self._executor.cancel(execution)
 
-    def _goal(self, message: Any) -> Goal:
+    def _goal(self, message: Any, goal_id: str) -> Goal:
         """
         :raises WrongValue: a field has an invalid value.
         """
@@ -89,14 +172,17 @@ class AchieveAction(GoalServer):
             planner=self._options.planner(message.wish),
             max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
             interrupts=message.priority >= self._interrupt_priority,
+            id=goal_id if self._store is not None else "",
         )
 
 
 class _GoalPublisher:
     """Publishes feedback and result of one goal, from the executor's thread."""
 
-    def __init__(self, handle: Any) -> None:
+    def __init__(self, handle: Any, executor: GoalExecutor, store: GoalStore | None) -> None:
         self._handle = handle
+        self._executor = executor
+        self._store = store
 
     def on_change(self, execution: GoalExecution) -> None:
         machine = execution.machine
@@ -123,7 +209,17 @@ class _GoalPublisher:
                 + [why.to_dict() for why in _missing_values(end.missing)]
             ),
         )
+        if self._store is not None:
+            self._keep(self._store, execution.goal.id, end, result)
         end_goal(self._handle, end.verdict, result, end.message)
+
+    def _keep(self, store: GoalStore, goal_id: str, end: End, result: Any) -> None:
+        data = {name: getattr(result, name) for name in result.__slots__}
+        try:
+            store.end(goal_id, _STATUS.get(end.verdict, GoalStatus.ABORTED), end.message, data)
+        except SkirosError as error:
+            log.error("the result of the goal %s is not stored: %s", goal_id, error)
+        self._executor.after(_DELIVERY_TIME, lambda: store.note_delivered(goal_id))
 
 
 def _missing_values(names: Sequence[str]) -> list[Explanation]:
@@ -146,6 +242,10 @@ def _missing_values(names: Sequence[str]) -> list[Explanation]:
     ]
 
 
+def _goal_id(goal_id: str, request: dict[str, Any]) -> Any:
+    return GoalID(rospy.Time(*request["stamp"]), goal_id)
+
+
 def _refusal(state: str, message: str) -> Any:
     return AchieveResult(state=state, message=message, done="[]", explanations="[]")
 
@@ -153,6 +253,8 @@ def _refusal(state: str, message: str) -> Any:
 def _phase(phase: Phase) -> str:
     if phase is Phase.STOPPING:
         return str(AchieveFeedback.STOPPING)
+    if phase is Phase.ASKING:
+        return ASKING
     return str(AchieveFeedback.PLANNING if phase in (Phase.PLANNING, Phase.BLOCKED) else AchieveFeedback.RUNNING)
 
 

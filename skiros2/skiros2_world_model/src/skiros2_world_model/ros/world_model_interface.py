@@ -67,6 +67,15 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     def version(self) -> int:
         return self._replica.version + self._ontology_changes if self._replica is not None else -1
 
+    @property
+    def session(self) -> str:
+        """Names the scene's line of changes: it stays if the server recovers the scene; "" without a replica."""
+        if self._replica is None:
+            return ""
+        self._replica.refresh()
+        with self._replica.lock:
+            return self._replica.snapshot_id.partition("-")[0]
+
     def revisions(self) -> Revisions | None:
         if self._replica is None:
             return None

@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test compiled-tests lint docs bench bench-insertion bench-learning bench-gateway lock clean
+.PHONY: help setup build demo test test-long compiled-tests lint docs bench bench-insertion bench-learning bench-gateway lock clean
 
 python := .venv/bin/python3
 
@@ -30,6 +30,10 @@ test: setup  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest
 	@$(MAKE) --no-print-directory --jobs 2 lint compiled-tests
 	@exec .ci/in_ros $(python) -m pytest --numprocesses $$(($$(nproc) + 1)) --maxprocesses 4 \
 		--dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+
+# One after the other: these measure times and load the machine themselves. Their tests state their own time limits.
+test-long: setup  ## run the long tests, tests/long: kills, soak, schemas, attacks (PYTEST_ARGS="-k NAME" selects)
+	@exec .ci/in_ros $(python) -m pytest --numprocesses 0 -o timeout=3600 tests/long $(PYTEST_ARGS)
 
 # Each of pytest's processes would otherwise compile all tests at the same time.
 compiled-tests: setup

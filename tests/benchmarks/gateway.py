@@ -90,7 +90,7 @@ async def latency(cell: JobCell, port: int, count: int) -> Row:
     token = TOKENS["operate"]
     tasks = TaskManagerInterface()
     rest = RestChannel(cell.rest.address, token)
-    mqtt = MqttChannel("127.0.0.1", port, token, lambda job_id, state: None)
+    mqtt = MqttChannel("127.0.0.1", port, "operate", token, lambda job_id, state: None)
     opcua = await OpcuaChannel.connect(cell.parameter("/gateway/opcua_address"), "operate", token, NAMESPACE)
     channels: dict[str, Channel | None] = {"action": None, "REST": rest, "OPC UA": opcua, "MQTT": mqtt}
     times: dict[str, list[float]] = {way: [] for way in channels}

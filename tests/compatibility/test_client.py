@@ -172,6 +172,16 @@ def test_relations_between_two_ids(wmi):
     assert wmi.get_relations("", "skiros:contain", part.id)[0]["src"] == SCENE
 
 
+@rule("client", "`get_relations` with the subject `-1`, which matches any, or without a predicate gives ids, not `-1`")
+def test_relations_with_an_open_subject_or_predicate(wmi):
+    part = add(wmi, "skiros:Part")
+    contained = wmi.get_relations("-1", "skiros:contain", part.id)
+    assert [(r["src"], r["type"], r["dst"]) for r in contained] == [(SCENE, "skiros:contain", part.id)]
+    assert wmi.get_relations(SCENE, "", part.id) == contained
+    assert wmi.get_relations("-1", "", part.id) == contained
+    assert wmi.get_relations("-1", "skiros:hasA", part.id) == []
+
+
 @rule("client", "`instanciate(uri)` takes an element too")
 def test_instanciate_an_element(wmi):
     template = wmi.get_template_element("skiros:starter")

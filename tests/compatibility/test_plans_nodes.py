@@ -20,6 +20,7 @@ from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support.planning_world import DRIVE, PlanningWorld
 from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 pytestmark = pytest.mark.timeout(120)
@@ -222,6 +223,18 @@ def test_a_library_in_older_idioms_is_planned_and_executed(ros: Ros, shared: Sha
         "go_fake", "grab_fake", "go_fake", "drop_fake",
     ]  # fmt: skip
     assert wmi.get_relations(table.id, "skiros:contain", bolt.id)
+
+
+@rule(
+    "robots", "A plan has steps for each robot in the scene whose `skiros:SkillMgr` is the name of a manager",
+    differs="only for the robot that a running manager has registered",
+)  # fmt: skip
+def test_a_robot_that_no_manager_has_registered_takes_no_steps(plant: Plant) -> None:
+    stale = PlanningWorld(plant.wmi).robot("carrier", DRIVE, at=STATION)
+    plant.client.send_goal(msgs.AssignTaskGoal(author="tests", goals=f"(skiros:at {stale} {TABLE})"))
+    assert plant.client.wait_for_result(_seconds(WAIT))
+    assert plant.client.get_result().progress_code == 1
+    assert [child["manager"] for child in plant.plan(f"(skiros:at cora:Robot-1 {TABLE})")["children"]] == [ROBOT]
 
 
 @rule("robots", "The author of a goal is a manager's name with slash or without")

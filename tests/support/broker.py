@@ -21,21 +21,20 @@ needs_broker = pytest.mark.skipif(
 
 
 @contextmanager
-def broker() -> Iterator[int]:
-    """Runs a broker on this machine; yields its port once it listens."""
-    with tempfile.NamedTemporaryFile("w", suffix=".conf") as file:
-        file.write("set_tcp_nodelay true\nallow_anonymous true\n")
-        file.flush()
-        yield from _run(file.name)
+def broker(access: str = "allow_anonymous true\n") -> Iterator[int]:
+    """Runs a broker on this machine; yields its port once it listens.
 
-
-def _run(configuration: str) -> Iterator[int]:
+    :param access: lines of its configuration.
+    """
     while True:
         port = free_port()
-        command = ["mosquitto", "-c", configuration, "-p", str(port)]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while process.poll() is None and not _listens(port):
-            time.sleep(0.02)
+        with tempfile.NamedTemporaryFile("w", suffix=".conf") as file:
+            file.write(f"set_tcp_nodelay true\nlistener {port} 127.0.0.1\n{access}")
+            file.flush()
+            command = ["mosquitto", "-c", file.name]
+            process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            while process.poll() is None and not _listens(port):
+                time.sleep(0.02)
         if process.poll() is None:
             break  # else somebody else has taken the port meanwhile
     try:

@@ -18,6 +18,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.mqtt.bridge import without_delay
+from skiros2_gateway.mqtt.signature import sign
 
 #: The ids of valid orders that are sent without the role: no such job may exist.
 FORBIDDEN = "forbidden"
@@ -168,16 +169,23 @@ async def fuzz_mqtt(port: int, prefix: str, tokens: Mapping[str, str], hostile: 
     allowed = set()
     for number in range(count):
         command: dict[str, Any] = {"request": number, "order": hostile.order(), "id": hostile.text()}
-        token = random.choice(("", "guess", tokens["view"], tokens["operate"], tokens["operate"]))
-        if token == tokens["operate"]:
-            allowed.add(number)
-        elif random.random() < 0.5:
+        user = random.choice(("", "guess", "view", "operate", "operate"))
+        may_command = user == "operate"
+        if not may_command and random.random() < 0.5:
             command["order"] = hostile.forbidden_order()
-        command["token"] = token
         if random.random() < 0.2:
-            command[random.choice(("token", "comment", "order", "x"))] = hostile.value()
+            command[random.choice(("time", "comment", "order", "x"))] = hostile.value()
         method = random.choice((*_METHODS, "store_and_start", "x" * 100))
-        client.publish(f"{prefix}/job/in/{method}", hostile.json(command), 1)
+        message = json.loads(sign(user, tokens.get(user, "guess"), method, command))
+        if random.random() < 0.2:
+            may_command = False
+            key = random.choice(("user", "command", "signature", "token"))
+            message[key] = hostile.value() if random.random() < 0.5 else hostile.text()
+            if key == "token":
+                del message["signature"]
+        if may_command:
+            allowed.add(number)
+        client.publish(f"{prefix}/job/in/{method}", hostile.json(message), 1)
         answer = await asyncio.wait_for(answers.get(), 60.0)
         assert not answer["ok"] or answer["request"] in allowed, f"{method} {command}: {answer}"
         found["ok" if answer["ok"] else answer["error"]["code"]] += 1

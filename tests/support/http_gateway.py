@@ -9,32 +9,27 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
-import uvicorn
 from fastapi import APIRouter
 
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.http.app import create_app
+from skiros2_gateway.http.server import HttpServer, Limits
 
 
 @asynccontextmanager
 async def served(
-    service: Service, max_body: int = 10_000, routers: Sequence[APIRouter] = ()
+    service: Service, max_body: int = 10_000, routers: Sequence[APIRouter] = (), limits: Limits | None = None
 ) -> AsyncIterator[str]:
     """Serves until the block ends; yields the address."""
-    app = create_app(service, routers, max_body=max_body)
-    config = uvicorn.Config(app, log_config=None, lifespan="off", timeout_graceful_shutdown=1)
-    server = uvicorn.Server(config)
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.bind(("127.0.0.1", 0))
-    config.load()
-    server.lifespan = config.lifespan_class(config)
-    await server.startup([sock])
+    sock.listen(100)
+    server = HttpServer(create_app(service, routers, max_body=max_body), sock, limits=limits)
+    server.start()
     try:
         yield f"http://127.0.0.1:{sock.getsockname()[1]}"
     finally:
-        server.should_exit = True
-        server.force_exit = True
-        await server.shutdown([sock])
+        await server.stop(at_once=True)
 
 
 async def curl(address: str, path: str, *options: str, token: str = "", body: Any = None) -> tuple[int, Any]:

@@ -35,6 +35,8 @@ class StandInCell:
         self.properties: dict[tuple[str, str], Any] = {}
         self.skill_runs: dict[tuple[str, int], dict[str, Any]] = {}
         self.edits: list[Edits] = []
+        #: The elements with which skills would start.
+        self.inferred: dict[str, str] = {}
 
     def accept(self, goal_id: str) -> None:
         self.listener.goal_accepted(goal_id)
@@ -93,7 +95,7 @@ class StandInCell:
             raise UnknownName(f"{skill} has no parameter {', '.join(unknown)}")
         is_ok = skill == "place" or parameters.get("Tray") == "Tray-1"
         why = None if is_ok else Explanation("pre", skill, skill, 1, -1, "the tray is unknown").to_dict()
-        return {"ok": is_ok, "implementation": skill, "elements": {}, "why": why}
+        return {"ok": is_ok, "implementation": skill, "elements": dict(self.inferred), "why": why}
 
     async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> int:
         found = {"skill": skill, "parameters": dict(parameters), "state": "running", "message": "", "explanations": []}

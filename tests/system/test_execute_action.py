@@ -126,6 +126,37 @@ def test_failed_goal_returns_code_message_and_explanation(robot):
     assert run.params()["Sum"].value == 2.0, "what was done before the failure is told too"
 
 
+def test_cancellation_does_not_wait_for_a_goal_that_cannot_begin(ros, robot):
+    run = robot.run([skill(robot, "stay")])
+    run.wait_for_task(30)
+    add = skill(robot, "add", B=1.0)
+    pid = ros.master.node_pid("/wm")
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        waiting = robot.run([add])  # a start reads the world model
+        run.cancel()
+        assert run.result(20).message == "Preempted"
+        assert not waiting.done
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert waiting.succeeded(30)
+
+
+def test_goal_cancelled_before_its_start_does_not_start(ros, robot):
+    stay = skill(robot, "stay")
+    pid = ros.master.node_pid("/wm")
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        run = robot.run([stay])
+        wait_until(lambda: run._handle.get_comm_state() != actionlib.CommState.WAITING_FOR_GOAL_ACK, what="the goal")
+        run.cancel()
+        wait_until(lambda: run._handle.get_goal_status() == GoalStatus.RECALLING, what="the cancellation")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert run.result(30).task_id < 1
+    assert robot.read_tasks() == []
+
+
 def test_cancelling_one_of_several_goals_keeps_the_others(robot):
     runs = [robot.run([skill(robot, "stay")]) for _ in range(3)]
     tasks = [run.wait_for_task(30) for run in runs]

@@ -315,3 +315,18 @@ def test_interface_without_a_task_manager_does_not_block(shared: SharedSystem) -
     shared.stop()
     with pytest.raises(TimedOut, match="no task manager answers on /tm/achieve"):
         TaskManagerInterface().achieve("(skiros:at a b)")
+
+
+def test_invalid_package_xml_is_reported_once_and_the_task_manager_plans(
+    ros: Ros, wm: WorldModelInterface, tmp_path: Path
+) -> None:
+    manifest = tmp_path / "a_draft" / "package.xml"
+    manifest.parent.mkdir()
+    manifest.write_text("<package><name>a_draft</name></package>")
+    world = transport_world(wm=wm)
+    path = f"{tmp_path}:{ros.master.env['ROS_PACKAGE_PATH']}"
+    program = ros.run("skiros2_task", "task_manager_node", name="tm", env={**ros.master.env, "ROS_PACKAGE_PATH": path})
+    client = actionlib.ActionClient("tm/task_plan", AssignTaskAction)
+    assert client.wait_for_server(rospy_duration(WAIT))
+    assert answer(ask(client, bring(world)))[0] == PLAN
+    assert program.output.count(f"{manifest} is skipped") == 1

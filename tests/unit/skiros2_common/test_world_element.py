@@ -1,6 +1,8 @@
 """Elements: identity, properties, relations, and changes since they were read."""
 
 import logging
+import threading
+import time
 
 import pytest
 
@@ -255,3 +257,48 @@ def test_reasoner_runs_until_stop(nearness):
     assert nearness.wait_stopped(5.0)
     assert nearness.ran
     assert not nearness.stopRequested
+
+
+class Slow(Nearness):
+    """Ends only when `ending` is set, whatever it was asked."""
+
+    def __init__(self):
+        self.runs = self.at_once = self.most_at_once = 0
+        self.started, self.ending = threading.Semaphore(0), threading.Event()
+
+    def run(self):
+        self.runs, self.at_once = self.runs + 1, self.at_once + 1
+        self.most_at_once = max(self.most_at_once, self.at_once)
+        self.started.release()
+        self.ending.wait(20.0)
+        while not self.stopRequested:
+            time.sleep(0.001)
+        self.at_once -= 1
+
+
+def test_stopped_run_that_takes_long_is_not_revived_by_the_next_start():
+    slow = Slow()
+    slow.execute()
+    assert slow.started.acquire(timeout=5.0)
+    for _ in range(3):  # as three loads of a scene do
+        slow.stop()
+        assert not slow.wait_stopped(0.05)
+        slow.execute()
+    assert slow.runs == 1  # the next waits for it
+    slow.ending.set()
+    assert slow.started.acquire(timeout=5.0)
+    assert (slow.runs, slow.at_once, slow.most_at_once) == (2, 1, 1)
+    slow.stop()
+    assert slow.wait_stopped(5.0)
+    assert (slow.runs, slow.at_once) == (2, 0)
+
+
+def test_running_reasoner_is_not_started_twice():
+    slow = Slow()
+    slow.execute()
+    slow.execute()
+    assert slow.started.acquire(timeout=5.0)
+    assert not slow.started.acquire(timeout=0.1)
+    slow.stop()
+    slow.ending.set()
+    assert slow.wait_stopped(5.0)

@@ -31,7 +31,9 @@ PLACE = WorkMaster.model_validate(
     }
 )
 
-TOKENS = {name: f"{name}-0123456789abcdef" for name in ("view", "operate", "maintain")}
+ROLES = ("agent", "view", "operate", "approve", "maintain")
+TOKENS = {name: f"{name}-0123456789abcdef" for name in ROLES}
+PERSONS = ("approve", "maintain")
 
 
 class Gateway:
@@ -48,7 +50,7 @@ class Gateway:
         self.store = JobStore(self.path)
         self.events = EventStream()
         self.control = JobControl(self.store, WorkMasters([PLACE]), self.events, lambda: self.now)
-        users = [User(name=name, role=name, token=token) for name, token in TOKENS.items()]
+        users = [User(name=n, role=n, token=t, person=n in PERSONS) for n, t in TOKENS.items()]
         self.access = Access(users, self.store, self.rate, self.rate)
         self.service = Service(self.store, self.access, self.control, self.events)
         self.cell = StandInCell(self.control, self.capacity)

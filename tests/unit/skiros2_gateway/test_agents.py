@@ -15,7 +15,7 @@ from mcp.client.streamable_http import streamable_http_client
 
 from skiros2_gateway.agents.arguments import schema_of
 from skiros2_gateway.agents.server import AgentServer
-from skiros2_gateway.core.approvals import Approvals
+from skiros2_gateway.core.approvals import Approval, Approvals
 from support.http_gateway import curl, served
 from support.stand_in_cell import ROBOT
 from unit.skiros2_gateway.conftest import TOKENS
@@ -40,7 +40,8 @@ class Agent:
 
 @asynccontextmanager
 async def connected(gateway: Any, user: str, **approval: Any) -> AsyncIterator[Agent]:
-    server = AgentServer(gateway.service, Approvals(gateway.events, **approval))
+    gateway.service.approvals = Approvals(gateway.events, **approval)
+    server = AgentServer(gateway.service, hosts=["cell.factory"])
     async with server.running(), served(gateway.service, routers=[server.router()]) as address:
         headers = {"Authorization": f"Bearer {TOKENS[user]}"}
         async with (
@@ -48,6 +49,21 @@ async def connected(gateway: Any, user: str, **approval: Any) -> AsyncIterator[A
             Client(streamable_http_client(f"{address}/mcp", http_client=http)) as client,
         ):
             yield Agent(client, address)
+
+
+async def waiting(gateway: Any, number: int = 1) -> list[Approval]:
+    """Waits until a number of requests wait for approval, and returns them."""
+    while len(gateway.service.approvals.open) != number:
+        await asyncio.sleep(0.01)
+    return list(gateway.service.approvals.open)
+
+
+async def answered(agent: Agent, gateway: Any, word: str = "approve") -> Any:
+    """Answers the only request for approval as a person, once it is open; returns what is approved."""
+    (approval,) = await waiting(gateway)
+    path = f"/api/approvals/{approval.id}/{word}"
+    assert (await curl(agent.address, path, "-X", "POST", token=TOKENS["approve"]))[0] == 200
+    return approval.to_dict()["what"]
 
 
 def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
@@ -77,15 +93,16 @@ def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
 
 def test_job_of_an_agent_starts_when_another_user_approves(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, "operate") as agent:
+        async with connected(gateway, "agent") as agent:
             execution = asyncio.create_task(agent.call("execute", **GOAL))
-            maintainer, operator, viewer = (TOKENS[user] for user in ("maintain", "operate", "view"))
+            maintainer, agent_token, viewer = (TOKENS[user] for user in ("maintain", "agent", "view"))
             while not (found := (await curl(agent.address, "/api/approvals", token=viewer))[1]["approvals"]):
                 await asyncio.sleep(0.01)
             assert not gateway.cell.sent
-            assert (found[0]["user"], found[0]["what"]["plan"][0]["label"]) == ("operate", "place")
-            path = f"/api/approvals/{found[0]['number']}/approve"
-            for token, status in ((operator, 403), (viewer, 403), ("", 401), (maintainer, 200)):
+            assert (found[0]["user"], found[0]["what"]["plan"][0]["label"]) == ("agent", "place")
+            path = f"/api/approvals/{found[0]['id']}/approve"
+            refused = ((agent_token, 403), (TOKENS["operate"], 403), (viewer, 403), ("", 401))
+            for token, status in (*refused, (maintainer, 200)):
                 assert (await curl(agent.address, path, "-X", "POST", token=token))[0] == status
             assert (await execution)["state"] == "AllowedToStart"
             assert [goal.id for goal in gateway.cell.sent] == ["a"]
@@ -102,12 +119,10 @@ def test_job_of_an_agent_starts_when_another_user_approves(in_gateway: Run) -> N
 @pytest.mark.parametrize(("approval", "answer"), [({}, "reject"), ({"timeout": 0.05}, "")])
 def test_job_that_nobody_approves_does_not_start(in_gateway: Run, approval: dict[str, Any], answer: str) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, "operate", **approval) as agent:
+        async with connected(gateway, "agent", **approval) as agent:
             execution = asyncio.create_task(agent.call("execute", **GOAL))
             if answer:
-                request = (agent.address, f"/api/approvals/1/{answer}", "-X", "POST")
-                while (await curl(*request, token=TOKENS["maintain"]))[0] != 200:
-                    await asyncio.sleep(0.01)
+                await answered(agent, gateway, answer)
             assert (await execution)["code"] == "refused"
             assert not list(gateway.store.jobs())
 
@@ -119,7 +134,7 @@ def test_agent_without_role_valid_plan_or_right_arguments_is_refused(in_gateway:
         async with connected(gateway, "view", is_needed=False) as agent:
             assert (await agent.call("execute", **GOAL))["code"] == "denied"
             assert (await agent.call("stop"))["code"] == "denied"
-        async with connected(gateway, "operate", is_needed=False) as agent:
+        async with connected(gateway, "agent", is_needed=False) as agent:
             assert "nobody goes there" in (await agent.call("execute", id="a", goal="(at nowhere)"))["detail"]
             wrong = await agent.call("execute", id="a b", goal="(at robot home)", robots=["/other"], colour="red")
             assert {problem["where"] for problem in wrong["problems"]} == {"colour"}
@@ -133,24 +148,12 @@ def test_agent_without_role_valid_plan_or_right_arguments_is_refused(in_gateway:
     in_gateway(test)
 
 
-async def answer(agent: Agent, number: int, word: str = "approve") -> Any:
-    """Answers a request for approval as another user, once it is open; returns what is approved."""
-    maintainer = TOKENS["maintain"]
-    while not (found := [
-        each for each in (await curl(agent.address, "/api/approvals", token=maintainer))[1]["approvals"]
-        if each["number"] == number
-    ]):  # fmt: skip
-        await asyncio.sleep(0.01)
-    await curl(agent.address, f"/api/approvals/{number}/{word}", "-X", "POST", token=maintainer)
-    return found[0]["what"]
-
-
 def test_single_skill_runs_after_start_check_and_approval_and_is_stopped(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, "operate") as agent:
+        async with connected(gateway, "agent") as agent:
             skill = {"robot": ROBOT, "skill": "place", "parameters": {"Tray": "Tray-1"}}
             execution = asyncio.create_task(agent.call("execute", **skill))
-            what = await answer(agent, 1)
+            what = await answered(agent, gateway)
             assert (what["skill"], what["preview"]["ok"]) == ("place", True)
             assert await execution == {"robot": ROBOT, "task": 0}
             assert (await agent.call("explain", robot=ROBOT, task=0))["state"] == "running"
@@ -169,7 +172,7 @@ def test_single_skill_runs_after_start_check_and_approval_and_is_stopped(in_gate
 
 def test_proposal_for_a_failed_skill_is_applied_and_retried_after_approval(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, "operate", is_needed=False) as agent:
+        async with connected(gateway, "agent", is_needed=False) as agent:
             cell = gateway.cell
             run = {"robot": ROBOT, "task": await cell.run_skill(ROBOT, "pick", {})}
             edit = {"element": "Tray-1", "property": "skiros:ContainerState", "values": ["Empty"]}
@@ -177,12 +180,12 @@ def test_proposal_for_a_failed_skill_is_applied_and_retried_after_approval(in_ga
             proposal["parameters"] = {"Tray": "Tray-1"}
             assert "has not failed: it is running" in (await agent.call("propose", **proposal))["detail"]
             cell.skill_runs[ROBOT, 0]["state"] = "failed"
-            for number, word in enumerate(("reject", "approve"), 1):
+            for word in ("reject", "approve"):
                 assert not cell.edits
                 proposing = asyncio.create_task(agent.call("propose", **proposal))
-                what = await answer(agent, number, word)  # although the configuration approves what has a valid plan
+                what = await answered(agent, gateway, word)  # although the configuration approves what has a valid plan
                 result = await proposing
-            assert (what["failure"]["state"], what["reason"]) == ("failed", "the tray was not seen")
+            assert what["failure"]["state"] == "failed"
             assert what["changes"] == result["changes"] == ["~ Tray-1 skiros:ContainerState"]
             assert what["retry"] == {"robot": ROBOT, "skill": "pick", "parameters": {"Tray": "Tray-1"}}
             assert (result["retried"], result["why"]) == ({"robot": ROBOT, "task": 1}, "")
@@ -193,26 +196,26 @@ def test_proposal_for_a_failed_skill_is_applied_and_retried_after_approval(in_ga
 
 def test_proposal_for_a_failed_job_is_a_new_job_with_other_values(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, "operate") as agent:
+        async with connected(gateway, "agent") as agent:
             await gateway.put("j", work_master="place", parameters={"Tray": "Tray-1"})
             gateway.cell.end("j", "failed", "the product is too fast")
             await gateway.collected("j")
             proposal = {"job": "j", "reason": "slower", "parameters": {"Speed": 0.5}, "retry": True}
             proposing = asyncio.create_task(agent.call("propose", **proposal))
-            what = await answer(agent, 1)
+            what = await answered(agent, gateway)
             assert (what["failure"]["message"], what["changes"]) == ("the product is too fast", [])
             assert what["retry"]["parameters"] == {"Tray": "Tray-1", "Speed": 0.5}
             result = await proposing
             assert result["retried"]["job"] == "j.2"
             assert [goal.id for goal in gateway.cell.sent] == ["j", "j.2"]
-            assert gateway.store.history("j.2")[0]["comment"] == "proposed by operate, approved by maintain"
+            assert gateway.store.history("j.2")[0]["comment"] == "proposed by agent, approved by approve"
 
     in_gateway(test)
 
 
 def test_wrong_proposal_is_rejected_with_all_problems_and_never_shown(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, "operate") as agent:
+        async with connected(gateway, "agent") as agent:
             await gateway.put("j", work_master="place", parameters={"Tray": "Tray-1"})
             gateway.cell.end("j", "failed", "why")
             await gateway.collected("j")
@@ -237,6 +240,40 @@ def test_request_without_a_token_is_refused(in_gateway: Run) -> None:
         async with connected(gateway, "view") as agent:
             request = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
             assert (await curl(agent.address, "/mcp", body=request))[0] == 401
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize(
+    ("header", "status"),
+    [
+        ("Host: attacker.example:8765", 403),
+        ("Host: 127.0.0.1.attacker.example", 403),
+        ("Host: [", 403),
+        ("Origin: http://attacker.example", 403),
+        ("Origin: null", 403),
+        ("Host: localhost:1", 200),
+        ("Host: cell.factory", 200),
+    ],
+)
+def test_request_of_a_page_of_another_origin_is_refused(in_gateway: Run, header: str, status: int) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            request = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
+            accepted = ("-H", "Accept: application/json, text/event-stream", "-H", header)
+            answer = await curl(agent.address, "/mcp", *accepted, token=TOKENS["agent"], body=request)
+            assert answer[0] == status
+
+    in_gateway(test)
+
+
+def test_agents_tools_do_not_take_the_cookie_of_a_page(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        jar = str(gateway.path.parent / "cookies")
+        async with connected(gateway, "agent") as agent:
+            await curl(agent.address, "/api/session", "-c", jar, body={"token": TOKENS["operate"]})
+            request = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
+            assert (await curl(agent.address, "/mcp", "-b", jar, "-H", "X-Gateway: 1", body=request))[0] == 401
 
     in_gateway(test)
 

@@ -66,7 +66,8 @@ def test_mqtt_survives_hostile_requests(in_gateway: Run, caplog: pytest.LogCaptu
 
 def test_tools_of_agents_survive_hostile_arguments(in_gateway: Run, caplog: pytest.LogCaptureFixture) -> None:
     async def test(gateway: Any) -> None:
-        tools = Tools(gateway.service, Approvals(gateway.events, is_needed=False, timeout=0.001))
+        gateway.service.approvals = Approvals(gateway.events, is_needed=False, timeout=0.001)
+        tools = Tools(gateway.service)
         hostile = Hostile(5)
         good = ("a", "(at robot home)", "place", ROBOT, "Tray-1", 0, True, {}, [])
         found: Counter[str] = Counter()

@@ -50,7 +50,7 @@ def test_only_roles_may_command(in_gateway: Run) -> None:
             assert (await curl(address, "/api/jobs", token=TOKENS["view"], body=ORDER))[0] == 403
             assert (await curl(address, "/api/audit", token=TOKENS["operate"]))[0] == 403
             status, answer = await curl(address, "/api/audit", token=TOKENS["maintain"])
-            denied = [(entry["user"], entry["action"], entry["object"]) for entry in answer["audit"]]
+            denied = [(entry["user"], entry["action"], entry["object"]) for entry in answer["audit"] if entry["user"]]
             assert (status, denied) == (200, [("view", "StoreAndStart", "a"), ("operate", "read the audit log", "")])
             assert not gateway.cell.sent
 

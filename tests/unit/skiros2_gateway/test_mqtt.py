@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import getpass
 import json
+import logging
+import math
+import os
+import subprocess
+import sys
+import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.mqtt.bridge import MqttBridge
+from skiros2_gateway.mqtt.signature import sign
 from support.broker import broker, needs_broker
 from unit.skiros2_gateway.conftest import TOKENS
 
@@ -47,13 +56,15 @@ class Subscriber:
 
 
 @asynccontextmanager
-async def connected(gateway: Any, port: int, prefix: str) -> AsyncIterator[tuple[MqttBridge, Subscriber]]:
+async def connected(
+    gateway: Any, port: int, prefix: str, **settings: Any
+) -> AsyncIterator[tuple[MqttBridge, Subscriber]]:
     await publish(port, f"{prefix}/subscribed", "yes", "-r")
     command = ("mosquitto_sub", "-p", str(port), "-v", "-t", f"{prefix}/#")
     process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
     subscriber = Subscriber(process)
     await subscriber.until(f"{prefix}/subscribed")
-    bridge = MqttBridge(gateway.service, Settings(mqtt=f"127.0.0.1:{port}", mqtt_prefix=prefix))
+    bridge = MqttBridge(gateway.service, Settings(mqtt=f"127.0.0.1:{port}", mqtt_prefix=prefix, **settings))
     bridge.start()
     try:
         await subscriber.until(f"{prefix}/status", lambda text: text == "online")
@@ -72,18 +83,25 @@ async def publish(port: int, topic: str, data: Any, *options: str) -> None:
     assert await process.wait() == 0
 
 
+def message(method: str, fields: dict[str, Any], user: str = "operate", now: float | None = None) -> str:
+    return sign(user, TOKENS[user], method, fields, now)
+
+
+async def command(port: int, prefix: str, method: str, fields: dict[str, Any]) -> None:
+    await publish(port, f"{prefix}/job/in/{method}", message(method, fields))
+
+
 def test_job_comes_in_and_its_state_and_response_go_out(in_gateway: Run, port: int) -> None:
     async def test(gateway: Any) -> None:
         async with connected(gateway, port, "one") as (_, subscriber):
-            order = {"token": TOKENS["operate"], "order": ORDER, "request": 7}
-            await publish(port, "one/job/in/store_and_start", order)
+            await command(port, "one", "store_and_start", {"order": ORDER, "request": 7})
             answer = await subscriber.until("one/job/answer")
             assert (answer["ok"], answer["request"], answer["id"]) == (True, 7, "a")
             gateway.cell.run("a")
             await subscriber.until("one/job/a/state", lambda state: state["state"] == "Running")
             gateway.cell.end("a")
             assert (await subscriber.until("one/job/a/response"))["outcome"] == "succeeded"
-            await publish(port, "one/job/in/clear", {"token": TOKENS["operate"], "id": "a"})
+            await command(port, "one", "clear", {"id": "a"})
             await subscriber.until("one/job/a/response", lambda text: text == "(null)")
 
     in_gateway(test)
@@ -92,13 +110,21 @@ def test_job_comes_in_and_its_state_and_response_go_out(in_gateway: Run, port: i
 def test_command_without_the_role_or_with_mistakes_is_refused(in_gateway: Run, port: int) -> None:
     async def test(gateway: Any) -> None:
         async with connected(gateway, port, "two") as (_, subscriber):
-            token = TOKENS["operate"]
+            signed = json.loads(message("store", {"order": ORDER}))
             for method, data, code in (
                 ("store", {"order": ORDER}, "unauthenticated"),
-                ("store", {"order": ORDER, "token": TOKENS["view"]}, "denied"),
-                ("store", {"order": {"id": ""}, "token": token}, "rejected"),
-                ("jump", {"token": token}, "unknown_name"),
-                ("start", {"id": "b", "token": token}, "unknown_name"),
+                ("store", {"order": ORDER, "token": TOKENS["operate"]}, "unauthenticated"),
+                ("start", signed, "unauthenticated"),  # it was signed for another method
+                ("store", {**signed, "command": signed["command"].replace("home", "away")}, "unauthenticated"),
+                ("store", {**signed, "user": "maintain"}, "unauthenticated"),
+                ("store", {**signed, "signature": "ä"}, "unauthenticated"),
+                ("store", {**signed, "command": "[]"}, "rejected"),
+                ("store", message("store", {"order": ORDER}, now=time.time() - 100.0), "unauthenticated"),
+                ("store", message("store", {"order": ORDER, "time": math.nan}), "unauthenticated"),
+                ("store", message("store", {"order": ORDER}, "view"), "denied"),
+                ("store", message("store", {"order": {"id": ""}}), "rejected"),
+                ("jump", message("jump", {}), "unknown_name"),
+                ("start", message("start", {"id": "b"}), "unknown_name"),
                 ("start", "{", "rejected"),
             ):
                 await publish(port, f"two/job/in/{method}", data)
@@ -129,8 +155,7 @@ def test_state_is_retained_and_the_last_will_reports_the_end(in_gateway: Run, po
 
 def test_retained_command_is_refused(in_gateway: Run, port: int) -> None:
     async def test(gateway: Any) -> None:
-        order = {"token": TOKENS["operate"], "order": ORDER}
-        await publish(port, "four/job/in/store_and_start", order, "-r")
+        await publish(port, "four/job/in/store_and_start", message("store_and_start", {"order": ORDER}), "-r")
         async with connected(gateway, port, "four") as (_, subscriber):
             answer = await subscriber.until("four/job/answer")
             assert "retained" in answer["error"]["detail"]
@@ -139,3 +164,86 @@ def test_retained_command_is_refused(in_gateway: Run, port: int) -> None:
     in_gateway(test)
 
 
+def test_command_that_comes_again_is_refused(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "five") as (_, subscriber):
+            gateway.cell.run((await gateway.put("b")).id)
+            gateway.cell.run("b")
+            text = message("pause", {"id": "b"})
+            await publish(port, "five/job/in/pause", text)
+            assert (await subscriber.until("five/job/answer"))["ok"]
+            await publish(port, "five/job/in/pause", text)
+            assert "before" in (await subscriber.until("five/job/answer"))["error"]["detail"]
+
+    in_gateway(test)
+
+
+def test_tokens_in_commands_are_accepted_only_by_a_setting(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "six", mqtt_tokens=True) as (_, subscriber):
+            await publish(port, "six/job/in/store", {"order": ORDER, "token": TOKENS["operate"], "request": 3})
+            answer = await subscriber.until("six/job/answer")
+            assert (answer["ok"], answer["request"]) == (True, 3)
+
+    in_gateway(test)
+
+
+def test_signing_program_prints_a_command(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "seven") as (_, subscriber):
+            arguments = ["operate", "store", json.dumps({"order": ORDER})]
+            program = [sys.executable, "-m", "skiros2_gateway.mqtt.signature", *arguments]
+            env = {**os.environ, "TOKEN": TOKENS["operate"], "PYTHONPATH": os.pathsep.join(sys.path)}
+            text = subprocess.run(program, env=env, capture_output=True, text=True, check=True).stdout
+            await publish(port, "seven/job/in/store", text.strip())
+            assert (await subscriber.until("seven/job/answer"))["ok"]
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize(("eid", "part"), [("x#y", "x%23y"), ("x+y/z", "x%2By%2Fz"), ("Tür:1", "Tür:1"), ("%", "%25")])
+def test_element_with_any_id_has_a_topic(in_gateway: Run, port: int, eid: str, part: str) -> None:
+    async def test(gateway: Any) -> None:
+        prefix = f"ids{ord(eid[-1])}"
+        async with connected(gateway, port, prefix) as (_, subscriber):
+            element = {"id": eid, "type": "demo:Tray", "label": "", "properties": {}, "relations": []}
+            gateway.events.publish("world", {"changed": [element], "removed": []})
+            assert (await subscriber.until(f"{prefix}/world/{part}"))["id"] == eid
+            gateway.events.publish("world", {"changed": [], "removed": [eid]})
+            await subscriber.until(f"{prefix}/world/{part}", lambda text: text == "(null)")
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize("data", [{"changed": 3, "removed": []}, {}, None, {"changed": [{"id": "x" * 70_000}]}])
+def test_event_that_cannot_be_published_costs_no_other(in_gateway: Run, port: int, data: Any) -> None:
+    async def test(gateway: Any) -> None:
+        prefix = f"broken{len(str(data))}"
+        async with connected(gateway, port, prefix) as (_, subscriber):
+            gateway.events.publish("world", data)
+            await gateway.put("a")
+            await subscriber.until(f"{prefix}/job/a/state", lambda state: state["state"] == "AllowedToStart")
+
+    in_gateway(test)
+
+
+def test_refused_login_is_no_connection(
+    in_gateway: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+
+    async def test(gateway: Any) -> None:
+        passwords = tmp_path / "passwords"
+        subprocess.run(["mosquitto_passwd", "-c", "-b", str(passwords), "mes", "secret"], check=True)
+        with broker(f"user {getpass.getuser()}\nallow_anonymous false\npassword_file {passwords}\n") as port:
+            bridge = MqttBridge(gateway.service, Settings(mqtt=f"127.0.0.1:{port}"))
+            bridge.start()
+            try:
+                while not (texts := [r.getMessage() for r in caplog.records if r.name.endswith("bridge")]):
+                    await asyncio.sleep(0.02)
+            finally:
+                await bridge.stop()
+            assert "refuses" in texts[0]
+            assert not [text for text in texts if text.startswith("connected")]
+
+    in_gateway(test)

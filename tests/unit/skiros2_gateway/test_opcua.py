@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import sys
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import INVALID_STATE, NOT_ACCEPTED, UNKNOWN_JOB, OpcuaServer
+from skiros2_gateway.opcua.twin import NAMESPACE as TWIN
 from unit.skiros2_gateway.conftest import TOKENS, Gateway
 
 Run = Callable[[Callable[[Any], Coroutine[Any, Any, None]]], None]
@@ -270,5 +272,48 @@ def test_scene_is_a_twin_that_follows_changes(in_server: Run) -> None:
             names = [name.Name for name in [await n.read_browse_name() for n in await mes.get_node(
                 ua.NodeId("World", index)).get_children()]]  # fmt: skip
             assert "Tray-1" in names and "Product-2" not in names
+
+    in_server(test)
+
+
+def test_stored_number_of_any_size_is_shown(in_server: Run) -> None:
+    """Earlier versions have stored any number."""
+
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address) as mes:
+            await mes.load()
+            job = await gateway.put("huge", start=False)
+            job.order = job.order.model_copy(update={"parameters": {"P": 10**40, "R": math.nan}})
+            gateway.control._jobs.save(job, "test", "test")
+            await gateway.put("after", start=False)
+            orders = await (await mes.object("JobOrderReceiver")).get_child(f"{mes.index}:JobOrderList")
+            while not {"huge", "after"} <= {each.JobOrder.JobOrderID for each in await orders.read_value() or []}:
+                await asyncio.sleep(0.02)
+            shown = next(each for each in await orders.read_value() if each.JobOrder.JobOrderID == "huge")
+            values = {each.ID: each.Value.Value for each in shown.JobOrder.JobOrderParameters}
+            assert values["P"] == str(10**40)
+
+    in_server(test)
+
+
+def test_element_with_a_number_of_any_size_costs_no_other(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        content = {"type": "skiros:Product", "label": "", "relations": []}
+        changed = [
+            {"id": "Huge-1", "properties": {"a": [10**400], "b": [1, 10**400]}, **content},
+            {"id": "Huge-2", "properties": {"a": [1]}, **content},
+        ]
+        more = {"removed": [], "related": [], "unrelated": []}
+        gateway.events.publish("world", {"changed": 7, **more})
+        gateway.events.publish("world", {"changed": changed, **more})
+        async with Mes(gateway.address) as mes:
+            index = await mes.get_namespace_index(TWIN)
+            while True:
+                try:
+                    assert await mes.get_node(ua.NodeId("World/Huge-2/a", index)).read_value() == 1.0
+                    break
+                except ua.UaStatusCodeError:  # not shown yet
+                    await asyncio.sleep(0.02)
+            assert await mes.get_node(ua.NodeId("World/Huge-1/a", index)).read_value() == str(10**400)
 
     in_server(test)

@@ -30,3 +30,29 @@ def test_long_history_keeps_its_later_part_and_what_does_not_move() -> None:
     assert [history.at(float(time))["frames"]["tool"] for time in (4600, 4999)] == [4600, 4999]
     assert history.at(100.0)["frames"]["tool"] > 3000
     assert history.at(4999.0)["frames"]["table"] == "here"
+
+
+def test_history_of_a_key_that_appears_late_is_kept() -> None:
+    history = SceneHistory(max_entries=1000)
+    for second in range(990):
+        history.add("frames", "tool", float(second), second)
+    for second in range(990, 1010):
+        history.add("elements", "Box-1", float(second), f"v{second}")
+    assert history.at(992.0)["elements"]["Box-1"] == "v992"
+    assert "Box-1" not in history.at(900.0)["elements"]
+
+
+def test_removed_elements_leave_nothing_behind() -> None:
+    history = SceneHistory(max_entries=1000)
+    for second in range(20_000):
+        history.add("elements", f"Box-{second}", float(second), "here")
+        history.add("elements", f"Box-{second}", second + 0.5, None)
+    assert len(history._entries) < 2000
+    assert history.at(19_999.2)["elements"] == {"Box-19999": "here"}
+
+
+def test_many_keys_with_one_entry_each_are_kept() -> None:
+    history = SceneHistory(max_entries=100)
+    for number in range(1000):
+        history.add("elements", f"Box-{number}", 0.0, number)
+    assert len(history.at(1.0)["elements"]) == 1000

@@ -1,6 +1,7 @@
 """Hooks that take long or do not return: the other tasks go on, and a preempted task ends."""
 
 import threading
+import time
 
 import pytest
 
@@ -356,3 +357,54 @@ def test_running_skill_may_exceed_hook_timeout_after_preemption(bench):
         assert len(ticks) == 101
     finally:
         one.stop(timeout=0.5)
+
+
+def test_preempted_task_stops_before_the_other_tasks_are_ticked(scheduler, bench):
+    hooks = []  # in their order, from the preemption on
+    blocks, is_blocked, released = threading.Event(), threading.Event(), threading.Event()
+
+    def work(skill):
+        if blocks.is_set() and not is_blocked.is_set():
+            is_blocked.set()
+            assert released.wait(30)
+        elif is_blocked.is_set():
+            hooks.append("another")
+        return skill.step("working")
+
+    class Stopped(primitive(Work, "stopped", execute=lambda skill: skill.step("moving"))):
+        def onPreempt(self):
+            hooks.append("preempted")
+            return self.fail("stopped", -1)
+
+    bench.load(primitive(Work, "work", execute=work), Stopped)
+    one = scheduler(hook_timeout=30.0)
+    one._watchdog._move_other_tasks = lambda *_: None  # all stay in one thread
+    others = [started(one, bench, bench.node("work")) for _ in range(6)]
+    stopped = started(one, bench, bench.node("stopped"))
+    wait_until_running(stopped, *others)
+    blocks.set()
+    assert is_blocked.wait(10)
+    one.preempt(stopped.id)
+    released.set()
+    assert stopped.ended.wait(10)
+    assert hooks[0] == "preempted"
+
+
+def test_preempted_task_does_not_wait_for_a_slow_hook_of_another_task(bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(10**6)))
+    one = Scheduler(rate=0.02)  # a tick is slow after 100 s
+    try:
+        other = started(one, bench, bench.node("work"))
+        wait_until_running(other)
+        started(one, bench, bench.node("stuck"))
+        assert stuck.reached.wait(10)
+        one.preempt(other.id)
+        assert other.ended.wait(10)
+    finally:
+        stuck.released.set()
+        one.stop(timeout=0.5)
+
+
+def wait_until_running(*tasks):
+    while any(task.state is not State.Running for task in tasks):
+        time.sleep(0.001)

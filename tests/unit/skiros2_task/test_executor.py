@@ -11,7 +11,8 @@ import pytest
 from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
 from skiros2_task.core.execution import StepState
-from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.executor import Ended, Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.task import PlanningTask
@@ -135,6 +136,30 @@ def test_goal_is_cancelled_while_running_and_planning(cell: Make) -> None:
     busy.executor.cancel(planning.execution)
     assert planning.end.verdict is Verdict.CANCELLED
     assert planning.execution.started == []
+
+
+def test_cancelled_goal_stops_its_steps_while_the_executor_is_busy(cell: Make) -> None:
+    busy = cell(1, 3, 2, seconds=30.0)
+    is_held, released = threading.Event(), threading.Event()
+    stopped = threading.Event()
+    start = busy.step_runner.start
+
+    def start_step(step: Step, ended: Ended) -> Callable[[], None]:
+        stop = start(step, ended)
+        return lambda: (stopped.set(), stop())[1]
+
+    def hold(_: GoalExecution) -> None:
+        if busy.step_runner.started:
+            is_held.set()
+            assert released.wait(30.0)
+
+    busy.step_runner.start = start_step  # type: ignore[method-assign]
+    execution = busy.executor.achieve(Goal(busy.goal), hold, lambda *_: None)
+    assert is_held.wait(30.0)
+    busy.executor.cancel(execution)
+    was_stopped = stopped.is_set()
+    released.set()
+    assert was_stopped
 
 
 def test_invalid_and_impossible_goals_end(cell: Make) -> None:

@@ -13,7 +13,7 @@ from skiros2_task.core.formula import Kind, Predicate
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep
-from support.planning_world import PlanningWorld, transport_world
+from support.planning_world import DRIVE, PlanningWorld, transport_world
 
 AT = Predicate(Kind.RELATION, "skiros:at")
 
@@ -158,3 +158,22 @@ def test_files_of_request_are_archived(world: PlanningWorld, tmp_path: Path) -> 
     assert (request / "goal.txt").read_text() == drive_goal(world)
     assert "planned\nskiros:Drive (drive)" in (request / "result.txt").read_text()
     assert {p.name for p in tmp_path.iterdir() if p.is_file()} == {"domain.pddl", "p01.pddl"}
+
+
+def test_only_the_registered_robot_of_a_running_manager_takes_steps() -> None:
+    world = transport_world()
+    stale, (start, place) = world.robots[0], world.places
+    registered = world.robot("alpha", DRIVE, at=start)
+    gone = world.robot("beta", DRIVE, at=start)
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+
+    def robots(running: dict[str, str]) -> set[tuple[str, str]]:
+        goal = f"(exists (?x - cora:Robot) (skiros:at ?x {place}))"
+        TaskPlanner(world.wm, given, Limits(), running=lambda _: running).plan(goal)
+        return {pair for action in given.asked.pop().actions for pair in action.managers}
+
+    assert robots({"/alpha": registered}) == {(registered, "/alpha")}
+    both = {(registered, "/cell/alpha"), (gone, "/other/beta")}
+    assert robots({"/cell/alpha": registered, "/other/beta": gone}) == both
+    assert robots({"/alpha": ""}) == {(stale, "/alpha"), (registered, "/alpha")}  # an older manager
+    assert robots({}) == {(stale, "/alpha"), (registered, "/alpha"), (gone, "/beta")}

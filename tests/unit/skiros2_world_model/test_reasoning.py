@@ -284,7 +284,7 @@ class Mutual(DiscreteReasoner):
             self.holds_lock.set()
             assert self.in_parse.wait(10.0)
             note = Element("skiros:Part", "note")
-            self._wmi.add_element(note, "Mutual")
+            self._wmi.add_element(note, repr(self))
             self.found.append(sorted(e.label for e in self._wmi.resolve_elements(Element(""))))
 
 
@@ -301,3 +301,53 @@ def test_a_reasoner_may_use_the_world_model_with_a_lock_that_parse_waits_for(wm,
     assert mutual.wait_stopped(10.0)
     assert mutual.found == [["a", "note", "skiros:blank_scene"], ("add", "a"), ("add", "note")]
     assert [e.label for e in wm.resolve_elements(Element("skiros:Part"))] == ["note"]
+
+
+class Helpful(Mutual):
+    """Rejects products that are called so, after its other thread has written a note."""
+
+    def parse(self, element, action):
+        super().parse(element, action)
+        return element.label != "rejected"
+
+
+@pytest.mark.parametrize("label", ["a", "rejected"])
+def test_a_write_beside_a_parse_is_a_request_of_its_own(wm, model, label):
+    helpful = Helpful()
+    helpful.init(ReasonerWorldModel(model))
+    model.add_reasoner(helpful)
+    changes = []
+    wm.add_listener(changes.append)
+    helpful.execute()
+    assert helpful.holds_lock.wait(10.0)
+    if label == "rejected":
+        with pytest.raises(WmException, match="rejects"):
+            wm.add_element(product(label))
+    else:
+        wm.add_element(product(label))
+    assert helpful.wait_stopped(10.0)
+    (note,) = wm.resolve_elements(Element("skiros:Part"))  # it was reported as done
+    published = [(change.author, [element.label for element in change.elements]) for change in changes]
+    assert published == [("tester", ["a"])] * (label == "a") + [("Helpful", ["note"])]
+    assert wm.get_element(note.id).id == note.id
+
+
+def test_a_write_beside_a_parse_that_depends_on_a_rejected_change_is_logged(wm, model, caplog):
+    class Attached(Helpful):
+        def run(self):
+            with self.mutex:
+                self.holds_lock.set()
+                assert self.in_parse.wait(10.0)
+                (found,) = self._wmi.resolve_elements(Element("skiros:Product"))
+                found.setProperty("skiros:Weight", 2.0)
+                self._wmi.update_element(found, "Attached")
+
+    attached = Attached()
+    attached.init(ReasonerWorldModel(model))
+    model.add_reasoner(attached)
+    attached.execute()
+    assert attached.holds_lock.wait(10.0)
+    with pytest.raises(WmException, match="rejects"):
+        wm.add_element(product("rejected"))
+    assert attached.wait_stopped(10.0)
+    assert "a change of Attached that depends on another one is lost with it" in caplog.text

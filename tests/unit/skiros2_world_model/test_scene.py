@@ -141,6 +141,18 @@ def test_unsynced_changes_are_recorded_only_for_a_graph_sync(scene):
     assert scene.unsynced.relations == {("a:T-2", "a:holds", "a:T-3"): True}
 
 
+def test_unsynced_changes_do_not_grow_with_elements_that_come_and_go(scene):
+    scene.put(node("a:T-1"))
+    scene.unsynced = ChangeSet()
+    for number in range(2, 1000):
+        scene.put(node(f"a:Guest-{number}"))
+        scene.relate("a:T-1", "a:holds", f"a:Guest-{number}")
+        scene.drop(f"a:Guest-{number}")
+    assert not scene.unsynced
+    scene.drop("a:T-1")
+    assert list(scene.unsynced.records) == ["a:T-1"]
+
+
 def test_relations_are_read_right_also_when_many_elements_were_read_before():
     scene = Scene()
     for number in range(2500):

@@ -25,7 +25,7 @@ from skiros2_demo.run_check import ACHIEVE, WorldState
 from skiros2_demo.simulation import Simulation
 from skiros2_factory_demo.mes import Answer, Channel, MqttChannel, OpcuaChannel, Order, RestChannel
 from skiros2_factory_demo.page_picture import take_picture
-from skiros2_gateway.core.access import read_users
+from skiros2_gateway.core.users import read_users
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -135,7 +135,7 @@ class FactoryDemo:
         self._say(f"The cell is ready ({self._elapsed()})")
         self._say(f"The page, until the jobs have ended: {address}, token {token}")
         rest, orders = RestChannel(address, token), jobs()
-        mqtt = MqttChannel("127.0.0.1", broker, token, self._on_state)
+        mqtt = MqttChannel("127.0.0.1", broker, "operate", token, self._on_state)
         opcua = await OpcuaChannel.connect(rospy.get_param("/gateway/opcua_address"), "operate", token, NAMESPACE)
         channels: dict[str, Channel] = {REST: rest, OPCUA: opcua, MQTT: mqtt}
         picture = asyncio.create_task(self._take_picture(address))

@@ -15,6 +15,7 @@ from asyncua import Client, ua
 from paho.mqtt.enums import CallbackAPIVersion
 
 from skiros2_common.core.errors import Refused
+from skiros2_gateway.mqtt.signature import sign
 
 #: An order as JSON data: see `POST /api/jobs` in the gateway's OpenAPI description.
 Order = dict[str, Any]
@@ -145,12 +146,13 @@ class OpcuaChannel:
 class MqttChannel:
     """MQTT, with paho's client. The gateway answers each command with its number.
 
+    :param user, token: of a user with the role operate; the token signs the commands.
     :param on_state: called in the loop with job id and state, for each change of any job.
     """
 
-    def __init__(self, host: str, port: int, token: str, on_state: Callable[[str, str], None]) -> None:
+    def __init__(self, host: str, port: int, user: str, token: str, on_state: Callable[[str, str], None]) -> None:
         self._loop = asyncio.get_running_loop()
-        self._token = token
+        self._user, self._token = user, token
         self._on_state = on_state
         self._numbers = 0
         self._answers: dict[int, asyncio.Future[Any]] = {}
@@ -168,8 +170,8 @@ class MqttChannel:
         await asyncio.wait_for(self._subscribed.wait(), _TIMEOUT)
         self._numbers += 1
         answer = self._answers[self._numbers] = self._loop.create_future()
-        command = {"token": self._token, "request": self._numbers, "order": order}
-        self._client.publish("skiros2/job/in/store_and_start", json.dumps(command), 1)
+        command = sign(self._user, self._token, "store_and_start", {"request": self._numbers, "order": order})
+        self._client.publish("skiros2/job/in/store_and_start", command, 1)
         data = await asyncio.wait_for(answer, _TIMEOUT)
         if not data["ok"]:
             raise Refused(data["error"]["detail"])

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from skiros2_common.core.errors import Refused
-from skiros2_gateway.http.app import COOKIE
 
 _SIZE = {"width": 1280, "height": 800}
 _TIMEOUT = 60_000.0  # ms, for each part of the page
@@ -24,8 +23,8 @@ async def take_picture(address: str, token: str, path: Path, is_time: asyncio.Ev
     """Waits until it is time, then saves the page with the 3D view and the tree of a robot that picks.
 
     :param address: of the gateway.
-    :param token: of a user with the role view: the browser can command nothing. It goes to the browser as the page's
-        cookie, not in an address or an argument that others can read.
+    :param token: of a user with the role view: the browser can command nothing. It is not in an address or an argument
+        that others can read.
     :param path: of the PNG file.
     :raises Refused: there is no browser, or no page, or it is not shown in time.
     """
@@ -51,8 +50,7 @@ async def _save(browser: Any, address: str, token: str, path: Path) -> None:
 
     context = await browser.new_context(viewport=_SIZE)
     context.set_default_timeout(_TIMEOUT)
-    cookie = {"name": COOKIE, "value": token, "url": address, "httpOnly": True, "sameSite": "Strict"}
-    await context.add_cookies([cookie])
+    await context.request.post(f"{address}/api/session", data={"token": token})  # sets the context's cookie
     page = await context.new_page()
     answer = await page.goto(address)
     if answer is None or not answer.ok:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -69,6 +69,11 @@ class LocalRobot:
         self._starter = TaskStarter(
             library, self._wmi, self.scheduler, self._history, lambda: self._registration.robot
         )
+
+    @property
+    def element(self) -> str:
+        """The id of its element."""
+        return self._registration.robot_id
 
     def start(self, skill: str, label: str, params: dict[str, object], ended: Ended, author: str = "") -> int:
         """Starts a skill. Returns the id of its task. Any thread.
@@ -181,9 +186,7 @@ class LocalSystem:
         self._processes = EngineProcesses()
         planning = LocalWorldModel("task_manager", self.model)
         engine = engine_planner(self._processes)
-        self.planner = TaskPlanner(
-            planning, engine, Limits(_PLANNING_TIME), managers=lambda: [robot.name for robot in self.robots.values()]
-        )
+        self.planner = TaskPlanner(planning, engine, Limits(_PLANNING_TIME), running=self._running)
         self._executor = GoalExecutor(self.planner, self)
         planning.add_listener(lambda change: self._executor.world_changed())
 
@@ -208,6 +211,9 @@ class LocalSystem:
             raise ConfigurationError(f"there is a robot {robot.name} already")
         self.robots[robot.name] = robot
         return robot
+
+    def _running(self, _: Collection[str]) -> dict[str, str]:
+        return {robot.name: robot.element for robot in self.robots.values()}
 
     def element(self, label: str) -> Element:
         """Returns the thing with a label.

@@ -24,8 +24,8 @@ REASONER_PROPERTY = "skiros:DiscreteReasoner"
 #: may not be installed.
 _LOADER = "skiros2_common.ros.reasoners"
 
-#: How long a stopped thread may take to end before the next one starts (s).
-_STOP_TIMEOUT = 2.0
+#: How often a thread that waits for an earlier one checks whether it is itself to end (s).
+_POLL_PERIOD = 0.1
 
 #: The maximum size of the lookup cache.
 _MAX_CACHED = 1000
@@ -40,7 +40,7 @@ class DiscreteReasoner:
     """
 
     _wmi: Any = None
-    _thread: threading.Thread | None = None
+    _thread: _RunThread | None = None
 
     def __repr__(self) -> str:
         return self.__class__.__name__
@@ -59,6 +59,12 @@ class DiscreteReasoner:
 
     @property
     def _stop_event(self) -> threading.Event:
+        """The request to end the run of this thread, or the latest run for other threads."""
+        thread = threading.current_thread()
+        if isinstance(thread, _RunThread) and thread.reasoner is self:
+            return thread.stop_event
+        if self._thread is not None:
+            return self._thread.stop_event
         # Created on first use, because subclasses need not call a constructor.
         event: threading.Event = self.__dict__.setdefault("_stopped", threading.Event())
         return event
@@ -66,21 +72,26 @@ class DiscreteReasoner:
     @property
     def stopRequested(self) -> bool:
         """Whether `run` has to end. Reading it clears the request."""
-        requested = self._stop_event.is_set()
+        event = self._stop_event
+        requested = event.is_set()
         if requested:
-            self._stop_event.clear()
+            event.clear()
         return requested
 
     def stop(self) -> None:
         """Requests the end of `run`."""
-        self._stop_event.set()
+        if self._thread is not None:
+            self._thread.stop_event.set()
+            self._thread.is_stopped = True
+        else:
+            self._stop_event.set()
 
     def execute(self) -> None:
-        """Starts a thread that calls `run`. Waits for the end of a stopped thread first."""
-        if self._thread is not None and self._stop_event.is_set():
-            self._thread.join(_STOP_TIMEOUT)
-        self._stop_event.clear()
-        self._thread = threading.Thread(target=self._run_logged, name=repr(self), daemon=True)
+        """Starts a thread that calls `run`, after the end of a stopped one. No effect while one runs."""
+        latest = self._thread
+        if latest is not None and latest.is_alive() and not latest.is_stopped:
+            return
+        self._thread = _RunThread(self, latest)
         self._thread.start()
 
     def wait_stopped(self, timeout: float) -> bool:
@@ -88,9 +99,10 @@ class DiscreteReasoner:
 
         :param timeout: s.
         """
-        if self._thread is not None:
-            self._thread.join(timeout)
-        return self._thread is None or not self._thread.is_alive()
+        if self._thread is None:
+            return True
+        self._thread.join(timeout)
+        return not any(run.is_alive() for run in (self._thread, *self._thread.earlier))
 
     def _run_logged(self) -> None:
         try:
@@ -161,6 +173,31 @@ class DiscreteReasoner:
         return NotImplementedError(f"{self!r} has to define {method}")
 
 
+class _RunThread(threading.Thread):
+    """One run of a reasoner. Each has a request to stop of its own, so that a later start cannot revive it.
+
+    :param latest: the run before; it, and those that it waits for, end before this one starts. None: none.
+    """
+
+    def __init__(self, reasoner: DiscreteReasoner, latest: _RunThread | None) -> None:
+        super().__init__(name=repr(reasoner), daemon=True)
+        self.reasoner = reasoner
+        self.stop_event = threading.Event()
+        self.is_stopped = False  # stays, unlike the event, which `stopRequested` clears
+        self.earlier: list[_RunThread] = []
+        if latest is not None:
+            self.earlier = [run for run in (latest, *latest.earlier) if run.is_alive()]
+
+    def run(self) -> None:
+        for run in self.earlier:
+            while run.is_alive():
+                run.join(_POLL_PERIOD)
+                if self.is_stopped:
+                    return
+        self.earlier = []
+        self.reasoner._run_logged()
+
+
 class ReasonerRegistry:
     """The reasoners of this process, by class name, code, owned property or relation.
 
@@ -191,23 +228,28 @@ class ReasonerRegistry:
     def all(self) -> list[DiscreteReasoner]:
         return list(self._by_name.values())
 
+    def find(self, name: str) -> DiscreteReasoner | None:
+        """Returns the reasoner that has this class name or owns this code, property or relation, or None."""
+        found = self._find(name)
+        return self._find(name) if found is None and self._load() else found
+
     def find_or_load(self, name: str) -> DiscreteReasoner | None:
-        """The reasoner that has this class name or owns this code, property or relation. Cached, thread-safe."""
+        """Same as `find`, with a cache. Thread-safe."""
         cache = self._cache
         try:
             return cache[name]
         except KeyError:
             if len(cache) >= _MAX_CACHED:
                 cache.clear()
-        cache[name] = found = self._search(name)
+        cache[name] = found = self.find(name)
         return found
 
     def get(self, name: str) -> DiscreteReasoner:
-        """Same as `find_or_load`, without the cache.
+        """Same as `find`.
 
         :raises UnknownName: no reasoner has this name.
         """
-        found = self._search(name)
+        found = self.find(name)
         if found is None:
             loaded = ", ".join(self._by_name) or "none"
             raise UnknownName(f"no reasoner has the name or owns {name!r}; loaded: {loaded}")
@@ -215,12 +257,8 @@ class ReasonerRegistry:
 
     def owner_of_data(self, name: str) -> str:
         """The class name of the reasoner that owns a property (not a code or relation); "" if none does."""
-        self._search(name)  # loads the reasoners, if none is known
+        self.find(name)  # loads the reasoners, if none is known
         return next((repr(known) for known in self.all() if full_name(name) in map(full_name, data_of(known))), "")
-
-    def _search(self, name: str) -> DiscreteReasoner | None:
-        found = self._find(name)
-        return self._find(name) if found is None and self._load() else found
 
     def _find(self, name: str) -> DiscreteReasoner | None:
         for spelling in (name, *spellings(name)):

@@ -1,4 +1,4 @@
-"""An action server that handles goals and cancellations in its own thread."""
+"""An action server that handles goals in one thread of its own, and cancellations in another."""
 
 from __future__ import annotations
 
@@ -18,6 +18,12 @@ from actionlib.status_tracker import StatusTracker
 from actionlib_msgs.msg import GoalStatus
 
 log = logging.getLogger(__name__)
+
+
+def is_cancelled(handle: Any) -> bool:
+    """Whether the client has cancelled an accepted goal that has not ended."""
+    return bool(handle.get_goal_status().status == GoalStatus.PREEMPTING)
+
 
 #: States of goals that have not ended.
 ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
@@ -117,17 +123,18 @@ class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
 
 
 class GoalServer:
-    """Handles goals and cancellations in their order. Subclasses define how.
+    """Handles goals in their order, and cancellations beside them: these never wait for a goal to begin. Subclasses
+    define how.
 
     actionlib calls back with a lock held that other threads need to publish feedback and results, so the callbacks only
     queue the request. actionlib publishes the status by the ROS clock; if that is simulated, this class publishes it by
     the wall clock, so that clients do not lose the server while the simulation is paused or restarts its clock.
 
-    :param name: of the action, `~name` for a private one.
-    :param spec: the action's class.
     A goal is executed once, also if it is sent again. A client that was restarted finds its goal with a question: a
     goal with the same id, the time stamp 0 and no content. See `_ActionServer`.
 
+    :param name: of the action, `~name` for a private one.
+    :param spec: the action's class.
     :param status_kept: how long the status lists a goal that has ended, at least (s).
     :param results_kept: the number of the last results that are kept for questions.
     """
@@ -135,32 +142,38 @@ class GoalServer:
     def __init__(self, name: str, spec: Any, status_kept: float = 0.0, results_kept: int = 0) -> None:
         self._name = name
         self._status_kept = status_kept
-        self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any] | None] = queue.SimpleQueue()
+        self._goals_waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._cancellations: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name=name.strip("~/"), daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, args=(self._goals_waiting, self._take), name=name.strip("~/"), daemon=True
+        )
         self._server = _ActionServer(
             name,
             spec,
-            lambda handle: self._requests.put((self._take, handle)),
-            lambda handle: self._requests.put((self._cancel, handle)),
+            self._goals_waiting.put,
+            self._cancellations.put,
             results_kept,
             self._is_empty,
-            lambda goal_id: self._requests.put((self._repeat, goal_id)),
+            self._repeat,
             lambda text: self._unserved_result(False, text),
         )
 
-    # -- to override, called in the action's thread --------------------------------------------------------------
+    # -- to override -----------------------------------------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
-        """Accepts or rejects a goal that was not cancelled before."""
+        """Accepts or rejects a goal that was not cancelled before; in the thread of the goals.
+
+        A goal that is cancelled before `_cancel` can find it `is_cancelled` afterwards.
+        """
         raise NotImplementedError
 
     def _cancel(self, handle: Any) -> None:
-        """Preempts a goal, if it is still active."""
+        """Preempts a goal, if it is still active; in the thread of the cancellations."""
         raise NotImplementedError
 
     def _repeat(self, goal_id: str) -> None:
-        """Publishes feedback on a goal that has not ended, if there is any: its client has missed some."""
+        """Publishes feedback on a goal that has not ended, if there is any: its client has missed some. In a ROS thread."""
 
     def _is_empty(self, goal: Any) -> bool:
         """Whether a goal has no content, so that it may be a question. Called in a ROS thread."""
@@ -184,6 +197,9 @@ class GoalServer:
     def start(self) -> None:
         """Starts to accept goals."""
         self._thread.start()
+        threading.Thread(
+            target=self._serve, args=(self._cancellations, self._cancel), name=f"{self._thread.name} stop", daemon=True
+        ).start()
         self._server.start()
         self._server.status_list_timeout = max(self._server.status_list_timeout, rospy.Duration(self._status_kept))
         if not rospy.rostime.is_wallclock():
@@ -223,7 +239,8 @@ class GoalServer:
         """
         if self._thread.ident is None:
             return  # never started
-        self._requests.put(None)
+        self._goals_waiting.put(None)
+        self._cancellations.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         message = f"{rospy.get_name()} ended before the goal did"
@@ -231,18 +248,16 @@ class GoalServer:
         for handle in self._unfinished_handles():
             if handle.get_goal_status().status in ACTIVE:
                 handle.set_aborted(result, message)
-        for act, handle in self._waiting():
-            if act == self._take:
-                handle.set_rejected(result, message)
+        for handle in self._waiting():
+            handle.set_rejected(result, message)
         self._flush()
         self._closed.set()
         self._server.stop()
 
-    # -- in the thread of the action -----------------------------------------------------------------------------
+    # -- in the threads of the action ----------------------------------------------------------------------------
 
-    def _serve(self) -> None:
-        while (request := self._requests.get()) is not None:
-            act, handle = request
+    def _serve(self, handles: queue.SimpleQueue[Any], act: Callable[[Any], None]) -> None:
+        while (handle := handles.get()) is not None:
             try:
                 act(handle)
             except Exception:
@@ -261,10 +276,10 @@ class GoalServer:
 
     # -- the end -------------------------------------------------------------------------------------------------
 
-    def _waiting(self) -> Iterable[tuple[Callable[[Any], None], Any]]:
-        while not self._requests.empty():
-            if (request := self._requests.get()) is not None:
-                yield request
+    def _waiting(self) -> Iterable[Any]:
+        while not self._goals_waiting.empty():
+            if (handle := self._goals_waiting.get()) is not None:
+                yield handle
 
     def _flush(self) -> None:
         # rospy writes in its own threads and drops queued messages when a topic is closed.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import threading
 import time
 import weakref
@@ -23,10 +24,13 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
+from skiros2_skill.client.stop_line import NoStopService, StopLine
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.request import StartPreview
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_world_model.ros.service_pool import ServicePool
+
+log = logging.getLogger(__name__)
 
 #: A manager without a message for this time counts as dead (s); it sends five a second.
 SILENCE = 5.0
@@ -304,6 +308,8 @@ class ManagerClient:
         self._name = name
         self.author = author
         self._services = {key: ServicePool(f"{name}/{key}", kind, 0.0) for key, kind in _SERVICES.items()}
+        #: Preempts, pauses and resumes tasks; nothing else uses its connections.
+        self.stop_line = StopLine(name)
         self._runner: SkillRunner | None = None
         self._runner_lock = threading.Lock()
 
@@ -316,6 +322,7 @@ class ManagerClient:
         """Closes all connections."""
         for service in self._services.values():
             service.close()
+        self.stop_line.close()
         with self._runner_lock:
             runner, self._runner = self._runner, None
         if runner is not None:
@@ -349,8 +356,17 @@ class ManagerClient:
         :param action: `start` (with `NEW` starts a task, else resumes a paused one), `preempt`, `pause` (with `ALL` of
             all tasks) or `tick_once` (with `NEW` starts a task, ticks it once and pauses it).
         :param skills: of a new task, in sequence.
+        :raises TimedOut: a task was not preempted, paused or resumed within 3 s, and will not be later.
         """
-        request = srvs.SkillCommandRequest(self.author, action, task_id, [_message(skill) for skill in skills])
+        kind = srvs.SkillCommandRequest
+        if action in (kind.PREEMPT, kind.PAUSE) or (action == kind.START and task_id != NEW):
+            try:
+                self.stop_line.send(self.author, action, task_id)
+            except NoStopService:  # of an earlier version
+                log.debug("%s has no service stop", self.name)
+            else:
+                return task_id
+        request = kind(self.author, action, task_id, [_message(skill) for skill in skills])
         return int(self._call("command", request, repeatable=False).execution_id)
 
     def preview(self, skills: Sequence[Step | SkillHolder], partial: bool = False) -> StartPreview:

@@ -11,7 +11,7 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
 from skiros2_common.core.params import Param
-from skiros2_common.ros.goal_server import GoalServer
+from skiros2_common.ros.goal_server import GoalServer, is_cancelled
 from skiros2_msgs import msg as msgs
 from skiros2_skill.core.runtime.history import Record, record_of
 from skiros2_skill.core.runtime.request import TaskRefused, TaskStarter
@@ -102,7 +102,7 @@ class ExecuteAction(GoalServer):
         with self._lock:
             return self._goals.get(task.id)
 
-    # -- goals, in the thread of the action --------------------------------------------------------------------
+    # -- goals, in the threads of the action -------------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
         goal = handle.get_goal()
@@ -117,6 +117,12 @@ class ExecuteAction(GoalServer):
         with self._lock:
             self._goals[task.id] = _Goal(handle)
         log.info("execute by %s: task %s", goal.author or "unknown", task.id)
+        if is_cancelled(handle):
+            self._scheduler.discard(task)
+            with self._lock:
+                self._goals.pop(task.id, None)
+            handle.set_canceled(None, "cancelled before its start")
+            return
         try:
             self._scheduler.start(task.id)
         except RobotStopped as stopped:  # just now

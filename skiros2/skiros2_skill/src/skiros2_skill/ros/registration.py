@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.manager_names import SKILL_MGR, bare_name, runs_on
@@ -20,6 +20,9 @@ from skiros2_world_model.core.last_will import CleanupAction
 
 log = logging.getLogger(__name__)
 
+#: The private parameter of a manager's node with the id of the robot that it has registered.
+ROBOT_PARAMETER = "robot_id"
+
 SCENE_ID = "skiros:Scene-0"
 SKILL_CHILDREN = ["skiros:hasParam", "skiros:hasPreCondition", "skiros:hasHoldCondition", "skiros:hasPostCondition"]
 
@@ -29,10 +32,19 @@ class Registration:
 
     :param robot_name: the manager's name without slash; with the prefix, the label of the robot's template.
     :param manager: the manager's node name, with its slash.
+    :param on_robot: called with the id of the robot after each registration.
     """
 
-    def __init__(self, wmi: WorldModelPort, prefix: str, robot_name: str, manager: str) -> None:
+    def __init__(
+        self,
+        wmi: WorldModelPort,
+        prefix: str,
+        robot_name: str,
+        manager: str,
+        on_robot: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._wmi = wmi
+        self._on_robot = on_robot
         self._label = f"{prefix or DEFAULT_PREFIX}:{robot_name}"
         self._manager = manager
         self.robot_id = ""
@@ -59,6 +71,7 @@ class Registration:
         release_stale_devices(self._wmi)
         self.register_robot()
         self.register_skills(implementations)
+        self._on_robot(self.robot_id)
         return True
 
     def unregister(self) -> None:

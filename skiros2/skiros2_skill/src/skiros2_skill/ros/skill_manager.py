@@ -30,9 +30,10 @@ from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
 from skiros2_skill.ros.messages import ProgressPublisher, explanations_json, param_messages, skill_request, wire_text
-from skiros2_skill.ros.registration import Registration
+from skiros2_skill.ros.registration import ROBOT_PARAMETER, Registration
 from skiros2_skill.ros.safety import SafetyMonitor
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
+from skiros2_skill.ros.stop_service import ALL, PAUSE_TIMEOUT, StopService
 from skiros2_world_model.core.last_will import last_will_author
 
 log = logging.getLogger(__name__)
@@ -40,11 +41,8 @@ log = logging.getLogger(__name__)
 TICK_RATE = 25.0  # per second
 PREEMPT_TIMEOUT = 10.0  # s
 
-#: How long `tick_once` and `pause` wait for the tick in progress (s); limited because a hook may send the command.
-TICK_TIMEOUT, PAUSE_TIMEOUT = 5.0, 0.5
-
-#: The task id in a command for all tasks, or for a new one.
-ALL = -1
+#: How long `tick_once` waits for the tick in progress (s); limited because a hook may send the command.
+TICK_TIMEOUT = 5.0
 
 
 class SkillManager(DiscoverableNode):
@@ -73,7 +71,7 @@ class SkillManager(DiscoverableNode):
             wmi = WorldModelInterface(rospy.get_name(), make_cache=True)
         self._wmi = wmi
         self._library = SkillLibrary(wmi, log_faults)
-        self._registration = Registration(wmi, prefix, robot_name, rospy.get_name())
+        self._registration = Registration(wmi, prefix, robot_name, rospy.get_name(), _publish_robot)
         self._tick_rate = tick_rate
         self._preempt_timeout = preempt_timeout
         self._safety_settings = safety or SafetySettings()
@@ -121,6 +119,7 @@ class SkillManager(DiscoverableNode):
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
+            StopService(tasks, self._catch_up).offer(),
             rospy.Service("~reload", srvs.SkillReload, self._on_reload),
             rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
@@ -348,6 +347,14 @@ class SkillManager(DiscoverableNode):
                     log.info("the world model had lost %s, which is registered again", self._registration.robot_id)
             except SkirosError as error:
                 log.error("the world model has another scene, and the robot cannot be registered: %s", error)
+
+
+def _publish_robot(robot_id: str) -> None:
+    """Sets the parameter by which task managers know which robot this manager has registered."""
+    try:
+        rospy.set_param(f"~{ROBOT_PARAMETER}", robot_id)
+    except (OSError, rospy.ROSException) as error:
+        log.warning("the parameter ~%s is not set, because the master does not answer: %s", ROBOT_PARAMETER, error)
 
 
 def _breakpoints_json(known: Mapping[int, Breakpoint]) -> str:

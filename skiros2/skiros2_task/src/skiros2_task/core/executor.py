@@ -166,9 +166,11 @@ class GoalExecutor:
         self._events.put(lambda: execution.on_change(execution) if execution.name in self._executions else None)
 
     def cancel(self, execution: GoalExecution) -> None:
-        """Cancels a goal. Its running steps are stopped."""
+        """Cancels a goal. Its running steps are stopped at once, whatever the executor's thread does."""
         execution.cancelled.set()
         self._events.put(lambda: self.execute(execution, execution.machine.cancel()))
+        for stop in list(execution.stops.values()):
+            stop()
 
     def world_changed(self) -> None:
         """Reports that the world model has changed."""
@@ -328,7 +330,9 @@ class GoalExecutor:
 
         log.info("%s: %s", execution.name, step)
         run = execution.log.run_of(step.number) if execution.log is not None else ""
-        execution.stops[step.number] = self._runner.start(step, ended, run)
+        execution.stops[step.number] = stop = self._runner.start(step, ended, run)
+        if execution.cancelled.is_set():  # just now
+            stop()
 
     def ended(
         self, execution: GoalExecution, step: Step, succeeded: bool, message: str, explanations: Sequence[Explanation]

@@ -6,7 +6,7 @@ import json
 import logging
 import shlex
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -24,7 +24,7 @@ from skiros2_task.core.plan import Plan, SkillCall, make_plan
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.preview import Preview
 from skiros2_task.core.reachability import Deadline
-from skiros2_task.core.skills import Robot, assume_values
+from skiros2_task.core.skills import Robot, RunningManagers, assume_values, no_managers
 from skiros2_task.core.store import Archive, Durations
 from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.world import WorldView
@@ -118,12 +118,12 @@ class TaskPlanner:
         limits: Limits,
         archive: Archive | None = None,
         durations: Durations | None = None,
-        managers: Callable[[], Collection[str]] = tuple,
+        running: RunningManagers = no_managers,
     ) -> None:
         """
         :param archive: stores the files of each request.
         :param durations: of the skills, for schedules.
-        :param managers: returns the node names of running skill managers.
+        :param running: only robots that a running manager has registered take steps.
         """
         #: The world model.
         self.wm = wm
@@ -131,7 +131,7 @@ class TaskPlanner:
         self._limits = limits
         self._archive = archive
         self._durations = durations or Durations()
-        self._managers = managers
+        self._running = running
 
     def plan(
         self,
@@ -222,7 +222,7 @@ class TaskPlanner:
         return make_task(world, _read(goal, world))
 
     def _view(self, asked_by: str = "") -> WorldView:
-        world = WorldView(self.wm, self._managers())
+        world = WorldView(self.wm, self._running)
         world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
         return world
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from skiros2_common.core.conditions import ConditionBase
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.manager_names import same_node
+from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import PARAM_TYPE_CODES, ParamTypes
 from skiros2_common.core.world_element import Element
@@ -27,6 +27,10 @@ _PLAIN_TYPES = frozenset({str, int, float, bool})
 
 #: The kinds of parameters, by their codes in `skiros:ParameterType`.
 _KINDS = {code: kind for kind, code in PARAM_TYPE_CODES.items()}
+
+#: Returns the running managers by node name, with the ids of the robots that they have registered; "": unknown.
+#: Is given the names of managers in the scene, which may omit namespace and slash.
+RunningManagers = Callable[[Collection[str]], Mapping[str, str]]
 
 MANAGER_PROPERTY = "skiros:SkillMgr"
 _MISSING = "skiros:MissingParameter"
@@ -138,24 +142,47 @@ def assume_values(robots: Iterable[Robot]) -> tuple[Robot, ...]:
     return tuple(replace(robot, skills=tuple(map(assumed, robot.skills))) for robot in robots)
 
 
-def read_robots(elements: Mapping[str, Element], managers: Collection[str] = ()) -> tuple[Robot, ...]:
+def no_managers(named: Collection[str]) -> Mapping[str, str]:
+    """Returns no managers: planning cannot know which run."""
+    return {}
+
+
+def read_robots(elements: Mapping[str, Element], running: RunningManagers = no_managers) -> tuple[Robot, ...]:
     """Returns the robots of a scene with the skills of their managers.
 
+    A scene may still have robots of managers that do not run, and several that name the same manager. Only robots that
+    a running manager has registered are returned; if no manager runs, all.
+
     :param elements: all elements of the scene, by id.
-    :param managers: the node names of running managers; scenes may omit namespace and slash.
     """
-    robots = []
-    learned = _learned_keys(elements)
+    skilled = []
     for element in elements.values():
         written = str(element.value_of(MANAGER_PROPERTY) or "")
-        if not written:
-            continue
-        manager = next((name for name in managers if same_node(name, written)), f"/{written.lstrip('/')}")
-        children = _children(element, "skiros:hasSkill", elements)
-        skills = [read_skill(child, elements, learned.get(child.type, frozenset())) for child in children]
-        if skills:
+        children = _children(element, "skiros:hasSkill", elements) if written else []
+        if children:
+            skilled.append((element, written, children))
+    managers = running([written for _, written, _ in skilled])
+    learned = _learned_keys(elements)
+    robots = []
+    for element, written, children in skilled:
+        manager = _manager_of(element.id, written, managers)
+        if manager:
+            skills = (read_skill(child, elements, learned.get(child.type, frozenset())) for child in children)
             robots.append(Robot(element.id, manager, tuple(skills)))
+        else:
+            log.info("robot %s is left out: no running manager %s has registered it", element.id, written)
     return tuple(robots)
+
+
+def _manager_of(robot: str, written: str, managers: Mapping[str, str]) -> str:
+    """Returns the node name of a robot's manager; "" if it does not run, or has registered another robot.
+
+    :param written: its name in the scene.
+    """
+    if not managers:
+        return f"/{written.lstrip('/')}"
+    named = (name for name in managers if matching_name(written, [name]))
+    return next((name for name in named if managers[name] in ("", robot)), "")
 
 
 def read_skill(element: Element, elements: Mapping[str, Element], learned: Collection[str] = ()) -> Skill:

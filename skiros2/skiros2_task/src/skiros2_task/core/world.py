@@ -10,7 +10,7 @@ from skiros2_common.core.discrete_reasoner import reasoners, relations_of
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.skills import Robot, read_robots
+from skiros2_task.core.skills import Robot, RunningManagers, no_managers, read_robots
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: The template of an instance.
@@ -27,15 +27,14 @@ _NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition", "skiros:
 class WorldView:
     """A snapshot of the scene. Templates are read on demand."""
 
-    def __init__(self, wm: WorldModelPort, managers: Collection[str] = ()) -> None:
+    def __init__(self, wm: WorldModelPort, running: RunningManagers = no_managers) -> None:
         """Reads the whole scene.
 
-        :param managers: the node names of the skill managers that run.
         :raises WmException: the world model does not answer.
         """
         self._wm = wm
         self._all: dict[str, Element] = {e.id: e for e in wm.resolve_elements(Element())}
-        self.robots: tuple[Robot, ...] = read_robots(self._all, managers)
+        self.robots: tuple[Robot, ...] = read_robots(self._all, running)
         skill_parts = self._skill_parts()
         #: The elements that goals and parameters may refer to, by id; a template that stands for itself, by name.
         self.objects: dict[str, Element] = {

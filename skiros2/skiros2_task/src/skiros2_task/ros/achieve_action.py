@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
-from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Provenance
 from skiros2_common.core.names import full_name
-from skiros2_common.ros.goal_server import ACTIVE, GoalServer
+from skiros2_common.ros.goal_server import ACTIVE, GoalServer, is_cancelled
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveActionGoal, AchieveFeedback, AchieveGoal, AchieveResult
 from skiros2_msgs.srv import GoalOnRestart, GoalOnRestartRequest, GoalOnRestartResponse
@@ -70,7 +70,8 @@ class AchieveAction(GoalServer):
         self._max_replans = max_replans
         self._interrupt_priority = interrupt_priority
         self._store = store
-        self._running: list[tuple[Any, GoalExecution]] = []  # owned by the action's thread
+        #: Replaced by the thread of the goals, never changed.
+        self._running: tuple[tuple[Any, GoalExecution], ...] = ()
         self._recovered: list[tuple[GoalExecution, StoredGoal]] = []
         if store is not None:
             self._restore(store)
@@ -84,14 +85,14 @@ class AchieveAction(GoalServer):
             message = AchieveGoal(**stored.request["goal"])
             action_goal = AchieveActionGoal(goal_id=_goal_id(stored.id, stored.request), goal=message)
             handle = self.restore(action_goal, "continued after a restart")
-            publisher = _GoalPublisher(handle, self._executor, store)
+            publisher = _GoalPublisher(handle, self._keep)
             try:
                 goal = self._goal(message, stored.id)
             except WrongValue as error:  # the options of the task manager are others now
                 goal = Goal(message.goals, message.priority, id=stored.id)
                 log.warning("goal %s continues with other options: %s", stored.id, error)
             execution = self._executor.prepare(goal, publisher.on_change, publisher.on_end)
-            self._running.append((handle, execution))
+            self._running = (*self._running, (handle, execution))
             self._recovered.append((execution, stored))
 
     def recover(self, restart: Restart) -> None:
@@ -109,7 +110,7 @@ class AchieveAction(GoalServer):
             self._store.set_on_restart(request.goal_id, OnRestart.named(request.on_restart))
         except (WrongValue, StoreFailed) as error:
             return GoalOnRestartResponse(False, str(error))
-        for handle, execution in list(self._running):
+        for handle, execution in self._running:
             if handle.get_goal_id().id == request.goal_id:
                 self._executor.decide(execution)
         return GoalOnRestartResponse(True, "")
@@ -126,13 +127,32 @@ class AchieveAction(GoalServer):
         super().start()
         self._service = rospy.Service("~on_restart", GoalOnRestart, self.set_on_restart)
 
+    def close(self, timeout: float = 1.0) -> None:
+        unfinished = [handle for handle, _ in self._running if handle.get_goal_status().status in ACTIVE]
+        super().close(timeout)
+        for handle in unfinished:
+            status, result = handle.get_goal_status(), self._unserved_result(False, "")
+            result.message = status.text
+            self._keep(handle.get_goal_id().id, status.status, result)
+
+    def _keep(self, goal_id: str, status: int, result: Any) -> None:
+        """Stores the result of a goal, so that it is known after a restart."""
+        store = self._store
+        if store is None:
+            return
+        try:
+            store.end(goal_id, status, result.message, {name: getattr(result, name) for name in result.__slots__})
+        except StoreFailed as error:
+            log.error("the result of the goal %s is not stored: %s", goal_id, error)
+        self._executor.after(_DELIVERY_TIME, lambda: store.note_delivered(goal_id))
+
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
 
     def _unfinished_handles(self) -> list[Any]:
         return [handle for handle, _ in self._running]
 
-    # -- in the thread of the action ---------------------------------------------------------------------------
+    # -- in the threads of the action --------------------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
         message, goal_id = handle.get_goal(), handle.get_goal_id()
@@ -151,10 +171,12 @@ class AchieveAction(GoalServer):
             return
         handle.set_accepted()
         log.info("goal of %s: %s", message.author or "unknown", message.goals)
-        publisher = _GoalPublisher(handle, self._executor, self._store)
+        publisher = _GoalPublisher(handle, self._keep)
         execution = self._executor.achieve(goal, publisher.on_change, publisher.on_end)
-        self._running = [(h, a) for h, a in self._running if h.get_goal_status().status in ACTIVE]
-        self._running.append((handle, execution))
+        active = [(h, a) for h, a in self._running if h.get_goal_status().status in ACTIVE]
+        self._running = (*active, (handle, execution))
+        if is_cancelled(handle):
+            self._executor.cancel(execution)
 
     def _cancel(self, handle: Any) -> None:
         for known, execution in self._running:
@@ -179,10 +201,12 @@ class AchieveAction(GoalServer):
 class _GoalPublisher:
     """Publishes feedback and result of one goal, from the executor's thread."""
 
-    def __init__(self, handle: Any, executor: GoalExecutor, store: GoalStore | None) -> None:
+    def __init__(self, handle: Any, keep: Callable[[str, int, Any], None]) -> None:
+        """
+        :param keep: stores the result of a goal with its status, by its id.
+        """
         self._handle = handle
-        self._executor = executor
-        self._store = store
+        self._keep = keep
 
     def on_change(self, execution: GoalExecution) -> None:
         machine = execution.machine
@@ -209,17 +233,8 @@ class _GoalPublisher:
                 + [why.to_dict() for why in _missing_values(end.missing)]
             ),
         )
-        if self._store is not None:
-            self._keep(self._store, execution.goal.id, end, result)
+        self._keep(execution.goal.id, _STATUS.get(end.verdict, GoalStatus.ABORTED), result)
         end_goal(self._handle, end.verdict, result, end.message)
-
-    def _keep(self, store: GoalStore, goal_id: str, end: End, result: Any) -> None:
-        data = {name: getattr(result, name) for name in result.__slots__}
-        try:
-            store.end(goal_id, _STATUS.get(end.verdict, GoalStatus.ABORTED), end.message, data)
-        except SkirosError as error:
-            log.error("the result of the goal %s is not stored: %s", goal_id, error)
-        self._executor.after(_DELIVERY_TIME, lambda: store.note_delivered(goal_id))
 
 
 def _missing_values(names: Sequence[str]) -> list[Explanation]:

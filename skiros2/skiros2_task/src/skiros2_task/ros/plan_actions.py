@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_common.ros.goal_server import ACTIVE, GoalServer
+from skiros2_common.ros.goal_server import ACTIVE, GoalServer, is_cancelled
 from skiros2_msgs.msg import (
     AssignTaskAction,
     AssignTaskFeedback,
@@ -76,7 +76,8 @@ class _PlanningAction(GoalServer):
 
     def __init__(self, name: str, spec: Any) -> None:
         super().__init__(name, spec)
-        self._running: list[tuple[Any, threading.Thread, threading.Event]] = []  # owned by the action's thread
+        #: Replaced by the thread of the goals, never changed.
+        self._running: tuple[tuple[Any, threading.Thread, threading.Event], ...] = ()
 
     def plan(self, goal: Any, cancelled: threading.Event, progress: Callable[[str], None]) -> PlanningResult:
         """Plans a goal. Called in the goal's thread."""
@@ -99,14 +100,16 @@ class _PlanningAction(GoalServer):
             thread.join(timeout)
         super().close(timeout)
 
-    # -- in the thread of the action ---------------------------------------------------------------------------
+    # -- in the threads of the action --------------------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
         cancelled = threading.Event()
         thread = threading.Thread(target=self._serve_goal, args=(handle, cancelled), name="plan", daemon=True)
-        self._running = [running for running in self._running if running[1].is_alive()]
-        self._running.append((handle, thread, cancelled))
+        active = [running for running in self._running if running[1].is_alive()]
+        self._running = (*active, (handle, thread, cancelled))
         handle.set_accepted()
+        if is_cancelled(handle):
+            cancelled.set()
         thread.start()
 
     def _cancel(self, handle: Any) -> None:

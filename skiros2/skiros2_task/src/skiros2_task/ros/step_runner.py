@@ -5,13 +5,17 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+
+import rospy
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
 from skiros2_skill.client.manager import SkillRun
+from skiros2_skill.ros.registration import ROBOT_PARAMETER
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.utils import SkillHolder
@@ -23,8 +27,10 @@ from skiros2_task.ros.task_message import skill_holder
 
 log = logging.getLogger(__name__)
 
-#: How long to wait for a manager that is in the world model (s).
+#: How long to wait for a manager that is in the world model, before a step (s).
 _MANAGER_TIMEOUT = 5.0
+#: How long to wait for such managers before planning (s): two discovery periods.
+_DISCOVERY_TIMEOUT = 2.0
 _POLL_PERIOD = 0.2  # s
 
 
@@ -39,12 +45,30 @@ class ManagerStepRunner(SkillLayerInterface):
         self._durations = durations
         self._callbacks: tuple[Callable[[str], None], Callable[[str], None]] | None = None
         self._discovered = threading.Condition()
+        self._absent: set[str] = set()  # names of managers that were not discovered in time
         super().__init__(author)
 
     def subscribe(self, on_found: Callable[[str], None], on_lost: Callable[[str], None]) -> None:
         """Reports the names of managers that appear or disappear from now on, from a ROS thread."""
         with self._discovery_lock:
             self._callbacks = on_found, on_lost
+
+    def robots(self, named: Collection[str]) -> dict[str, str]:
+        """Returns the ids of the robots that the running managers have registered, by manager; "" if unknown.
+
+        Waits for managers that are not discovered yet, once for each; unless no manager runs at all.
+
+        :param named: the names of managers in the scene.
+        """
+
+        def missing() -> set[str]:
+            agents = self.agents
+            return {name for name in named if not matching_name(name, agents)} if agents else set()
+
+        with self._discovered:
+            self._discovered.wait_for(lambda: missing() <= self._absent, _DISCOVERY_TIMEOUT)
+            self._absent |= missing()
+        return {name: _robot_of(name) for name in self.agents}
 
     def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
         """Runs a step in a new thread; see `StepRunner`."""
@@ -113,6 +137,7 @@ class ManagerStepRunner(SkillLayerInterface):
     def _on_agent(self, name: str) -> None:
         super()._on_agent(name)
         with self._discovered:
+            self._absent.clear()
             self._discovered.notify_all()
         if self._callbacks is not None:
             self._callbacks[0](name)
@@ -121,6 +146,16 @@ class ManagerStepRunner(SkillLayerInterface):
         super()._on_agent_gone(name)
         if self._callbacks is not None:
             self._callbacks[1](name)
+
+
+def _robot_of(manager: str) -> str:
+    """Returns the id of the robot that a manager has registered; "" if unknown."""
+    try:
+        robot = rospy.get_param_cached(f"{manager}/{ROBOT_PARAMETER}", "")
+    except (OSError, rospy.ROSException) as error:
+        log.warning("the robot of %s is unknown: the master does not answer: %s", manager, error)
+        return ""
+    return robot if isinstance(robot, str) else ""
 
 
 class _StepRun:

@@ -55,7 +55,7 @@ def main() -> None:
         engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)))
         step_runner = ManagerStepRunner(rospy.get_name(), durations)
         archive = Archive(folder)
-        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, lambda: step_runner.agents)
+        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, step_runner.robots)
         executor = GoalExecutor(planner, step_runner, store)
         system = _System(wm, store, on_restart)
         restart = system.restart()

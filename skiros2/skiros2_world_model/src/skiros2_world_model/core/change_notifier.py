@@ -51,9 +51,9 @@ class ChangeNotifier:
         """The name of the current state."""
         return f"{self.session}-{self.number}"
 
-    def next(self, author: str) -> Provenance:
-        """The provenance of the next change, with the current time."""
-        return Provenance(self.number + 1, time.time(), author)
+    def next(self, author: str, number: int | None = None) -> Provenance:
+        """The provenance of the change after this one (None: the last), with the current time."""
+        return Provenance((self.number if number is None else number) + 1, time.time(), author)
 
     def add_listener(self, listener: Listener) -> None:
         self._listeners.append(listener)

@@ -91,9 +91,12 @@ class ChangeSet:
     # -- recording ---------------------------------------------------------------------------------------------
 
     def put(self, eid: str, before: ElementRecord | None, after: ElementRecord | None) -> None:
-        """Records that an element has changed. Its first state before stays."""
+        """Records a change of an element. Its first state before stays; a return to that state cancels the change."""
         known = self.records.get(eid)
-        self.records[eid] = (before if known is None else known[0], after)
+        if known is not None and known[0] is after:
+            del self.records[eid]
+        else:
+            self.records[eid] = (before if known is None else known[0], after)
 
     def relate(self, relation: Relation, added: bool) -> None:
         """Records that a relation was added or removed; the inverse of a recorded change cancels it."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -62,6 +62,7 @@ class Journal:
         self._recover = recover
         self._file = JournalFile(path, full_sync)
         self._next_numbers: dict[str, int] = {}
+        self._shared: sqlite3.Connection | None = None  # within `together`
         self._retention = Retention(self._file, days, max_bytes)
 
     # -- start and end -----------------------------------------------------------------------------------------
@@ -117,6 +118,22 @@ class Journal:
     # -- writing -----------------------------------------------------------------------------------------------
 
     @contextmanager
+    def together(self) -> Iterator[None]:
+        """One transaction for all requests within the block: all are written, or none.
+
+        :raises Refused: the journal cannot be written.
+        """
+        done = False
+        try:
+            with self._file.transaction() as self._shared:
+                yield
+            done = True
+        finally:
+            self._shared = None
+            if not done:
+                self._next_numbers.clear()
+
+    @contextmanager
     def request(self, provenance: Provenance, last: int, action: str, context: str) -> Iterator[JournalWriter]:
         """A transaction that writes one request.
 
@@ -128,7 +145,7 @@ class Journal:
         self._retention.count_request()
         done = False
         try:
-            with self._file.transaction() as db:
+            with nullcontext(self._shared) if self._shared is not None else self._file.transaction() as db:
                 yield JournalWriter(db, provenance, self._next_numbers)
                 db.execute(_REQUEST, (provenance.version, last, provenance.stamp, provenance.author, action, context))
             done = True

@@ -20,7 +20,7 @@ _Closure = Callable[[str], frozenset[str]]
 
 _READER = "reasoner"
 
-#: How long a reasoner waits for the lock before it joins a transaction whose reasoners are in `parse` (s).
+#: How long a reasoner waits for the lock before it uses the scene beside a `parse`, which may wait for it (s).
 _LOCK_TIMEOUT = 0.2
 
 
@@ -48,6 +48,17 @@ class _ParsingModel:
         return Outcome(transaction.include(operations, self._model.checks(author), author))
 
 
+class _VisitedModel(_ParsingModel):
+    """Same as `_ParsingModel`, for a thread other than that of `parse`: its writes become a request of their own."""
+
+    def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
+        """Applies operations for the rest of `parse`, and again after the current request.
+
+        :raises Refused: the request is being undone.
+        """
+        return Outcome(self._model.reasoning.visit(operations, self._model.checks(author), author))
+
+
 class ReasonerWorldModel:
     """The argument of a reasoner's `init`: reads and writes of the scene. Thread-safe.
 
@@ -56,8 +67,8 @@ class ReasonerWorldModel:
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
-        self._parsing = _ParsingModel(model)
-        self._authors: dict[str, tuple[LocalWorldModel, LocalWorldModel]] = {}
+        self._models = model, cast("WorldModel", _ParsingModel(model)), cast("WorldModel", _VisitedModel(model))
+        self._authors: dict[str, list[LocalWorldModel]] = {}
 
     @property
     def guard(self) -> threading.RLock:
@@ -115,12 +126,10 @@ class ReasonerWorldModel:
         """The relation, followed by all its subproperties."""
         return _itself_first(name, self._model.ontology.subproperties)
 
-    def get_reasoner(self, name: str) -> DiscreteReasoner:
-        """Returns the reasoner with a class name, or the one that owns a code, property or relation.
-
-        :raises UnknownName: it does not exist.
-        """
-        return reasoners.get(name)
+    def get_reasoner(self, name: str) -> DiscreteReasoner | None:
+        """Returns the reasoner with a class name, or the one that owns a code, property or relation; None if it does
+        not exist."""
+        return reasoners.find(name)
 
     def query(self, query: str) -> list[str]:
         """Answers a SPARQL query with a text for each row."""
@@ -216,9 +225,8 @@ class ReasonerWorldModel:
     def _as(self, author: str) -> Iterator[LocalWorldModel]:
         """The world model for one call of an author: during `parse`, the one that includes the current request."""
         if author not in self._authors:
-            parsing = LocalWorldModel(author, cast("WorldModel", self._parsing))
-            self._authors[author] = LocalWorldModel(author, self._model), parsing
-        usual, parsing = self._authors[author]
+            self._authors[author] = [LocalWorldModel(author, model) for model in self._models]
+        usual, parsing, visiting = self._authors[author]
         lock, reasoning = self._model.lock, self._model.reasoning
         while True:
             if lock.acquire(timeout=_LOCK_TIMEOUT):
@@ -233,7 +241,7 @@ class ReasonerWorldModel:
                 return
             with reasoning.parse_lock:
                 if reasoning.is_parsing:
-                    yield parsing
+                    yield visiting
                     return
 
 

@@ -12,10 +12,10 @@ from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element
-from skiros2_world_model.core.changes import ADD, REMOVE, UPDATE
-from skiros2_world_model.core.checks import made_property
+from skiros2_world_model.core.changes import ADD, REMOVE, UPDATE, Operation
+from skiros2_world_model.core.checks import Checks, made_property
 from skiros2_world_model.core.scene import ElementRecord, Scene
-from skiros2_world_model.core.transaction import Transaction
+from skiros2_world_model.core.transaction import Transaction, Visit
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +40,8 @@ class Reasoning:
         self.is_parsing = False
         self._stopping = threading.RLock()
         self._offered: list[tuple[DiscreteReasoner, str, Element]] = []  # the calls of `parse` in the current request
+        self._present: list[Visit] = []  # visits whose changes are in the scene, during one `parse`
+        self._visits: list[Visit] = []
 
     def add(self, reasoner: DiscreteReasoner) -> None:
         """Adds a reasoner under its class name."""
@@ -117,6 +119,23 @@ class Reasoning:
             finally:
                 self.transaction = None
 
+    def visit(self, operations: Iterable[Operation], checks: Checks, author: str) -> list[str]:
+        """Applies operations of a thread that a reasoner's `parse` may wait for; see `Visit`. Under `parse_lock`.
+
+        :returns: the id that each operation affected.
+        :raises SkirosError: an operation is refused, or the request is being undone.
+        """
+        if self.transaction is None:
+            raise Refused(f"{author}: another change is being undone; write again when `parse` has returned")
+        visit = self.transaction.visit(operations, checks, author)
+        self._present.append(visit)
+        return visit.ids
+
+    def take_visits(self) -> list[Visit]:
+        """The requests to apply now that the current one has ended."""
+        visits, self._visits = self._visits, []
+        return visits
+
     def commit(self) -> None:
         """Ends the request after its commit."""
         self._offered = []
@@ -128,9 +147,9 @@ class Reasoning:
             for reasoner, action, element in reversed(offered):
                 before = scene.element(element.id)
                 if before is None:
-                    self._parse(reasoner, element, REMOVE)
+                    self._parse(scene, reasoner, element, REMOVE)
                 else:
-                    self._parse(reasoner, before, ADD if action == REMOVE else UPDATE)
+                    self._parse(scene, reasoner, before, ADD if action == REMOVE else UPDATE)
 
     def complete(self, scene: Scene, only: Iterable[DiscreteReasoner] | None = None) -> None:
         """Adds the default properties of reasoners to the elements of a loaded scene that name them.
@@ -166,7 +185,7 @@ class Reasoning:
             if element is None:
                 return
             action = REMOVE if removed is not None else ADD if scene.changes.is_added(eid) else UPDATE
-            if self._parse(reasoner, element, action) is False:
+            if self._parse(scene, reasoner, element, action) is False:
                 raise Refused(f"{_name(reasoner)} rejects to {action} {element!r}")
             self._offered.append((reasoner, action, element))
             changes = element.changes() if removed is None and element.may_be_changed else None
@@ -185,7 +204,7 @@ class Reasoning:
         if stored is not None:
             element.adopt(stored, keep_children=True)
 
-    def _parse(self, reasoner: DiscreteReasoner, element: Element, action: str) -> bool | None:
+    def _parse(self, scene: Scene, reasoner: DiscreteReasoner, element: Element, action: str) -> bool | None:
         self.is_parsing = True
         self.parse_lock.release()
         try:
@@ -197,6 +216,10 @@ class Reasoning:
         finally:
             self.parse_lock.acquire()
             self.is_parsing = False
+            for visit in reversed(self._present):
+                visit.changes.inverse().apply(scene)
+            self._visits += self._present
+            self._present = []
         return None
 
 

@@ -148,23 +148,23 @@ class SceneAbstractInterface(OntologyAbstractInterface):
         return next(iter(self._matching(e, context_id)), None)
 
     def get_relations(self, subj: Element | str, pred: str, obj: Element | str) -> list[RelationDict]:
-        """Returns the relations along a predicate and its subproperties, as dicts; an empty part matches any.
+        """Returns the relations along a predicate and its subproperties, as dicts; an empty part matches any, and so
+        does the subject "-1".
 
-        When both subject and object are given, `src` is "-1" in the result. Relations that a reasoner owns are computed
-        by it.
+        When all three are given, `src` is "-1" in the result; otherwise it is the subject's id. Relations that a
+        reasoner owns are computed by it.
         """
+        subj = "" if subj == "-1" else subj
         if pred and self._computes(pred) is not None:
             found = self.get_reasoner_relations(subj, pred, obj)
         else:
             found = self._related(id_of(subj), self._name(pred) if pred else "", id_of(obj))
-        return [{**r, "src": "-1"} for r in found] if id_of(subj) and id_of(obj) else found
+        return [{**r, "src": "-1"} for r in found] if id_of(subj) and pred and id_of(obj) else found
 
-    def get_reasoner(self, pred: str) -> DiscreteReasoner:
-        """Returns the reasoner with a class name, or the one that owns a code, property or relation.
-
-        :raises UnknownName: it does not exist.
-        """
-        return reasoners.get(pred)
+    def get_reasoner(self, pred: str) -> DiscreteReasoner | None:
+        """Returns the reasoner with a class name, or the one that owns a code, property or relation; None if it does
+        not exist."""
+        return reasoners.find(pred)
 
     def get_reasoner_relations(self, subj: Element | str, pred: str, obj: Element | str) -> list[RelationDict]:
         """Computes relations between two elements with a reasoner; returns them as dicts.

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from skiros2_common.core.errors import Conflict, Refused, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
@@ -89,6 +88,23 @@ def _individual(ontology: Ontology, name: str) -> Individual:
 HAS_TEMPLATE = "skiros:hasTemplate"
 
 
+@dataclass(frozen=True)
+class Visit:
+    """A request of a thread that cannot wait for the end of the current one, which waits for the thread.
+
+    Its changes are in the scene only while a reasoner parses the current request, and become a request of their own
+    after it, whatever becomes of it.
+
+    :param ids: as returned by `Transaction.run`.
+    :param in_other_contexts: relations to add in other contexts.
+    """
+
+    author: str
+    ids: list[str]
+    changes: ChangeSet
+    in_other_contexts: Mapping[str, list[Operation]]
+
+
 class Transaction:
     """Applies the operations of one request to one scene, between its `begin` and `commit`. Used once.
 
@@ -118,7 +134,7 @@ class Transaction:
         self.removed_recursively = False
         self.renamed: list[tuple[str, str]] = []
         #: Relations to add whose subjects are in other contexts, with the context of each.
-        self.in_other_contexts: defaultdict[str, list[Operation]] = defaultdict(list)
+        self.in_other_contexts: dict[str, list[Operation]] = {}
 
     def run(self, operations: Iterable[Operation]) -> list[str]:
         """Applies the operations in order and returns the id that each affected.
@@ -141,8 +157,7 @@ class Transaction:
         ids: dict[int, str] = {}
         links: list[tuple[str, RelationDict]] = []
         for index, operation in expanded:
-            eid = self._apply(operation, links)
-            ids.setdefault(index, eid)
+            ids.setdefault(index, self._apply(operation, links))
         for eid, relation in links:
             if _is_fact(relation):
                 self._link(*self._ends(eid, relation))
@@ -151,7 +166,7 @@ class Transaction:
         return list(ids.values())
 
     def include(self, operations: Iterable[Operation], checks: Checks, author: str) -> list[str]:
-        """Applies operations that a reasoner requests while it parses this transaction; see `run`.
+        """Applies further operations, such as those of a reasoner that parses this transaction; see `run`.
 
         :raises SkirosError: an operation is refused; none of them is applied.
         """
@@ -162,9 +177,16 @@ class Transaction:
         self.related |= part.related
         self.renamed += part.renamed
         for context, relations in part.in_other_contexts.items():
-            self.in_other_contexts[context] += relations
+            self.in_other_contexts.setdefault(context, []).extend(relations)
         self.removed_recursively |= part.removed_recursively
         return ids
+
+    def visit(self, operations: Iterable[Operation], checks: Checks, author: str) -> Visit:
+        """Same as `include`, for a request of another thread; see `Visit`."""
+        part = Transaction(self._scene, self._ontology, checks, author, self._others)
+        with self._scene.nested() as changes:
+            ids = part.run(operations)
+        return Visit(author, ids, changes, part.in_other_contexts)
 
     def complete(self, eid: str, changes: ElementChanges) -> None:
         """Applies the changes that a reasoner made to an element it parsed.
@@ -218,8 +240,7 @@ class Transaction:
             self._references[operation.reference] = eid
         properties = self._put(eid, etype, element.label, element._props)
         links += [(eid, relation) for relation in element._rels]
-        template = properties.get(TEMPLATE)
-        if template is not None and template.value:
+        if (template := properties.get(TEMPLATE)) is not None and template.value:
             links.append((eid, {"src": "-1", "type": HAS_TEMPLATE, "dst": template.value}))
         return eid
 
@@ -287,8 +308,7 @@ class Transaction:
 
         :raises Conflict: parts of the scene have changed since; the text has all of them.
         """
-        parts = changed_parts(change_set, self._scene)
-        if parts:
+        if parts := changed_parts(change_set, self._scene):
             raise Conflict("; ".join(parts))
         for relation, added in change_set.relations.items():
             if not added:
@@ -331,7 +351,7 @@ class Transaction:
         if src not in self._scene:
             if (context := next((name for name, scene in self._others.items() if src in scene), None)) is None:
                 raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
-            self.in_other_contexts[context].append(Relate(src, pred, dst))
+            self.in_other_contexts.setdefault(context, []).append(Relate(src, pred, dst))
             return src
         self._checks.relation_ends(self._record(src), pred, self._scene.record(dst), who)
         if self._ontology.is_subproperty(pred, SPATIAL):

@@ -19,6 +19,7 @@ from skiros2_world_model.core.changes import (
     RESET,
     SCENE,
     UPDATE,
+    Apply,
     Change,
     Operation,
     Outcome,
@@ -36,8 +37,9 @@ from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.rdf import parse_n_triples, workspace_file, write_file
 from skiros2_world_model.core.reasoning import Reasoning
 from skiros2_world_model.core.report import Finding, Report
-from skiros2_world_model.core.scene import Provenance, Scene
-from skiros2_world_model.core.transaction import Transaction, template_element
+from skiros2_world_model.core.request import Part, Request
+from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.transaction import template_element
 from skiros2_world_model.core.triple_store import TripleStore
 from skiros2_world_model.core.validation import keep_refused, scene_file_triples, shape_findings
 
@@ -191,68 +193,57 @@ class WorldModel:
         :raises SkirosError: an operation is refused; nothing has changed.
         """
         with self.lock:
-            operations = list(operations)
-            if len(operations) == 1 and isinstance(operations[0], Relate):
-                src = self._full(operations[0].src)
-                home = self._contexts.home(src, context)
-                if not home and self.ontology.individual(src) is not None:
-                    return self._relate_individual(operations[0], author)
-                context = home or context
-            is_new = context not in self._contexts
-            scene = self._contexts.named(context).scene
-            transaction = Transaction(scene, self.ontology, self.checks(author), author, self._contexts.others(context))
-            scene.begin()
             try:
-                ids = transaction.run(operations)  # validates and applies
-                for other, relations in transaction.in_other_contexts.items():
-                    self._check(relations, author, other)
-                if context == SCENE:
-                    self.reasoning.offer(scene, transaction)
-                pending = self._pending(scene, transaction, context)
-                provenance = self._log(pending, author, context, scene)
-            except Exception:
-                scene.roll_back()
-                self.reasoning.undo(scene)
-                if is_new:
-                    del self._contexts[context]
-                raise
-            if not pending:
-                scene.roll_back()  # nothing changed: restore the versions of the elements, too
-            committed = scene.commit(provenance)
-            self.reasoning.commit()
-            for wanted, assigned in transaction.renamed:
-                log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
-            changes = self._notifier.publish(pending, provenance, context, scene)
-            for other, relations in transaction.in_other_contexts.items():
-                changes += self.transact(relations, author, other).changes
-            for other, patches in self._contexts.dangling(committed):
-                changes += self.transact(patches, author, other).changes
-            return Outcome(ids, changes)
+                return self._transact(list(operations), author, context)
+            finally:
+                self._transact_visits()
 
-    def _pending(self, scene: Scene, transaction: Transaction, context: str) -> list[PendingChange]:
-        if context != SCENE:
-            return [PendingChange(UPDATE)]
-        updated, related = transaction.updated, transaction.related
-        return pending_changes(scene.changes, updated, related, transaction.removed_recursively)
-
-    def _log(self, pending: Sequence[PendingChange], author: str, context: str, scene: Scene) -> Provenance:
-        """Writes the current transaction of a scene to the journal; returns its provenance."""
-        provenance = self._notifier.next(author)
-        if pending and self._journal is not None:
-            last = self.number + len(pending)
-            with self._journal.request(provenance, last, "change", context) as writer:
-                writer.write(context, scene, scene.changes)
-        return provenance
-
-    def _check(self, operations: Sequence[Operation], author: str, context: str) -> None:
-        """Raises what `transact` would raise, and changes nothing."""
-        scene = self._contexts.named(context).scene
-        scene.begin()
+    def _transact(self, operations: Sequence[Operation], author: str, context: str) -> Outcome:
+        if len(operations) == 1 and isinstance(operations[0], Relate):
+            src = self._full(operations[0].src)
+            home = self._contexts.home(src, context)
+            if not home and self.ontology.individual(src) is not None:
+                return self._relate_individual(operations[0], author)
+            context = home or context
+        request = Request(self._contexts, self.ontology, self.reasoning, lambda: self.checks(author), author)
         try:
-            others = self._contexts.others(context)
-            Transaction(scene, self.ontology, self.checks(author), author, others).run(operations)
-        finally:
-            scene.roll_back()
+            ids = request.apply(operations, context)
+            self._number_and_log(request.parts, author)
+        except Exception:
+            request.roll_back()
+            raise
+        for part in request.parts:
+            part.commit()
+        self.reasoning.commit()
+        for wanted, assigned in request.renamed:
+            log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
+        changes = [self._notifier.publish(p.pending, p.provenance, p.context, p.scene) for p in request.parts]
+        return Outcome(ids, [change for of_part in changes for change in of_part])
+
+    def _number_and_log(self, parts: Sequence[Part], author: str) -> None:
+        """Numbers the parts of a request and writes them to the journal, all or none."""
+        number = self.number
+        for part in parts:
+            part.provenance = self._notifier.next(author, number)
+            number += len(part.pending)
+        changed = [part for part in parts if part.pending]
+        if self._journal is None or not changed:
+            return
+        with self._journal.together() if len(changed) > 1 else nullcontext():
+            for part in changed:
+                last = part.provenance.version + len(part.pending) - 1
+                with self._journal.request(part.provenance, last, "change", part.context) as writer:
+                    writer.write(part.context, part.scene, part.scene.changes)
+
+    def _transact_visits(self) -> None:
+        """Applies the requests that reasoners made beside the one that has ended."""
+        for visit in self.reasoning.take_visits():
+            own: list[Operation] = [Apply(visit.changes)] if visit.changes else []
+            for context, operations in {SCENE: own, **visit.in_other_contexts}.items():
+                try:
+                    self.transact(operations, visit.author, context)
+                except SkirosError as error:
+                    log.error("a change of %s that depends on another one is lost with it: %s", visit.author, error)
 
     def checks(self, author: str) -> Checks:
         """Creates the checks of names and values for a request of an author."""
@@ -378,13 +369,13 @@ class WorldModel:
             scene.begin()
             try:
                 self.reasoning.complete(scene, [reasoner])
-                pending = pending_changes(scene.changes)
-                provenance = self._log(pending, reasoner.__class__.__name__, SCENE, scene)
+                part = Part(SCENE, scene, pending_changes(scene.changes))
+                self._number_and_log([part], reasoner.__class__.__name__)
             except Exception:
                 scene.roll_back()
                 raise
-            scene.commit(provenance)
-            self._notifier.publish(pending, provenance, SCENE, scene)
+            part.commit()
+            self._notifier.publish(part.pending, part.provenance, SCENE, scene)
 
     # -- helpers -----------------------------------------------------------------------------------------------
 

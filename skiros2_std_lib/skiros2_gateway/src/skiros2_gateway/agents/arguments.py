@@ -16,6 +16,10 @@ _JSON_TYPES = {
 }  # fmt: skip
 
 
+#: A field of what moves robots.
+KEY: Any = Field("", description="idempotency key, chosen by the client: a call that is repeated with it is done once")
+
+
 class Arguments(BaseModel):
     """Arguments of a tool."""
 
@@ -87,6 +91,8 @@ class Execute(ActionArguments):
     """A goal or work master to be carried out as a job, or a skill to be run."""
 
     id: str = Field("", description="id of the job; the same id and content again is the same job")
+    reason: str = Field("", max_length=2000, description="why, for the person who approves it")
+    key: str = KEY
     priority: int = 0
     robots: tuple[str, ...] = Field((), description="node names of the robots that the job may use; empty: all")
 
@@ -97,6 +103,7 @@ class Stop(Arguments):
     job: str = Field("", description="id of a job")
     robots: list[str] = Field([], description="node names; empty, without a job: all robots")
     task: int = Field(-1, description="with one robot: only this task")
+    key: str = KEY
 
     def problems(self) -> list[Problem]:
         if self.job and (self.robots or self.task >= 0):
@@ -126,6 +133,7 @@ class Propose(RunArguments):
     properties: tuple[PropertyEdit, ...] = Field((), max_length=100)
     relations: tuple[RelationEdit, ...] = Field((), max_length=100)
     parameters: dict[str, Any] = Field({}, description="values that replace those of the failed run; needs retry")
+    key: str = KEY
     retry: bool = Field(False, description="whether the job, under a new id, or the skill is started again afterwards")
 
     def problems(self) -> list[Problem]:

@@ -10,12 +10,13 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_gateway.agents.arguments import Propose
-from skiros2_gateway.agents.start_checks import valid_plan, valid_start
+from skiros2_gateway.agents.start_checks import start_approved, valid_plan, valid_start
 from skiros2_gateway.core.access import Caller
-from skiros2_gateway.core.approvals import Approvals
+from skiros2_gateway.core.approvals import Request
 from skiros2_gateway.core.cell import REACHED
 from skiros2_gateway.core.edits import EditPreview, Edits
 from skiros2_gateway.core.job import FINAL, Job, Order, read_order
+from skiros2_gateway.core.keys import uninterrupted
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.core.service import Service
 
@@ -23,13 +24,14 @@ from skiros2_gateway.core.service import Service
 class Proposals:
     """Checks proposals, has them approved, and applies them. To be used in the thread of the gateway's loop."""
 
-    def __init__(self, service: Service, approvals: Approvals) -> None:
-        self._service = service
+    def __init__(self, service: Service) -> None:
         self._control = service.control
-        self._approvals = approvals
+        self._approvals = service.approvals
 
     async def propose(self, caller: Caller, wanted: Propose) -> dict[str, Any]:
         """Applies a proposal once it is approved, as a whole, and retries the job or skill if that is wanted.
+
+        What runs after edits depends on them, so the retry is a request of its own, with its plan or start check.
 
         :returns: `changes` of the world model, a line each; `retried`: the new job or task, or None; `why`: the reason
             why it was not started.
@@ -40,6 +42,7 @@ class Proposals:
         edits = Edits(wanted.properties, wanted.relations)
         problems: list[Problem] = []
         preview, retry = EditPreview(), None
+        asked: Request | None = None
         try:
             if edits:
                 preview = await self._control.cell.preview_edits(edits)
@@ -48,23 +51,43 @@ class Proposals:
         try:
             if wanted.retry:
                 retry = await self._checked_retry(wanted, failure)
+                if not edits:
+                    asked = await self._start_request(retry, wanted.reason)
         except Rejected as error:
             problems += error.problems
         except SkirosError as error:
             problems.append(Problem(error.code, "parameters", str(error)))
         if problems:
             raise Rejected(problems)
-        what = {"failure": failure, "reason": wanted.reason, "changes": list(preview.lines)}
         retried = retry.model_dump(mode="json") if isinstance(retry, Order) else retry
-        by = await self._approvals.request(caller, {**what, "retry": retried}, by_person=True)
+        runs = {
+            "properties": [edit.model_dump(mode="json") for edit in wanted.properties],
+            "relations": [edit.model_dump(mode="json") for edit in wanted.relations],
+            "changes": list(preview.lines), "retry": retried, **(asked.runs if asked is not None else {}),
+        }  # fmt: skip
+        shown = {"failure": failure, **(asked.shown if asked is not None else {})}
+        robots = asked.robots if asked is not None else ()
+        by = await self._approvals.request(caller, Request(runs, shown, robots, wanted.reason), by_person=True)
         if edits:
-            await self._control.cell.apply_edits(edits, preview)
+            await uninterrupted(self._control.cell.apply_edits(edits, preview))
         result: dict[str, Any] = {"changes": list(preview.lines), "retried": None, "why": ""}
         try:
-            result["retried"] = await self._start(caller, retry, f"proposed by {caller.user}, approved by {by}")
+            if retry is not None and asked is None:
+                asked = await self._start_request(retry, f"again, after the approved changes: {wanted.reason}")
+                by = await self._approvals.request(caller, asked)
+            if asked is not None:
+                result["retried"] = await uninterrupted(self._start(caller, retry, asked, by))
         except SkirosError as error:  # the world model has changed; the caller has to know that
             result["why"] = str(error)
         return result
+
+    async def _start_request(self, retry: Order | dict[str, Any], reason: str) -> Request:
+        """
+        :raises SkirosError: there is no plan, or the skill would not start.
+        """
+        if isinstance(retry, Order):
+            return await valid_plan(self._control, retry, reason)
+        return await valid_start(self._control, **retry, reason=reason)
 
     async def failed_run(self, wanted: Propose) -> dict[str, Any]:
         """Returns the failed job or task as JSON data.
@@ -109,17 +132,16 @@ class Proposals:
                 break
         return f"{job_id}.{number}"
 
-    async def _start(self, caller: Caller, retry: Order | dict[str, Any] | None, comment: str) -> dict[str, Any] | None:
+    async def _start(self, caller: Caller, retry: Any, asked: Request, by: str) -> dict[str, Any]:
         """
-        :raises SkirosError: there is no plan, or the skill would not start.
+        :raises SkirosError: it cannot start as it was approved.
         """
-        if retry is None:
-            return None
         if isinstance(retry, Order):
-            await valid_plan(self._control, retry)
-            return job_summary((await self._control.put(retry, caller.user, comment, start=True))[0])
-        await valid_start(self._control, **retry)
-        return {"robot": retry["robot"], "task": await self._control.cell.run_skill(**retry)}
+            comment = f"proposed by {caller.user}, approved by {by}"
+            approved = {"plan": asked.runs["plan"], "digest": asked.digest, "by": by}
+            job, _ = await self._control.put(retry, caller.user, comment, start=True, approved=approved)
+            return job_summary(job)
+        return {"robot": retry["robot"], "task": await start_approved(self._control, asked)}
 
 
 def job_summary(job: Job) -> dict[str, Any]:

@@ -7,22 +7,25 @@ content; an error has `code`, `detail` and `problems`, as of REST.
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Body, Request, Response
 from mcp import types
 from mcp.server import Server
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
-from starlette.types import Receive, Scope, Send
+from pydantic import BaseModel, ConfigDict
 
 from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_gateway.agents.calls import Calls, until_gone
 from skiros2_gateway.agents.tools import Tools
-from skiros2_gateway.core.approvals import Approvals
+from skiros2_gateway.core.access import Role
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.service import Service
-from skiros2_gateway.http.app import CallerArg, ServiceArg
+from skiros2_gateway.http.callers import CallerArg, ServiceArg, agent_of
+from skiros2_gateway.http.origin import check_origin
 
 _INSTRUCTIONS = (
     "Robots with skills. Read the skills and the world first; plan and preview a goal before you execute it. execute "
@@ -30,15 +33,24 @@ _INSTRUCTIONS = (
 )
 
 
+class _Read(BaseModel):
+    """What a person has read: its digest."""
+
+    model_config = ConfigDict(extra="forbid")
+    digest: str = ""
+
+
 class AgentServer:
     """The server. To be used in the gateway's loop, within `running`.
 
     :param max_body: the largest request (bytes).
+    :param hosts: names of this machine by which agents reach it, beside its host name.
     """
 
-    def __init__(self, service: Service, approvals: Approvals, max_body: int = 256 * 1024) -> None:
-        self._tools = Tools(service, approvals)
-        self._approvals = approvals
+    def __init__(self, service: Service, max_body: int = 256 * 1024, hosts: Collection[str] = ()) -> None:
+        self._hosts = hosts
+        self._tools = Tools(service)
+        self._calls = Calls()
         server: Server[Any] = Server(
             "skiros2",
             version="1",
@@ -61,23 +73,36 @@ class AgentServer:
         router = APIRouter()
 
         @router.api_route("/mcp", methods=["GET", "POST", "DELETE"], include_in_schema=False)
-        async def endpoint(request: Request, caller: CallerArg) -> Response:
-            request.state.caller = caller
-            return _Handled(self._manager)
+        async def endpoint(request: Request) -> Response:
+            check_origin(request, self._hosts)
+            return await self._calls.answer(request, agent_of(request), self._manager)
 
         @router.get("/api/approvals")
         async def approvals(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
-            """What agents ask for: {approvals: [{number, user, what, created}]}; `what` has order, goal and plan."""
-            service.view(caller)
-            return {"approvals": [approval.to_dict() for approval in self._approvals.open]}
+            """What agents ask for: {approvals: [{id, digest, user, what, robots, reason, created, expires}]}.
 
-        @router.post("/api/approvals/{number}/{answer}")
-        async def answer(caller: CallerArg, service: ServiceArg, number: int, answer: str) -> dict[str, Any]:
-            """Approves or rejects what an agent asks for: answers approve and reject. Not by the agent's own user."""
+            `what` has exactly what will run, of which `digest` is the SHA-256, and what a person should read beside it.
+            """
+            service.view(caller)
+            return {"approvals": [approval.to_dict() for approval in service.approvals.open]}
+
+        @router.post("/api/approvals/{approval_id}/{answer}")
+        async def answer(
+            caller: CallerArg,
+            service: ServiceArg,
+            approval_id: str,
+            answer: str,
+            body: Annotated[_Read | None, Body()] = None,
+        ) -> dict[str, Any]:
+            """Approves or rejects what an agent asks for: answers approve and reject.
+
+            Needs the role approve and an account that is marked as a person; not that of the agent.
+            """
             if answer not in ("approve", "reject"):
                 raise UnknownName(f"there is no answer {answer!r}; there are: approve, reject")
-            with service.audited(caller, answer, str(number)):
-                return self._approvals.answer(caller, number, answer == "approve").to_dict()
+            digest = body.digest if body is not None else ""
+            with service.audited(caller, answer, f"{approval_id} {digest}".strip(), Role.APPROVE):
+                return service.approvals.answer(caller, approval_id, answer == "approve", digest).to_dict()
 
         return router
 
@@ -95,22 +120,12 @@ class AgentServer:
 
     async def _call_tool(self, context: Any, params: types.CallToolRequestParams) -> types.CallToolResult:
         try:
-            data = await self._tools.call(context.request.state.caller, params.name, params.arguments or {})
-            is_error = False
+            state = context.request.state
+            work = self._tools.call(state.caller, params.name, params.arguments or {})
+            data, is_error = await until_gone(work, state.gone), False
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             data, is_error = {"code": error.code, "detail": str(error), "problems": problems}, True
-        text = json.dumps(data, default=str)
+        text = json_text(data)
         content = [types.TextContent(type="text", text=text)]
         return types.CallToolResult(content=content, structured_content=json.loads(text), is_error=is_error)
-
-
-class _Handled(Response):
-    """An answer that the session manager of the protocol gives."""
-
-    def __init__(self, manager: StreamableHTTPSessionManager) -> None:
-        super().__init__()
-        self._manager = manager
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        await self._manager.handle_request(scope, receive, send)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.explanation import Explanation
+from skiros2_gateway.core.approvals import Request
 from skiros2_gateway.core.job import Order
 from skiros2_gateway.core.job_control import JobControl
 
@@ -14,25 +15,57 @@ from skiros2_gateway.core.job_control import JobControl
 _VALID = ("planned", "nothing_to_do")
 
 
-async def valid_plan(control: JobControl, order: Order) -> dict[str, Any]:
-    """Returns order, goal, plan and simulated changes as JSON data.
+async def valid_plan(control: JobControl, order: Order, reason: str = "") -> Request:
+    """Returns the request for an order: its goal and the plan, which is what will be executed.
 
     :raises Rejected: with all problems of the order.
-    :raises Refused: there is no plan.
+    :raises Refused: there is no plan with the allowed robots.
     """
     goal = await control.check(order)
     plan = await control.cell.plan(goal, order.quality)
     if plan["state"] not in _VALID:
         raise Refused(f"there is no valid plan: {plan['state']}: {plan['message']}")
-    return {"order": order.model_dump(mode="json"), "goal": goal, "plan": plan["plan"], "preview": plan["preview"]}
+    robots = tuple(sorted({step["robot"] for step in plan["plan"]}))
+    allowed = control.masters.robots_of(order)
+    if others := [robot for robot in robots if allowed and robot not in allowed]:
+        raise Refused(f"the plan uses {', '.join(others)}, allowed are {', '.join(allowed)}")
+    runs = {"order": order.model_dump(mode="json"), "goal": goal, "plan": plan["plan"]}
+    return Request(runs, {"preview": plan["preview"]}, robots, reason)
 
 
-async def valid_start(control: JobControl, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the skill and what its start would do, as JSON data.
+async def valid_start(
+    control: JobControl, robot: str, skill: str, parameters: Mapping[str, Any], reason: str = ""
+) -> Request:
+    """Returns the request for a skill: the implementation and the elements with which it will start.
 
     :raises Refused: it would not start.
     """
     check = await control.cell.check_start(robot, skill, parameters)
     if not check["ok"]:
         raise Refused(f"{skill} would not start on {robot}: {Explanation.from_dict(check['why'])}")
-    return {"robot": robot, "skill": skill, "parameters": dict(parameters), "preview": check}
+    runs = {
+        "robot": robot, "skill": skill, "parameters": dict(parameters), "implementation": check["implementation"],
+        "elements": check["elements"],
+    }  # fmt: skip
+    return Request(runs, {"preview": check}, (robot,), reason)
+
+
+async def start_approved(control: JobControl, request: Request) -> int:
+    """Starts the skill of an approved request. Returns the number of its task.
+
+    :raises Refused: it would start differently now, or not at all.
+    """
+    runs = request.runs
+    now = await valid_start(control, runs["robot"], runs["skill"], runs["parameters"])
+    if changes := list(_differences(runs, now.runs)):
+        raise Refused(f"it would not run as approved: {'; '.join(changes)}")
+    return await control.cell.run_skill(runs["robot"], runs["implementation"], runs["parameters"])
+
+
+def _differences(approved: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    if approved["implementation"] != now["implementation"]:
+        yield f"the implementation is {now['implementation']}, approved is {approved['implementation']}"
+    for key in sorted({*approved["elements"], *now["elements"]}):
+        before, after = approved["elements"].get(key, "none"), now["elements"].get(key, "none")
+        if before != after:
+            yield f"{key} is {after}, approved is {before}"

@@ -25,10 +25,10 @@ from skiros2_gateway.agents.arguments import (
     schema_of,
 )
 from skiros2_gateway.agents.proposals import Proposals, job_summary
-from skiros2_gateway.agents.start_checks import valid_plan, valid_start
+from skiros2_gateway.agents.start_checks import start_approved, valid_plan, valid_start
 from skiros2_gateway.core.access import Caller
-from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.job import Method
+from skiros2_gateway.core.keys import uninterrupted
 from skiros2_gateway.core.problems import Rejected, problems_of
 from skiros2_gateway.core.service import Service
 
@@ -50,10 +50,10 @@ class Tool:
 class Tools:
     """The tools by name. To be used in the thread of the gateway's loop."""
 
-    def __init__(self, service: Service, approvals: Approvals) -> None:
+    def __init__(self, service: Service) -> None:
         self._service = service
-        self._approvals = approvals
-        self._proposals = Proposals(service, approvals)
+        self._approvals = service.approvals
+        self._proposals = Proposals(service)
         made = (
             Tool("list_skills", "The skills of the robots, and schemas of parameters.", ListSkills, self._skills),
             Tool("query_world", "Elements of the world model, or a SPARQL query. Read only.", QueryWorld, self._world),
@@ -93,7 +93,9 @@ class Tools:
             raise Rejected(problems)
         if not tool.moves:
             self._service.view(caller)
-        return await tool.call(caller, read)
+        key = getattr(read, "key", "")
+        command = [name, read.model_dump(mode="json")]
+        return await self._service.keys.once(caller.user, key, command, lambda: tool.call(caller, read))
 
     # -- reading -----------------------------------------------------------------------------------------------
 
@@ -160,22 +162,33 @@ class Tools:
     async def _execute(self, caller: Caller, arguments: Execute) -> Any:
         if arguments.skill:
             return await self._run_skill(caller, arguments)
+        control = self._service.control
         order = arguments.order(arguments.id, priority=arguments.priority, robots=arguments.robots)
 
         async def execute() -> Any:
-            by = await self._approvals.request(caller, await valid_plan(self._service.control, order))
-            job, _ = await self._service.control.put(order, caller.user, f"approved by {by}", start=True)
-            return job_summary(job)
+            known = control.find(order)
+            if known is None:
+                asked = await valid_plan(control, order, arguments.reason)
+                by = await self._approvals.request(caller, asked)
+                approved = {"plan": asked.runs["plan"], "digest": asked.digest, "by": by}
+                put = control.put(order, caller.user, f"approved by {by}", start=True, approved=approved)
+                known, _ = await uninterrupted(put)
+            return job_summary(known)
 
-        return await self._service.command(caller, "execute", order.id, execute)
+        async def command() -> Any:
+            return await self._service.command(caller, "execute", order.id, execute)
+
+        # a client that repeats a lost call shares the approval that waits, by the job's id
+        return await self._service.keys.once(caller.user, f"job {order.id}", order.digest, command, is_kept=False)
 
     async def _run_skill(self, caller: Caller, arguments: Execute) -> Any:
         robot, skill, parameters = arguments.robot, arguments.skill, arguments.parameters
 
         async def execute() -> Any:
             control = self._service.control
-            await self._approvals.request(caller, await valid_start(control, robot, skill, parameters))
-            return {"robot": robot, "task": await control.cell.run_skill(robot, skill, parameters)}
+            asked = await valid_start(control, robot, skill, parameters, arguments.reason)
+            await self._approvals.request(caller, asked)
+            return {"robot": robot, "task": await uninterrupted(start_approved(control, asked))}
 
         return await self._service.command(caller, "execute", f"{robot} {skill}", execute)
 

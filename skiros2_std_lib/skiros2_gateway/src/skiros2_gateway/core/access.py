@@ -1,38 +1,31 @@
-"""Who may do what: users with tokens or certificates, roles, rate limits, and the audit log."""
+"""Who may do what: checks credentials, roles and rates, and writes the audit log."""
 
 from __future__ import annotations
 
 import hashlib
 import logging
-import os
-import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
-from pathlib import Path
 from typing import Any, Protocol
 
-import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated
+from skiros2_gateway.core.refusals import Refusals
+from skiros2_gateway.core.users import Role, User, sha256
 
-from skiros2_common.core.errors import ConfigurationError
-from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated, problems_of
+__all__ = ["AGENTS", "Access", "AuditLog", "Caller", "RateLimit", "Role", "User"]
 
 log = logging.getLogger(__name__)
 
+#: The `way` of callers of agents' tools.
+AGENTS = "mcp"
+
 #: Failed logins that an address may make per second, and in a burst.
 _FAILURES_RATE, _FAILURES_BURST = 1.0, 20
+#: The kinds of credentials.
+_TOKEN, _CERTIFICATE = "token ", "certificate "
 #: How many rate limits are kept.
 _MAX_LIMITS = 10_000
-
-
-class Role(IntEnum):
-    """What a user may do; each role includes the lower ones."""
-
-    VIEW = 1
-    OPERATE = 2
-    MAINTAIN = 3
 
 
 @dataclass(frozen=True)
@@ -40,79 +33,22 @@ class Caller:
     """A user of one connection.
 
     :param way: `rest`, `opcua`, `mqtt`, `mcp` or `browser`.
+    :param person: whether a person, and no program, has the credentials.
+    :param credential: identifies them.
+    :param session: the id of the page's session; "" without one.
     """
 
     user: str
     role: Role
     way: str
-
-
-class User(BaseModel):
-    """A user in the file of users.
-
-    :param token: the secret itself; the file must be readable by its owner only.
-    :param sha256: the token's SHA-256 as hexadecimal digits, instead of the token.
-    :param certificate: the SHA-256 of an OPC UA client's certificate (DER), as hexadecimal digits.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    name: str
-    role: str
-    token: str = ""
-    sha256: str = ""
-    certificate: str = ""
-
-    @model_validator(mode="after")
-    def _check(self) -> User:
-        if self.role.upper() not in Role.__members__:
-            raise ValueError(f"role {self.role!r} is unknown, expected view, operate or maintain")
-        if self.token and len(self.token) < 16:
-            raise ValueError("the token is too short, expected at least 16 characters")
-        if not (self.token or self.sha256 or self.certificate):
-            raise ValueError("expected a token, its sha256, or a certificate")
-        return self
+    person: bool = False
+    credential: str = ""
+    session: str = ""
 
     @property
     def level(self) -> Role:
-        return Role[self.role.upper()]
-
-
-class _Users(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-    users: list[User]
-
-
-def read_users(path: Path) -> list[User]:
-    """Reads the file of users; makes it, with a random token for each role, if it does not exist.
-
-    :raises ConfigurationError: the file has mistakes, or others may read it.
-    """
-    if not path.exists():
-        _make_users(path)
-    if path.stat().st_mode & 0o077:
-        raise ConfigurationError(f"{path} has tokens and may be read by others; expected: chmod 600 {path}")
-    try:
-        users = _Users.model_validate(yaml.safe_load(path.read_text())).users
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    except ValidationError as error:
-        raise ConfigurationError(f"{path}: " + "; ".join(str(problem) for problem in problems_of(error))) from error
-    names = [user.name for user in users]
-    if len(set(names)) < len(names):
-        raise ConfigurationError(f"{path}: two users have the same name")
-    return users
-
-
-def _make_users(path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    users = [
-        {"name": name, "role": name, "token": secrets.token_urlsafe(24)} for name in ("view", "operate", "maintain")
-    ]
-    text = "# Users of the gateway. Roles: view, operate (jobs, goals, pause, stop), maintain (also the audit log).\n"
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(text + yaml.safe_dump({"users": users}, sort_keys=False))
-    log.warning("made %s with a random token for each role", path)
+        """The role by which requests are checked. An agent, which only its tools admit, is an operator there."""
+        return Role.OPERATE if self.role is Role.AGENT and self.way == AGENTS else self.role
 
 
 class RateLimit:
@@ -145,9 +81,11 @@ class RateLimit:
 
 
 class AuditLog(Protocol):
-    """Where audited requests are written to."""
+    """Where audited requests are written to, and read from."""
 
     def audit(self, entry: Mapping[str, Any]) -> None: ...
+
+    def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]: ...
 
 
 class Access:
@@ -156,13 +94,18 @@ class Access:
     :param rate, burst: limit of requests per second and user.
     """
 
-    def __init__(self, users: list[User], audit: AuditLog, rate: float = 100.0, burst: float = 300.0) -> None:
-        with_token = [user for user in users if user.token or user.sha256]
-        self._by_token = {user.sha256.lower() or _sha256(user.token): user for user in with_token}
-        self._by_certificate = {user.certificate.lower(): user for user in users if user.certificate}
+    def __init__(self, users: Sequence[User], audit: AuditLog, rate: float = 100.0, burst: float = 300.0) -> None:
+        self._by_credential: dict[str, User] = {}
         self._audit = audit
         self._rate, self._burst = rate, burst
         self._limits: dict[tuple[str, str], RateLimit] = {}
+        self._refusals = Refusals(self._write)
+        self.set_users(users)
+
+    def set_users(self, users: Sequence[User]) -> None:
+        """Replaces the users. Callers whose credentials are gone are refused from now on; see `renew`."""
+        self._by_credential = {_TOKEN + user.digest: user for user in users if user.digest}
+        self._by_credential |= {_CERTIFICATE + user.certificate.lower(): user for user in users if user.certificate}
 
     def authenticate(self, token: str, way: str, address: str = "") -> Caller:
         """Returns the caller with a token.
@@ -170,23 +113,52 @@ class Access:
         :param address: of the client.
         :raises Unauthenticated: the token is unknown.
         :raises TooMany: the token is unknown, and the address has sent too many of these.
+        :raises Denied: an agent's token is valid for agents' tools only, and a person's is not valid there.
         """
-        user = self._by_token.get(_sha256(token))
-        return self._admit(user, way, address, "the token is missing or unknown")
+        return self._admit(_TOKEN + sha256(token), way, address, "the token is missing or unknown")
+
+    def authenticate_signature(self, name: str, is_right: Callable[[str], bool], way: str, address: str = "") -> Caller:
+        """Returns the caller with a name, whose signature is right; raises like `authenticate`.
+
+        :param is_right: whether a signature was made with a key: the SHA-256 of the token, as hexadecimal digits.
+        """
+        tokens = {key.removeprefix(_TOKEN): key for key in self._by_credential if key.startswith(_TOKEN)}
+        found = [key for digest, key in tokens.items() if self._by_credential[key].name == name and is_right(digest)]
+        return self._admit(found[0] if found else "", way, address, "the user or the signature is wrong")
 
     def authenticate_certificate(self, der: bytes, way: str, address: str = "") -> Caller:
         """Returns the caller with a certificate (DER); raises like `authenticate`."""
-        user = self._by_certificate.get(hashlib.sha256(der).hexdigest())
-        return self._admit(user, way, address, "the certificate is unknown")
+        return self._admit(_CERTIFICATE + hashlib.sha256(der).hexdigest(), way, address, "the certificate is unknown")
 
-    def _admit(self, user: User | None, way: str, address: str, reason: str) -> Caller:
+    def renew(self, caller: Caller) -> Caller:
+        """Returns an earlier caller with the present role.
+
+        :raises Unauthenticated: the credentials are not valid any more.
+        """
+        user = self._by_credential.get(caller.credential)
+        if user is None or user.name != caller.user:
+            raise Unauthenticated(f"the credentials of {caller.user} are not valid any more")
+        return self._caller(user, caller.way, caller.credential, "")
+
+    def _admit(self, credential: str, way: str, address: str, reason: str) -> Caller:
+        user = self._by_credential.get(credential)
         if user is None:
-            try:
-                self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST).take()
-            finally:
-                log.debug("%s: request from %s: %s", way, address, reason)
+            self._refusals.add(_entry("", way, "log in", address, reason))
+            self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST).take()
             raise Unauthenticated(reason)
-        return Caller(user.name, user.level, way)
+        return self._caller(user, way, credential, address)
+
+    def _caller(self, user: User, way: str, credential: str, address: str) -> Caller:
+        caller = Caller(user.name, user.level, way, user.person, credential)
+        reason = ""
+        if user.level is Role.AGENT and way != AGENTS:
+            reason = f"{user.name} is an agent; its role is valid for agents' tools only"
+        elif user.person and way == AGENTS:
+            reason = f"{user.name} is a person; an agent needs a user of its own with the role agent"
+        if reason:
+            self._refusals.add(_entry(caller.user, way, "log in", address, f"denied: {reason}"))
+            raise Denied(reason)
+        return caller
 
     def count(self, caller: Caller) -> None:
         """Counts a request of a user.
@@ -200,15 +172,27 @@ class Access:
 
         :raises Denied: the caller lacks the role. The denial is in the audit log.
         """
-        if caller.role < role:
-            self.record(caller, action, thing, f"denied: needs the role {role.name.lower()}")
+        if caller.level < role:
+            outcome = f"denied: needs the role {role.name.lower()}"
+            self._refusals.add(_entry(caller.user, caller.way, action, thing, outcome))
             raise Denied(f"{action} needs the role {role.name.lower()}, {caller.user} has {caller.role.name.lower()}")
 
     def record(self, caller: Caller, action: str, thing: str, outcome: str) -> None:
         """Writes an entry of the audit log."""
-        entry = {"user": caller.user, "way": caller.way, "action": action, "object": thing[:200], "outcome": outcome}
+        self._write(_entry(caller.user, caller.way, action, thing, outcome))
+
+    def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]:
+        """Returns entries of the audit log with a higher number, the oldest first."""
+        self._refusals.write_ended(also_open=True)
+        return self._audit.audit_log(since, limit)
+
+    def close(self) -> None:
+        """Writes what is only counted so far."""
+        self._refusals.write_ended(also_open=True)
+
+    def _write(self, entry: Mapping[str, Any]) -> None:
         try:
-            self._audit.audit({"time": time.time(), **entry})
+            self._audit.audit(entry)
         except StoreFailed as error:  # what was done is done: it is in the node's log instead
             log.error("not in the audit log: %s: %s", entry, error)
 
@@ -221,5 +205,6 @@ class Access:
         return limit
 
 
-def _sha256(token: str) -> str:
-    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
+def _entry(user: str, way: str, action: str, thing: str, outcome: str) -> dict[str, Any]:
+    fields = {"user": user, "way": way, "action": action, "object": thing[:200], "outcome": outcome}
+    return {"time": time.time(), **fields}

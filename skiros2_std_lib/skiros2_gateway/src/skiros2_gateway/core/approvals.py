@@ -3,33 +3,76 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
+import hashlib
+import json
+import secrets
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.errors import Conflict, Refused, UnknownName
 from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.problems import Denied
+
+#: Requests that may wait at once: of all users, and of one.
+MAX_OPEN, MAX_OPEN_OF_USER = 50, 10
+
+
+@dataclass(frozen=True)
+class Request:
+    """What an agent asks for.
+
+    :param runs: exactly what will run, as JSON data: the order and its plan, the skill with its values, or edits.
+    :param shown: what a person reads beside it, such as the simulated changes.
+    :param robots: node names of the robots that move.
+    :param reason: of the agent.
+    """
+
+    runs: dict[str, Any]
+    shown: dict[str, Any] = field(default_factory=dict)
+    robots: tuple[str, ...] = ()
+    reason: str = ""
+
+    @property
+    def digest(self) -> str:
+        """Identifies exactly what will run."""
+        return digest_of(self.runs)
+
+
+def digest_of(data: Any) -> str:
+    """Returns the SHA-256 of JSON data, as hexadecimal digits."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
 class Approval:
     """A request that waits for an answer.
 
+    :param id: random; differs after each start of the gateway.
     :param user: who asks; the answer has to come from somebody else.
-    :param what: the order and its plan, the skill and its start check, or the proposal; as JSON data.
-    :param created: s since the epoch.
+    :param created, expires: s since the epoch.
     """
 
-    number: int
+    id: str
     user: str
-    what: dict[str, Any]
+    request: Request
     created: float
+    expires: float
 
     def to_dict(self) -> dict[str, Any]:
-        return dict(vars(self))
+        """Returns the approval as JSON data; see `GET /api/approvals`."""
+        asked = self.request
+        return {
+            "id": self.id,
+            "digest": asked.digest,
+            "user": self.user,
+            "what": {**asked.runs, **asked.shown},
+            "robots": list(asked.robots),
+            "reason": asked.reason,
+            "created": self.created,
+            "expires": self.expires,
+        }
 
 
 class Approvals:
@@ -43,47 +86,63 @@ class Approvals:
         self._events = events
         self._is_needed = is_needed
         self._timeout = timeout
-        self._numbers = itertools.count(1)
-        self._open: dict[int, tuple[Approval, asyncio.Future[tuple[str, bool]]]] = {}
+        self._open: dict[str, tuple[Approval, asyncio.Future[tuple[str, bool]]]] = {}
 
     @property
     def open(self) -> list[Approval]:
         return [approval for approval, _ in self._open.values()]
 
-    async def request(self, caller: Caller, what: dict[str, Any], *, by_person: bool = False) -> str:
+    async def request(self, caller: Caller, asked: Request, *, by_person: bool = False) -> str:
         """Publishes an event `approval` and waits for an answer. Returns the name of the user who approves.
 
+        The request is withdrawn when the caller's task is cancelled.
+
         :param by_person: whether a person has to approve it, whatever the configuration is.
-        :raises Refused: it is rejected, or nobody answers in time.
+        :raises Refused: it is rejected, nobody answers in time, or too many requests wait.
         """
         if not (self._is_needed or by_person):
             return "configuration"
-        approval = Approval(next(self._numbers), caller.user, what, time.time())
+        own = sum(approval.user == caller.user for approval in self.open)
+        if own >= MAX_OPEN_OF_USER or len(self._open) >= MAX_OPEN:
+            raise Refused(f"{own} requests of {caller.user}, {len(self._open)} in all, wait for an answer already")
+        now = time.time()
+        approval = Approval(secrets.token_hex(8), caller.user, asked, now, now + self._timeout)
         answer: asyncio.Future[tuple[str, bool]] = asyncio.get_running_loop().create_future()
-        self._open[approval.number] = approval, answer
+        self._open[approval.id] = approval, answer
         self._events.publish("approval", approval.to_dict())
+        outcome = "withdrawn: the client has gone"
         try:
             user, is_approved = await asyncio.wait_for(answer, self._timeout)
+            outcome = f"{'approved' if is_approved else 'rejected'} by {user}"
         except TimeoutError:
-            raise Refused(f"nobody has approved it within {self._timeout:g} s") from None
+            outcome = f"nobody has approved it within {self._timeout:g} s"
+            raise Refused(outcome) from None
         finally:
-            del self._open[approval.number]
-            self._events.publish("approval", {"number": approval.number, "ended": True})
+            self._open.pop(approval.id, None)
+            self._events.publish("approval", {"id": approval.id, "ended": outcome})
         if not is_approved:
             raise Refused(f"{user} has rejected it")
         return user
 
-    def answer(self, caller: Caller, number: int, is_approved: bool) -> Approval:
+    def answer(self, caller: Caller, approval_id: str, is_approved: bool, digest: str = "") -> Approval:
         """Approves or rejects a request. Check the role before.
 
-        :raises UnknownName: no request with this number is open.
-        :raises Denied: the caller is the one who asks.
+        :param digest: of what the person has read; "": not compared.
+        :raises UnknownName: no request with this id is open.
+        :raises Denied: the caller is no person, or the one who asks.
+        :raises Conflict: the request has another digest.
         """
-        if number not in self._open:
-            raise UnknownName(f"approval {number} is not open; open: {', '.join(map(str, self._open)) or 'none'}")
-        approval, answer = self._open[number]
+        if approval_id not in self._open:
+            raise UnknownName(f"approval {approval_id!r} is not open; open: {', '.join(self._open) or 'none'}")
+        approval, answer = self._open[approval_id]
+        if not caller.person:
+            raise Denied(f"{caller.user} is not marked as a person; only persons answer")
         if caller.user == approval.user:
             raise Denied(f"{caller.user} has made the request; another user has to answer it")
-        if not answer.done():
-            answer.set_result((caller.user, is_approved))
+        if digest and digest != approval.request.digest:
+            raise Conflict(f"approval {approval_id} has the digest {approval.request.digest}, not {digest}")
+        if answer.done():
+            raise UnknownName(f"approval {approval_id} has just ended")
+        del self._open[approval_id]
+        answer.set_result((caller.user, is_approved))
         return approval

@@ -90,9 +90,10 @@ class Bags:
     def _find(self, key: str) -> tuple[_Bag, TaskRun]:
         name, _, number = key.removeprefix("bag/").rpartition("/")
         bag = self._open.get(name)
-        if bag is None or not number.isdigit() or int(number) >= len(bag.tasks):
+        runs = {str(index): run for index, run in enumerate(bag.tasks)} if bag is not None else {}
+        if bag is None or number not in runs:
             raise UnknownName(f"there is no run {key!r}: open the bag {name!r} first")
-        return bag, bag.tasks[int(number)]
+        return bag, runs[number]
 
     def _paths(self) -> dict[str, Path]:
         return {self._name(path): path for path in self._folder.rglob("*.bag")} if self._folder else {}

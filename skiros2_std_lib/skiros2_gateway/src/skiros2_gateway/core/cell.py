@@ -25,6 +25,7 @@ class Goal:
     :param text: as of the task manager.
     :param quality: wanted plan quality; "": the task manager's default.
     :param robots: node names of the allowed robots; empty: all.
+    :param plan: the steps that are executed, as `Cell.plan` returns them; None: the task manager plans.
     """
 
     id: str
@@ -32,6 +33,7 @@ class Goal:
     priority: int = 0
     quality: str = ""
     robots: tuple[str, ...] = ()
+    plan: tuple[dict[str, Any], ...] | None = None
 
 
 @dataclass(frozen=True)

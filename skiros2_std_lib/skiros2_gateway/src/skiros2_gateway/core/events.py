@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import secrets
 import time
 from collections import deque
@@ -11,6 +10,8 @@ from collections.abc import AsyncIterator, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+
+from skiros2_gateway.core.json_text import json_text
 
 #: How many events are kept for viewers that resume.
 _KEPT = 10_000
@@ -42,7 +43,7 @@ class Event:
     def json(self) -> str:
         """The event as JSON, encoded once for all viewers."""
         event = {"id": self.id, "kind": self.kind, "time": self.time, "data": self.data}
-        return json.dumps(event, default=str, separators=(",", ":"))
+        return json_text(event)
 
     @cached_property
     def message(self) -> bytes:
@@ -120,7 +121,8 @@ class EventStream:
             return []
         stream, _, number = after.rpartition("-")
         first = self._events[0].number if self._events else self._number + 1
-        if stream != self.name or not number.isdigit() or not first - 1 <= int(number) <= self._number:
+        is_number = len(number) < 20 and number.isascii() and number.isdecimal()
+        if stream != self.name or not is_number or not first - 1 <= int(number) <= self._number:
             return [self._reset()]
         return [event for event in self._events if event.number > int(number)]
 

@@ -21,7 +21,7 @@ def goal_problems(
     :param robots: the node names of the connected robots.
     :param elements: (element, class) by the field that names the element; class "": any.
     """
-    world, problems = WorldView(wm, list(robots)), []
+    world, problems = WorldView(wm, lambda _: dict.fromkeys(robots, "")), []
     for field, (name, cls) in elements.items():
         element, expected = world.objects.get(name), f"the id of an element of class {cls}"
         if element is None:

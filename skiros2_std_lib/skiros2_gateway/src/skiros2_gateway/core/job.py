@@ -3,17 +3,43 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    ValidationInfo,
+)
 
 from skiros2_common.core.errors import Refused
 from skiros2_gateway.core.problems import Rejected, problems_of
 
+#: The context in which orders of a store are read: earlier versions have stored any number.
+_STORED = {"is_stored": True}
+
+
+def _carried(value: bool | int | float | str, info: ValidationInfo) -> bool | int | float | str:
+    """Returns a value that every interface can carry."""
+    is_right = info.context is _STORED
+    is_right |= -(2**63) <= value < 2**63 if isinstance(value, int) else isinstance(value, str) or math.isfinite(value)
+    if not is_right:
+        raise ValueError(f"{str(value)[:50]} is no finite number or no integer of 64 bits")
+    return value
+
+
 #: A value of a parameter of a work master.
-Value = bool | int | float | str
+Value = Annotated[bool | int | float | str, AfterValidator(_carried)]
+
+#: The longest goal text (characters).
+MAX_GOAL = 20_000
 
 JobId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._:\-]{0,127}$")]
 
@@ -114,7 +140,7 @@ class Order(BaseModel):
 
     id: JobId = Field(description="unique for ever: a second order with the same id and content is the same job")
     description: str = Field("", max_length=1000)
-    goal: str = Field("", max_length=20_000, description="goal text, as of the task manager; or name a work master")
+    goal: str = Field("", max_length=MAX_GOAL, description="goal text, as of the task manager; or name a work master")
     work_master: str = Field("", max_length=200, description="id of a named goal with typed parameters")
     parameters: dict[str, Value] = Field({}, max_length=100, description="values of the work master's parameters")
     priority: int = Field(0, ge=-32768, le=32767, description="the highest priority starts first")
@@ -175,6 +201,8 @@ class Job:
     :param robots: node names of the allowed robots; empty: all.
     :param sequence: the number of the job; of equal jobs, the lowest starts first.
     :param created, changed: s since the epoch.
+    :param approved: of an agent's job: `plan`, the steps that are executed instead of a new plan, their `digest`, and
+        `by`, who has approved them; None for others.
     :param wanted: the method that the cell is carrying out: Pause, Stop or Abort; "" for none.
     :param cleared: whether it was removed from the list by Cancel or Clear. Its response is kept.
     """
@@ -190,6 +218,7 @@ class Job:
     cleared: bool = False
     author: str = ""
     robots: tuple[str, ...] = ()
+    approved: dict[str, Any] | None = None
     response: Response = field(default_factory=Response)
 
     @property
@@ -283,6 +312,7 @@ class Job:
             "cleared": self.cleared,
             "author": self.author,
             "robots": list(self.robots),
+            "approved": self.approved,
             "response": asdict(self.response),
         }
 
@@ -290,7 +320,7 @@ class Job:
     def from_dict(cls, data: dict[str, Any]) -> Job:
         """Reverses `to_dict`."""
         return cls(
-            order=Order.model_validate(data["order"]),
+            order=Order.model_validate(data["order"], context=_STORED),
             goal=data["goal"],
             sequence=data["sequence"],
             created=data["created"],
@@ -301,5 +331,6 @@ class Job:
             cleared=data["cleared"],
             author=data["author"],
             robots=tuple(data["robots"]),
+            approved=data.get("approved"),
             response=Response(**data["response"]),
         )

@@ -7,6 +7,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import asdict
+from typing import Any
 
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import nearest
@@ -100,11 +101,21 @@ class JobControl:
 
     # -- the methods -------------------------------------------------------------------------------------------
 
-    async def put(self, order: Order, author: str, comment: str = "", *, start: bool) -> tuple[Job, bool]:
+    def find(self, order: Order) -> Job | None:
+        """Returns the job of an order; None if there is none with its id.
+
+        :raises Conflict: another order has the same id.
+        """
+        return self._known(order)
+
+    async def put(
+        self, order: Order, author: str, comment: str = "", *, start: bool, approved: dict[str, Any] | None = None
+    ) -> tuple[Job, bool]:
         """Stores an order, and allows it to start if wanted: the methods Store and StoreAndStart.
 
         An order with the id and the content of a known job is that job, in the state that it has.
 
+        :param approved: see `Job`.
         :returns: the job, and whether it is new.
         :raises Rejected: with all problems of the order.
         :raises Conflict: another order has the same id.
@@ -118,7 +129,7 @@ class JobControl:
         now = self._clock()
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
         robots = self.masters.robots_of(order)
-        job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots)
+        job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots, approved=approved)
         job.substate = job.substate_before_start(now)
         self._jobs.save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
         self._sequence += 1
@@ -150,6 +161,7 @@ class JobControl:
         goal = await self.check(order)
         job, now = self.get(order.id), self._clock()  # it may have started meanwhile
         job.check(Method.UPDATE)
+        job.approved = None  # it is the order of whoever has changed it
         job.order, job.goal, job.robots, job.changed = order, goal, self.masters.robots_of(order), now
         job.substate = job.substate_before_start(now)
         self._jobs.save(job, author, Method.UPDATE, comment)
@@ -327,6 +339,7 @@ class JobControl:
 
 
 def _goal_of(job: Job) -> Goal:
-    return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots)
+    plan = tuple(job.approved["plan"]) if job.approved is not None else None
+    return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots, plan)
 
 

@@ -65,11 +65,14 @@ class SceneHistory:
         return document
 
     def _discard(self) -> None:
-        first = min(entries[0][0] for entries in self._entries.values() if len(entries) > 1)
+        first = min((entries[0][0] for entries in self._entries.values() if len(entries) > 1), default=0.0)
         last = max(entries[-1][0] for entries in self._entries.values())
         middle = (first + last) / 2.0
         for entries in self._entries.values():
-            del entries[: bisect_right(entries, middle, key=_time_of) - 1]
+            del entries[: max(0, bisect_right(entries, middle, key=_time_of) - 1)]
+        gone = [key for key, entries in self._entries.items() if entries[-1][1] is None and entries[-1][0] <= middle]
+        for key in gone:
+            del self._entries[key]
         self._count = sum(map(len, self._entries.values()))
         self._limit = max(self._max, 2 * self._count)
 

@@ -8,9 +8,13 @@ from typing import Any, TypeVar
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_gateway.core.access import Access, Caller, Role
+from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Job, Method, read_order
 from skiros2_gateway.core.job_control import JobControl
+from skiros2_gateway.core.keys import Keys
+from skiros2_gateway.core.problems import Denied, Unauthenticated
+from skiros2_gateway.core.sessions import Sessions
 from skiros2_gateway.core.store import JobStore
 
 T = TypeVar("T")
@@ -25,11 +29,37 @@ class Service:
     Each method raises `Denied` if the caller lacks the role, and `TooMany` above the rate limit.
     """
 
-    def __init__(self, store: JobStore, access: Access, control: JobControl, events: EventStream) -> None:
+    def __init__(
+        self,
+        store: JobStore,
+        access: Access,
+        control: JobControl,
+        events: EventStream,
+        approvals: Approvals | None = None,
+    ) -> None:
         self.store = store
         self.access = access
         self.control = control
         self.events = events
+        self.sessions = Sessions(store, access)
+        self.keys = Keys(store)
+        self.approvals = approvals or Approvals(events)
+
+    def renew(self, caller: Caller) -> Caller:
+        """Returns a caller who was admitted earlier, such as that of a stream, with the present role.
+
+        :raises Unauthenticated: the credentials are not valid any more, or the session has ended.
+        """
+        if caller.session and not self.sessions.is_open(caller.session):
+            raise Unauthenticated("the session has ended; log in again")
+        return self.access.renew(caller)
+
+    def is_admitted(self, caller: Caller) -> bool:
+        """Whether a caller who was admitted earlier, such as that of a stream, still may read."""
+        try:
+            return self.renew(caller).level >= Role.VIEW
+        except (Unauthenticated, Denied):
+            return False
 
     # -- commands ----------------------------------------------------------------------------------------------
 
@@ -77,10 +107,10 @@ class Service:
             return await do()
 
     @contextmanager
-    def audited(self, caller: Caller, action: str, thing: str) -> Iterator[None]:
+    def audited(self, caller: Caller, action: str, thing: str, role: Role = Role.OPERATE) -> Iterator[None]:
         """Counts and checks a command, and writes how it ended to the audit log."""
         self.access.count(caller)
-        self.access.check(caller, Role.OPERATE, action, thing)
+        self.access.check(caller, role, action, thing)
         try:
             yield
         except SkirosError as error:

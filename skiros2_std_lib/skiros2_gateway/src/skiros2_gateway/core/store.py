@@ -15,6 +15,7 @@ from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.core.job import FINAL, Job
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import StoreFailed
 
 _VERSION = 1
@@ -31,7 +32,17 @@ CREATE INDEX IF NOT EXISTS events_of_job ON job_events (job, number);
 CREATE TABLE IF NOT EXISTS audit (
     number INTEGER PRIMARY KEY AUTOINCREMENT, time REAL NOT NULL, user TEXT NOT NULL, way TEXT NOT NULL,
     action TEXT NOT NULL, object TEXT NOT NULL, outcome TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS sessions (
+    id TEXT PRIMARY KEY, digest TEXT NOT NULL, user TEXT NOT NULL, credential TEXT NOT NULL, address TEXT NOT NULL,
+    created REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS keys (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, user TEXT NOT NULL, key TEXT NOT NULL, digest TEXT NOT NULL,
+    answer TEXT NOT NULL, UNIQUE (user, key));
 """
+
+#: The idempotency keys of a user that are kept, the newest.
+_MAX_KEYS = 2000
+
 
 
 class JobStore:
@@ -42,6 +53,9 @@ class JobStore:
     """
 
     def __init__(self, path: Path | str) -> None:
+        if str(path) != ":memory:":
+            Path(path).touch(mode=0o600)
+            Path(path).chmod(0o600)  # SQLite gives its other files the same mode
         self._db = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
@@ -72,7 +86,7 @@ class JobStore:
         """
         response = job.response
         is_open = job.state not in FINAL or not response.collected
-        row = (job.state, job.cleared, is_open, response.ended, response.outcome, json.dumps(job.to_dict()))
+        row = (job.state, job.cleared, is_open, response.ended, response.outcome, json_text(job.to_dict()))
         with self._transaction() as db:
             db.execute(
                 "INSERT INTO jobs (id, sequence, state, cleared, is_open, ended, outcome, document)"
@@ -151,6 +165,51 @@ class JobStore:
         )
         keys = ("number", "time", "user", "way", "action", "object", "outcome")
         return [dict(zip(keys, row, strict=True)) for row in rows]
+
+    # -- sessions of the page ----------------------------------------------------------------------------------
+
+    def put_session(self, entry: Mapping[str, Any]) -> None:
+        """Writes a session with the keys `id`, `digest`, `user`, `credential`, `address` and `created`."""
+        with self._transaction() as db:
+            db.execute("INSERT INTO sessions VALUES (:id, :digest, :user, :credential, :address, :created)", entry)
+
+    def delete_session(self, session_id: str) -> None:
+        """Removes a session."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM sessions WHERE id = ?", (session_id,))
+
+    def sessions(self) -> list[dict[str, Any]]:
+        """Returns the sessions as of `put_session`, the oldest first."""
+        keys = ("id", "digest", "user", "credential", "address", "created")
+        rows = self._read(f"SELECT {', '.join(keys)} FROM sessions ORDER BY created")
+        return [dict(zip(keys, row, strict=True)) for row in rows]
+
+    # -- idempotency keys --------------------------------------------------------------------------------------
+
+    def find_key(self, user: str, key: str) -> tuple[str, str] | None:
+        """Returns the command's digest and the answer of a key; the answer "" is not known yet."""
+        rows = self._read("SELECT digest, answer FROM keys WHERE user = ? AND key = ?", user, key)
+        return tuple(rows[0]) if rows else None
+
+    def put_key(self, user: str, key: str, digest: str) -> None:
+        """Writes a key without an answer."""
+        with self._transaction() as db:
+            db.execute("INSERT INTO keys (user, key, digest, answer) VALUES (?, ?, ?, '')", (user, key, digest))
+            db.execute(
+                "DELETE FROM keys WHERE user = ? AND number <= (SELECT number FROM keys WHERE user = ?"
+                " ORDER BY number DESC LIMIT 1 OFFSET ?)",
+                (user, user, _MAX_KEYS),
+            )
+
+    def answer_key(self, user: str, key: str, answer: str) -> None:
+        """Writes the answer of a key."""
+        with self._transaction() as db:
+            db.execute("UPDATE keys SET answer = ? WHERE user = ? AND key = ?", (answer, user, key))
+
+    def delete_key(self, user: str, key: str) -> None:
+        """Removes a key."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM keys WHERE user = ? AND key = ?", (user, key))
 
     # -- internals ---------------------------------------------------------------------------------------------
 

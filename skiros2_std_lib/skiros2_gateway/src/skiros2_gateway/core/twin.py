@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 from skiros2_common.core.world_element import Element
@@ -35,4 +36,6 @@ def change_data(change: Change) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    return value if isinstance(value, bool | int | float | str) or value is None else str(value)
+    """Returns a value as JSON has it: NaN and infinities are texts."""
+    is_plain = isinstance(value, bool | int | str) or value is None or (isinstance(value, float) and isfinite(value))
+    return value if is_plain else str(value)

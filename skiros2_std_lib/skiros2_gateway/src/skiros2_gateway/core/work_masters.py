@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.names import nearest
 from skiros2_common.core.world_element import Element
-from skiros2_gateway.core.job import Order, Value
+from skiros2_gateway.core.job import MAX_GOAL, Order, Value
 from skiros2_gateway.core.problems import Problem, Rejected, problems_of
 
 #: The class of the elements of the scene that define work masters, and the property with the definition.
@@ -37,8 +37,8 @@ class WorkParameter(BaseModel):
     description: str = ""
     unit: str = ""
     default: Value | None = None
-    minimum: float | None = None
-    maximum: float | None = None
+    minimum: FiniteFloat | None = None
+    maximum: FiniteFloat | None = None
     choices: tuple[Value, ...] = ()
 
     @property
@@ -98,7 +98,11 @@ class WorkMaster(BaseModel):
         names = [parameter.id for parameter in self.parameters]
         if len(set(names)) < len(names):
             raise ValueError("two parameters have the same id")
-        used = {name for _, name, _, _ in string.Formatter().parse(self.goal) if name is not None}
+        used = set()
+        for _, name, spec, conversion in string.Formatter().parse(self.goal):
+            if spec or conversion:
+                raise ValueError(f"the goal formats {name}, expected only {{{name}}}")
+            used |= {name} if name is not None else set()
         if unknown := used - set(names):
             raise ValueError(f"the goal uses {sorted(unknown)}, expected the parameters {sorted(names)}")
         for parameter in self.parameters:
@@ -128,7 +132,12 @@ class WorkMaster(BaseModel):
                 problems.append(problem)
         if problems:
             raise Rejected(problems)
-        return self.goal.format(**{key: _term(value) for key, value in filled.items()})
+        terms = {key: _term(value) for key, value in filled.items()}
+        parts = [(text, terms.get(name or "", "")) for text, name, _, _ in string.Formatter().parse(self.goal)]
+        length = sum(len(text) + len(term) for text, term in parts)
+        if length > MAX_GOAL:
+            raise Rejected([Problem("too_long", "goal", f"{length} characters with its values", f"at most {MAX_GOAL}")])
+        return "".join(text + term for text, term in parts)
 
     def filled(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Returns the values with the defaults."""

@@ -1,8 +1,12 @@
 """The HTTP interface (OpenAPI at `/openapi.json`, JSON everywhere).
 
-Authentication: `Authorization: Bearer TOKEN`, or the cookie that `POST /api/session` sets for a page. Roles: view
-reads, operate commands, maintain also reads the audit log. A command with the cookie needs the header `X-Gateway: 1`,
-which a page of another origin cannot send.
+Authentication: `Authorization: Bearer TOKEN`, or the cookie of a page's session, which `POST /api/session` starts.
+Roles: view reads, operate commands, approve also answers what agents ask for, maintain also reads the audit log; tokens
+of agents are refused. A command with the cookie needs the header `X-Gateway: 1`, which a page of another origin cannot
+send.
+
+A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with its
+key, it is answered as the first time. A command that was refused may be sent again.
 
 Errors are problem details (RFC 9457, `application/problem+json`): `title`, `status`, `code`, `detail`, and for requests
 with wrong fields `problems`, a list of {code, where, message, expected, nearest}. A request with an error has changed
@@ -26,11 +30,13 @@ authenticated caller) and `ServiceArg` (the model).
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import time
 from collections.abc import AsyncIterator, Sequence
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Body, Depends, FastAPI, Query, Request, Response
+from fastapi import APIRouter, Body, FastAPI, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict
@@ -38,17 +44,20 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
-from skiros2_gateway.core.access import Caller, Role
+from skiros2_gateway.core.access import Role
 from skiros2_gateway.core.job import Method, Order
 from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, field_problems
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
+from skiros2_gateway.core.sessions import MAX_AGE
+from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
+from skiros2_gateway.http.once import Once
 
 log = logging.getLogger(__name__)
 
-#: The cookie of a page.
-COOKIE = "skiros2_gateway"
 #: The largest body of a request (bytes).
 MAX_BODY = 256 * 1024
+#: The longest time for the body of a request (s).
+BODY_TIMEOUT = 30.0
 
 _STATUS: tuple[tuple[type[SkirosError], int], ...] = (
     (Rejected, 422), (Denied, 403), (Unauthenticated, 401), (TooMany, 429), (UnknownName, 404), (Conflict, 409),
@@ -70,6 +79,7 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     app.add_exception_handler(SkirosError, _on_skiros_error)
     app.add_exception_handler(RequestValidationError, _on_wrong_fields)
     app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_middleware(Once, on_error=_on_skiros_error)
     app.add_middleware(_Limits, max_body=max_body)
     return app
 
@@ -119,11 +129,18 @@ class _Limits:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        received = 0
+        received, is_complete, ended = 0, False, time.monotonic() + BODY_TIMEOUT
 
         async def limited() -> Message:
             nonlocal received
-            message = await receive()
+            nonlocal is_complete
+            if is_complete:  # nothing but the end of the connection
+                return await receive()
+            try:
+                message = await asyncio.wait_for(receive(), ended - time.monotonic())
+            except TimeoutError:
+                raise HTTPException(408, f"the body has not arrived within {BODY_TIMEOUT:g} s") from None
+            is_complete = not message.get("more_body", False)
             received += len(message.get("body", b""))
             if received > self._max_body:
                 raise HTTPException(413, f"the body has more than {self._max_body} bytes")
@@ -134,7 +151,10 @@ class _Limits:
                 message["headers"] = [*message["headers"], *_HEADERS]
             await send(message)
 
-        await self._app(scope, limited, guarded)
+        try:
+            await self._app(scope, limited, guarded)
+        except HTTPException as error:  # the body was read before a route was found
+            await (await _on_http_error(Request(scope), error))(scope, receive, send)
 
 
 _HEADERS = [
@@ -145,41 +165,10 @@ _HEADERS = [
 ]
 
 
-# -- authentication ----------------------------------------------------------------------------------------------------
-
-
-def service_of(request: Request) -> Service:
-    """Returns the service of the application."""
-    service = request.app.state.service
-    assert isinstance(service, Service)
-    return service
-
-
-def caller_of(request: Request) -> Caller:
-    """Returns the authenticated caller of a request.
-
-    :raises Unauthenticated: it has no valid credentials.
-    :raises TooMany: too many failures of this address.
-    """
-    address = request.client.host if request.client else ""
-    kind, _, token = request.headers.get("authorization", "").partition(" ")
-    access = service_of(request).access
-    if kind.lower() == "bearer":
-        return access.authenticate(token.strip(), "rest", address)
-    if COOKIE in request.cookies:
-        if request.method not in ("GET", "HEAD") and request.headers.get("x-gateway") != "1":
-            raise Unauthenticated("a command with the cookie needs the header X-Gateway: 1")
-        return access.authenticate(request.cookies[COOKIE], "browser", address)
-    return access.authenticate("", "rest", address)
-
-
-#: The authenticated caller as the argument of a route.
-CallerArg = Annotated[Caller, Depends(caller_of)]
-#: The service as the argument of a route.
-ServiceArg = Annotated[Service, Depends(service_of)]
-
-
 # -- the routes --------------------------------------------------------------------------------------------------------
+
+#: A number of the store: SQLite's integers have 64 bits.
+Since = Annotated[int, Query(ge=0, lt=2**63)]
 
 _router = APIRouter(prefix="/api")
 
@@ -223,18 +212,37 @@ class _Session(BaseModel):
 
 @_router.post("/session")
 async def login(request: Request, response: Response, body: _Session, service: ServiceArg) -> dict[str, str]:
-    """Sets the cookie of a page for a token."""
-    address = request.client.host if request.client else ""
-    caller = service.access.authenticate(body.token, "browser", address)
+    """Starts a session of the page for a token, and sets its cookie."""
+    secret, caller = service.sessions.start(body.token, address_of(request))
     is_secure = request.url.scheme == "https"
-    response.set_cookie(COOKIE, body.token, httponly=True, samesite="strict", secure=is_secure, path="/")
+    response.set_cookie(
+        COOKIE, secret, max_age=int(MAX_AGE), httponly=True, samesite="strict", secure=is_secure, path="/"
+    )
     return {"user": caller.user, "role": caller.role.name.lower()}
 
 
 @_router.delete("/session")
-async def logout(response: Response) -> dict[str, str]:
-    """Removes the cookie of a page."""
+async def logout(caller: CallerArg, response: Response, service: ServiceArg) -> dict[str, str]:
+    """Ends the page's session, and removes its cookie."""
+    if caller.session:
+        service.sessions.end(caller, caller.session)
     response.delete_cookie(COOKIE, path="/")
+    return {}
+
+
+@_router.get("/sessions")
+async def sessions(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
+    """The page's sessions that the caller may end: {sessions: [{id, user, address, created, is_own}]}."""
+    service.view(caller)
+    return {"sessions": service.sessions.open(caller)}
+
+
+@_router.delete("/sessions/{session_id}")
+async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -> dict[str, str]:
+    """Ends a session of the page: an own one, or with the role maintain any."""
+    service.view(caller)
+    service.sessions.end(caller, session_id)
+    service.access.record(caller, "end session", session_id, "done")
     return {}
 
 
@@ -256,6 +264,8 @@ async def events(
     async def lines() -> AsyncIterator[str]:
         yield "retry: 1000\n\n"
         async for event in stream:
+            if not service.is_admitted(caller):
+                return
             yield f"id: {event.id}\nevent: {event.kind}\ndata: {event.json}\n\n"
 
     return StreamingResponse(lines(), media_type="text/event-stream")
@@ -274,7 +284,7 @@ async def jobs(
     service: ServiceArg,
     state: Annotated[list[str] | None, Query()] = None,
     cleared: bool = False,
-    since: int = 0,
+    since: Since = 0,
     limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
 ) -> dict[str, Any]:
     """Jobs, the newest first; only those with a number above `since`."""
@@ -363,8 +373,8 @@ async def query(caller: CallerArg, service: ServiceArg, body: _Query) -> dict[st
 
 @_router.get("/audit")
 async def audit(
-    caller: CallerArg, service: ServiceArg, since: int = 0, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000
+    caller: CallerArg, service: ServiceArg, since: Since = 0, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000
 ) -> dict[str, Any]:
     """The audit log, the oldest first; only entries with a number above `since`."""
     service.view(caller, Role.MAINTAIN, "read the audit log")
-    return {"audit": service.store.audit_log(since, limit)}
+    return {"audit": service.access.audit_log(since, limit)}

@@ -1,7 +1,7 @@
 """The routes of the live view, and of the page.
 
-- `GET /api/live`: {event, time, document, styles, role, user}: the document of `skiros2_gateway.core.live`, the id of
-  the last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
+- `GET /api/live`: {event, time, document, styles, role, user, person}: the document of `skiros2_gateway.core.live`, the
+  id of the last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
 - `GET /api/live/patches?after=ID`: server-sent events `patch` after that id (also from the header `Last-Event-ID`);
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
   are missing, so read the document again.
@@ -17,19 +17,20 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import FiniteFloat
 
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.live import TASK_ACTIONS, LiveCell, LiveView
 from skiros2_gateway.core.run_view import history_data
-from skiros2_gateway.http.app import CallerArg, ServiceArg
+from skiros2_gateway.http.callers import CallerArg, ServiceArg
 from skiros2_runs.core.states import ROLE_COLOURS, NodeState, StateStyle, TaskState, style_of
 from skiros2_runs.core.task_run import TaskRun
 
@@ -54,7 +55,8 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
     async def document(caller: CallerArg, service: ServiceArg) -> Response:
         """The document, and the id of the last patch."""
         service.view(caller)
-        found = {**view.snapshot(), "styles": _styles(), "role": caller.role.name.lower(), "user": caller.user}
+        user = {"role": caller.role.name.lower(), "user": caller.user, "person": caller.person}
+        found = {**view.snapshot(), "styles": _styles(), **user}
         return _json(found)
 
     @router.get("/patches")
@@ -66,6 +68,8 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         async def lines() -> AsyncIterator[bytes]:
             yield b"retry: 500\n\n"
             async for event in stream:
+                if not service.is_admitted(caller):
+                    return
                 yield event.message
 
         return StreamingResponse(lines(), media_type="text/event-stream")
@@ -100,7 +104,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
 
     @router.get("/runs/{key:path}/nodes/{node}")
     async def node(
-        caller: CallerArg, service: ServiceArg, key: str, node: int, time: float | None = None
+        caller: CallerArg, service: ServiceArg, key: str, node: int, time: FiniteFloat | None = None
     ) -> dict[str, Any]:
         """The parameters and conditions of a node."""
         service.view(caller)
@@ -113,7 +117,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         return values.to_dict()
 
     @router.get("/runs/{key:path}/scene")
-    async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: float) -> Response:
+    async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat) -> Response:
         """Elements and robots at a time."""
         service.view(caller)
         find(key)
@@ -122,7 +126,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         return _json(view.scenes.at(time))
 
     @router.get("/runs/{key:path}")
-    async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: float | None = None) -> Response:
+    async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat | None = None) -> Response:
         """A run at a time."""
         service.view(caller)
         return _json(history_data(find(key), time))
@@ -183,4 +187,4 @@ def _styles() -> dict[str, Any]:
 
 
 def _json(data: Any) -> Response:
-    return Response(json.dumps(data, separators=(",", ":")), media_type="application/json")
+    return Response(json_text(data), media_type="application/json")

@@ -2,24 +2,28 @@
 
 Topics below the prefix (`skiros2` by default):
 
-- `job/in/METHOD`: a command as JSON: {token, order, comment} for store, store_and_start and update, {token, id,
-  comment} for start, revoke_start, pause, resume, stop, abort, cancel and clear. `request`, if given, is
-  repeated in the answer. A retained command is refused: a broker would send it again after each connection.
+- `job/in/METHOD`: a command as JSON, signed as in `skiros2_gateway.mqtt.signature`: {order, comment} for store,
+  store_and_start and update, {id, comment} for start, revoke_start, pause, resume, stop, abort, cancel and clear.
+  `request`, if given, is repeated in the answer. A retained command is refused: a broker would send it again after
+  each connection.
 - `job/answer`: {request, id, ok} and `job` (its state), or `error` (the problem details as of REST).
 - `job/ID/state`, retained: {state, substate, changed}; `job/ID/response`, retained: the complete response. Both are
   removed when the job is cleared.
 - `cell`, retained: robots and queue. `world/ID`, retained: an element of the world model; removed with the element.
+  `%`, `#`, `+`, `/` and control characters of an id are written as in URLs: `%23`.
 - `status`, retained: `online`; `offline` as the last will.
 
-The token of a user with the role operate is part of each command: a broker does not say who has sent a message. Use
-TLS to the broker, and its own access rules, where others may read the topic.
+Commands need the role operate. With the setting `mqtt_tokens` a command may instead be {token, ...} without a
+signature: all who may read the topic read the token.
 """
 
 from __future__ import annotations
 
 import asyncio
+import hmac
 import json
 import logging
+import re
 import socket
 import ssl
 from collections.abc import Callable
@@ -30,17 +34,24 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
+from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.events import Event
 from skiros2_gateway.core.job import Method
-from skiros2_gateway.core.problems import Problem, Rejected
+from skiros2_gateway.core.json_text import json_text
+from skiros2_gateway.core.problems import Problem, Rejected, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.mqtt.signature import Freshness, signature_of
 
 log = logging.getLogger(__name__)
 
 #: Delivered at least once; commands are idempotent by the job id.
 _QOS = 1
 _MAX_QUEUED = 10_000
+#: The pause after an internal error (s).
+_PAUSE = 1.0
+#: Characters of an id that would change the meaning of a topic, or that MQTT forbids.
+_NOT_IN_TOPICS = re.compile(r"[%#+/\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 _ORDERS = {"store": Method.STORE, "store_and_start": Method.STORE_AND_START, "update": Method.UPDATE}
 _METHODS = {m.name.lower(): m for m in Method if m.name.lower() not in _ORDERS}
 
@@ -58,6 +69,8 @@ class MqttBridge:
         self._service = service
         self._prefix = settings.mqtt_prefix.strip("/")
         self._max_body = settings.max_body
+        self._takes_tokens = settings.mqtt_tokens
+        self._freshness = Freshness()
         self._loop = asyncio.get_running_loop()
         self._tasks: set[asyncio.Task[None]] = set()
         self._elements: set[str] = set()
@@ -76,7 +89,7 @@ class MqttBridge:
         except (OSError, ValueError, ssl.SSLError) as error:
             raise ConfigurationError(f"mqtt: {error}") from error
         self._client.on_socket_open = lambda _, __, sock: without_delay(sock)
-        self._client.on_connect = lambda *_: self._in_loop(self._on_connect)
+        self._client.on_connect = lambda _, __, ___, reason, ____: self._in_loop(self._on_connect, reason)
         self._client.on_message = lambda _, __, message: self._in_loop(self._on_message, message)
         self._address = (host, int(port) if port else (8883 if settings.mqtt_ca else 1883))
 
@@ -99,7 +112,10 @@ class MqttBridge:
 
     # -- in ----------------------------------------------------------------------------------------------------
 
-    def _on_connect(self) -> None:
+    def _on_connect(self, reason: Any) -> None:
+        if reason.is_failure:
+            log.error("the MQTT broker %s:%d refuses the gateway: %s", *self._address, reason)
+            return
         log.info("connected to the MQTT broker %s:%d", *self._address)
         self._client.subscribe(self._topic("job/in/+"), _QOS)
         self._publish("status", "online")
@@ -111,8 +127,10 @@ class MqttBridge:
     async def _command(self, method: str, payload: bytes, is_retained: bool) -> None:
         data: dict[str, Any] = {}
         try:
-            data = self._read(payload, is_retained)
-            job = await self._apply(method, data)
+            message = self._read(payload, is_retained)
+            data = _json_object(str(message["command"])) if "command" in message else message
+            caller = self._authenticate(method, message, data)
+            job = await self._apply(caller, method, data)
             answer: dict[str, Any] = {"ok": True, "job": {"state": job.state, "substate": job.substate}, "id": job.id}
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
@@ -123,19 +141,34 @@ class MqttBridge:
         """
         :raises Rejected: the message is no command.
         """
-        try:
-            data = json.loads(payload) if len(payload) <= self._max_body else None
-            json.dumps(data, ensure_ascii=False).encode()  # an escaped half of a surrogate pair is no text
-        except (ValueError, RecursionError) as error:  # the latter of deep nesting
-            raise Rejected([Problem("wrong_value", "", f"the message is no JSON: {error}")]) from None
-        if not isinstance(data, dict):
-            raise Rejected([Problem("wrong_type", "", f"expected a JSON object of at most {self._max_body} bytes")])
+        if len(payload) > self._max_body:
+            raise Rejected([Problem("wrong_type", "", f"expected at most {self._max_body} bytes")])
+        data = _json_object(payload)
         if is_retained:
             raise Rejected([Problem("wrong_value", "", "the command is retained", "a command that is not retained")])
         return data
 
-    async def _apply(self, method: str, data: dict[str, Any]) -> Any:
-        caller = self._service.access.authenticate(str(data.get("token", "")), "mqtt", "mqtt")
+    def _authenticate(self, method: str, message: dict[str, Any], data: dict[str, Any]) -> Caller:
+        """
+        :param data: the fields of the command in the message.
+        """
+        access = self._service.access
+        if "signature" not in message and self._takes_tokens:
+            return access.authenticate(str(message.get("token", "")), "mqtt", "mqtt")
+        if "token" in message:
+            text = "tokens in messages are refused, as all readers of the topic have read this one: sign the command"
+            raise Unauthenticated(text)
+        name, command, signature = (str(message.get(key, "")) for key in ("user", "command", "signature"))
+
+        def is_right(key: str) -> bool:
+            found = signature.encode("utf-8", "replace")
+            return hmac.compare_digest(signature_of(key, method, command).encode(), found)
+
+        caller = access.authenticate_signature(name, is_right, "mqtt", "mqtt")
+        self._freshness.check(signature, data.get("time"))
+        return caller
+
+    async def _apply(self, caller: Caller, method: str, data: dict[str, Any]) -> Any:
         comment = str(data.get("comment", ""))
         if method == "update":
             return await self._service.update(caller, data.get("order"), comment)
@@ -149,11 +182,27 @@ class MqttBridge:
     # -- out ---------------------------------------------------------------------------------------------------
 
     async def _follow(self) -> None:
-        async for event in self._service.events.follow():
-            if event.kind == "reset":
-                await self._publish_all()
-            else:
-                self._on_event(event)
+        after = ""
+        while True:
+            try:
+                if after:  # events were missed
+                    await self._publish_all()
+                async for event in self._service.events.follow(after):
+                    if event.kind == "reset":
+                        await self._publish_all()
+                    else:
+                        self._guarded(event)
+            except Exception:
+                log.exception("MQTT: all is published again in %g s", _PAUSE)
+            after = self._service.events.last_id
+            await asyncio.sleep(_PAUSE)
+
+    def _guarded(self, event: Event) -> None:
+        """Publishes an event. One with a mistake does not cost the others."""
+        try:
+            self._on_event(event)
+        except Exception:
+            log.exception("MQTT: the event %s of kind %s is not published", event.id, event.kind)
 
     def _on_event(self, event: Event) -> None:
         data = event.data
@@ -167,8 +216,7 @@ class MqttBridge:
             for element in data["changed"]:
                 self._publish_element(element)
             for eid in data["removed"]:
-                self._elements.discard(eid)
-                self._publish(f"world/{eid}", None)
+                self._remove_element(eid)
 
     async def _publish_all(self) -> None:
         """Publishes the state, after a connection or where events are missing."""
@@ -181,8 +229,7 @@ class MqttBridge:
             log.debug("the world model is not published yet: %s", error)
             return
         for eid in self._elements - {element["id"] for element in elements}:
-            self._publish(f"world/{eid}", None)
-        self._elements.clear()
+            self._remove_element(eid)
         for element in elements:
             self._publish_element(element)
 
@@ -198,12 +245,19 @@ class MqttBridge:
 
     def _publish_element(self, element: dict[str, Any]) -> None:
         self._elements.add(element["id"])
-        self._publish(f"world/{element['id']}", element)
+        self._publish(f"world/{topic_part(element['id'])}", element)
+
+    def _remove_element(self, eid: str) -> None:
+        self._elements.discard(eid)
+        self._publish(f"world/{topic_part(eid)}", None)
 
     def _publish(self, topic: str, data: Any, *, retain: bool = True) -> None:
         """Publishes JSON data or text; None removes what is retained."""
-        payload = data if isinstance(data, str) else b"" if data is None else json.dumps(data, default=str)
-        self._client.publish(self._topic(topic), payload, _QOS, retain)
+        payload = data if isinstance(data, str) else b"" if data is None else json_text(data)
+        try:
+            self._client.publish(self._topic(topic), payload, _QOS, retain)
+        except ValueError as error:  # such as a topic that is too long: the others are published
+            log.error("MQTT topic %.200s: %s", topic, error)
 
     # -- internals ---------------------------------------------------------------------------------------------
 
@@ -223,6 +277,29 @@ class MqttBridge:
         self._tasks.discard(task)
         if not task.cancelled() and (error := task.exception()) is not None:
             log.error("MQTT: an internal error", exc_info=error)
+
+
+def topic_part(name: str) -> str:
+    """Returns a name as one level of a topic."""
+    return _NOT_IN_TOPICS.sub(lambda found: "".join(f"%{byte:02X}" for byte in _bytes(found[0])), name)
+
+
+def _bytes(character: str) -> bytes:
+    return character.encode("utf-8", "surrogatepass")
+
+
+def _json_object(text: str | bytes) -> dict[str, Any]:
+    """
+    :raises Rejected: it is no JSON object.
+    """
+    try:
+        data = json.loads(text)
+        json.dumps(data, ensure_ascii=False).encode()  # an escaped half of a surrogate pair is no text
+    except (ValueError, RecursionError) as error:  # the latter of deep nesting
+        raise Rejected([Problem("wrong_value", "", f"the message is no JSON: {error}")]) from None
+    if not isinstance(data, dict):
+        raise Rejected([Problem("wrong_type", "", "the message is no JSON object")])
+    return data
 
 
 def without_delay(sock: socket.socket) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
 
 from skiros2_gateway.core.job import Job, State, Substate, read_order
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.core.work_masters import WorkMaster
 
@@ -96,7 +96,7 @@ def job_response(job: Job) -> Any:
         "Plan": response.plan, "Steps": response.steps, "Changes": response.changes, "Notes": response.notes,
         "Explanations": response.explanations,
     }  # fmt: skip
-    values = {**texts, **{key: json.dumps(value) for key, value in lists.items()}, **response.quality}
+    values = {**texts, **{key: json_text(value) for key, value in lists.items()}, **response.quality}
     make.JobResponseData = [parameter(key, value) for key, value in values.items()]
     make.EquipmentActuals = [ua.ISA95EquipmentDataType(ID=robot) for robot in response.robots]
     return make
@@ -114,7 +114,8 @@ def work_master(master: WorkMaster) -> Any:
 
 def parameter(key: str, value: Any, description: str = "") -> Any:
     """Returns a parameter."""
-    plain = value if isinstance(value, bool | int | float | str) else json.dumps(value)
+    is_plain = isinstance(value, bool | float | str) or (isinstance(value, int) and -(2**63) <= value < 2**63)
+    plain = value if is_plain else json_text(value)
     texts = [ua.LocalizedText(description)] if description else []
     return ua.ISA95ParameterDataType(ID=key, Value=ua.Variant(plain), Description=texts)
 

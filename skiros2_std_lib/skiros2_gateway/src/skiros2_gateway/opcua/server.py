@@ -67,16 +67,29 @@ class _Users:
                 return _SessionUser(caller) if caller.user == username else None
             if certificate is not None:
                 return _SessionUser(self._access.authenticate_certificate(certificate, "opcua", "opcua"))
-        except (Unauthenticated, TooMany) as error:
+        except (Unauthenticated, Denied, TooMany) as error:
             log.info("session of %s refused: %s", username or "a certificate", error)
         return None
 
 
 class _Rules(SimpleRoleRuleset):
-    """Notes whose request is processed: the request and the methods that it calls run in one task."""
+    """Notes whose request is processed: the request and the methods that it calls run in one task.
+
+    A session whose user was removed, or has another token, may do nothing any more.
+    """
+
+    def __init__(self, service: Service) -> None:
+        super().__init__()
+        self._service = service
 
     def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
-        _caller.set(getattr(user, "caller", None))
+        caller = getattr(user, "caller", None)
+        if caller is not None:
+            try:
+                caller = self._service.renew(caller)
+            except (Denied, Unauthenticated):
+                return False
+        _caller.set(caller)
         return bool(super().check_validity(user, action_type_id, body))
 
 
@@ -146,7 +159,7 @@ class OpcuaServer:
         ]
         if self._settings.is_local:
             policies.append(ua.SecurityPolicyType.NoSecurity)
-        server.set_security_policy(policies, permission_ruleset=_Rules())
+        server.set_security_policy(policies, permission_ruleset=_Rules(self._service))
         server.set_identity_tokens([ua.UserNameIdentityToken, ua.X509IdentityToken])
 
     # -- nodes -------------------------------------------------------------------------------------------------
@@ -238,17 +251,23 @@ class OpcuaServer:
         last = self._service.events.last_id
         await self._twin.read_all()
         async for event in self._service.events.follow(last):
-            self._lists.on_event(event)
+            try:
+                self._lists.on_event(event)
+                await self._twin.on_event(event)
+            except Exception:  # one event with a mistake does not cost the others
+                log.exception("OPC UA: the event %s of kind %s is not shown", event.id, event.kind)
             if event.kind in ("job", "reset"):
                 self._has_changes.set()
-            await self._twin.on_event(event)
 
     async def _write_lists(self) -> None:
         while True:
             await self._has_changes.wait()
             self._has_changes.clear()
-            await self._write("JobOrderList", self._lists.orders())
-            await self._write("JobOrderResponseList", self._lists.responses())
+            try:
+                await self._write("JobOrderList", self._lists.orders())
+                await self._write("JobOrderResponseList", self._lists.responses())
+            except Exception:
+                log.exception("OPC UA: the lists of jobs are as they were")
             await asyncio.sleep(_LIST_PERIOD)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

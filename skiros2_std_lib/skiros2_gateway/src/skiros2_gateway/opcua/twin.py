@@ -137,11 +137,16 @@ class Twin:
 def _variant(value: Any) -> ua.Variant:
     if isinstance(value, list):
         kind = ua.VariantType.String
-        if value and all(isinstance(each, float | int) and not isinstance(each, bool) for each in value):
+        if value and all(_is_number(each) for each in value):
             return ua.Variant([float(each) for each in value], ua.VariantType.Double, is_array=True)
         return ua.Variant([str(each) for each in value], kind, is_array=True)
     if isinstance(value, bool):
         return ua.Variant(value, ua.VariantType.Boolean)
-    if isinstance(value, int | float):
+    if _is_number(value):
         return ua.Variant(float(value), ua.VariantType.Double)
     return ua.Variant("" if value is None else str(value), ua.VariantType.String)
+
+
+def _is_number(value: Any) -> bool:
+    """Returns whether a value is a number that a double can carry."""
+    return isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63)

@@ -7,19 +7,17 @@ import contextlib
 import logging
 import socket
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import rospkg
 import rospy
-import uvicorn
 from fastapi import APIRouter
 from pydantic import ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.agents.server import AgentServer
-from skiros2_gateway.core.access import Access, read_users
+from skiros2_gateway.core.access import Access
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.events import EventStream
@@ -29,18 +27,17 @@ from skiros2_gateway.core.problems import problems_of
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
+from skiros2_gateway.core.users import UsersFile
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.app import create_app
 from skiros2_gateway.http.live import live_router, page_router
+from skiros2_gateway.http.server import GRACE, HttpServer, Limits
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.opcua.server import OpcuaServer
 from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
 
 log = logging.getLogger(__name__)
-
-#: Time for open requests at the end (s).
-_GRACE = 1.0
 
 #: Private parameters that are no settings: of every node, and those that the gateway sets.
 _OTHERS = ("verbose", "debug", "address", "opcua_address")
@@ -71,29 +68,32 @@ async def _serve(settings: Settings) -> None:
         """In the shutdown's thread: waits until the loop has ended, while the node is still up."""
         with contextlib.suppress(RuntimeError):  # the loop has ended by itself
             loop.call_soon_threadsafe(ended.set)
-            is_down.wait(2 * _GRACE + 3.0)
+            is_down.wait(2 * GRACE + 3.0)
 
-    folder = settings.folder.expanduser()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = settings.make_folder()
     masters = WorkMasters(read_work_masters(Path(settings.work_masters).expanduser()) if settings.work_masters else ())
-    users = read_users(settings.users_file)
+    users = UsersFile(settings.users_file)
     store = JobStore(folder / "jobs.sqlite")
     events = EventStream()
     control = JobControl(store, masters, events)
-    service = Service(store, Access(users, store, settings.rate, settings.burst), control, events)
+    access = Access(users.users, store, settings.rate, settings.burst)
+    approvals = Approvals(events, is_needed=settings.agents == "ask", timeout=settings.approval_timeout)
+    service = Service(store, access, control, events, approvals)
     cell = RosCell(control, events, masters, settings.jobs_at_once)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
         stack.callback(store.close)
+        stack.callback(service.access.close)
         stack.callback(cell.close)
         stack.callback(control.close)
         control.start(cell)
         rospy.on_shutdown(end)
+        stack.callback(loop.create_task(users.follow(access.set_users)).cancel)
         if settings.http_port >= 0:
             routers = _live_view(service, cell, settings, stack)
             if settings.agents != "off":
-                approvals = Approvals(events, is_needed=settings.agents == "ask", timeout=settings.approval_timeout)
-                agents = AgentServer(service, approvals, settings.max_body)
+                hosts = [settings.host, *filter(None, settings.hosts.replace(" ", "").split(","))]
+                agents = AgentServer(service, settings.max_body, hosts)
                 await stack.enter_async_context(agents.running())
                 routers.append(agents.router())
             await _start_http(service, settings, routers, stack)
@@ -122,14 +122,6 @@ def _live_view(
     return [live_router(view, live, bags), page_router(page)]
 
 
-class _Server(uvicorn.Server):
-    """Leaves the signals to the node."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
-
-
 async def _start_http(
     service: Service, settings: Settings, routers: list[APIRouter], stack: contextlib.AsyncExitStack
 ) -> None:
@@ -146,30 +138,12 @@ async def _start_http(
         sock.listen()  # clients that read the address connect at once
     except OSError as error:
         raise ConfigurationError(f"http_port {settings.http_port} on {settings.host}: {error}") from error
-    tls = {"ssl_certfile": settings.certificate, "ssl_keyfile": settings.key} if settings.certificate else {}
-    config = uvicorn.Config(
-        create_app(service, routers, max_body=settings.max_body),
-        log_config=None,
-        access_log=False,
-        lifespan="off",
-        timeout_graceful_shutdown=int(_GRACE),
-        limit_concurrency=1000,
-        h11_max_incomplete_event_size=32 * 1024,
-        **tls,
-    )
-    try:
-        config.load()
-    except OSError as error:
-        raise ConfigurationError(f"certificate {settings.certificate}, key {settings.key}: {error}") from error
-    server = _Server(config)
-    task = asyncio.get_running_loop().create_task(server.serve([sock]))
-
-    async def stop() -> None:
-        server.should_exit = True
-        await task
-
-    stack.push_async_callback(stop)
+    limits = Limits(of_address=settings.connections)
+    app = create_app(service, routers, max_body=settings.max_body)
+    server = HttpServer(app, sock, settings.certificate, settings.key, limits)
+    server.start()
+    stack.push_async_callback(server.stop)
     host, port = sock.getsockname()[:2]
-    address = f"{'https' if tls else 'http'}://{host}:{port}"
+    address = f"{'https' if settings.certificate else 'http'}://{host}:{port}"
     rospy.set_param("~address", address)
     log.info("the gateway serves %s; users and tokens are in %s", address, settings.users_file)

@@ -115,7 +115,7 @@ class Scheduler:
             scheduled = self._get(task_id)
             if not scheduled.task.preempt():
                 raise self._unknown(task_id)
-            self._request_tick(scheduled)
+            self._request_stop(scheduled)
 
     def pause(self, task_id: int) -> None:
         """Pauses a task.
@@ -140,7 +140,7 @@ class Scheduler:
         with self._lock:
             for scheduled in self._scheduled.values():
                 scheduled.task.preempt(shuts_down=shuts_down)
-                self._request_tick(scheduled)
+                self._request_stop(scheduled)
 
     def pause_all(self) -> None:
         """Pauses all tasks."""
@@ -175,7 +175,7 @@ class Scheduler:
             started = [s for s in self._scheduled.values() if s.started and not s.task.allowed_when_stopped]
             failed = [s for s in started if s.task.preempt(stop=stop)]
             for scheduled in failed:
-                self._request_tick(scheduled)
+                self._request_stop(scheduled)
             return [scheduled.task.id for scheduled in failed]
 
     def set_pause_reason(self, task_ids: Collection[int], reason: str) -> None:
@@ -197,6 +197,12 @@ class Scheduler:
         """The tasks that have not ended."""
         with self._lock:
             return [s.task for s in self._scheduled.values() if not s.task.ended.is_set()]
+
+    def paused(self) -> list[int]:
+        """The ids of the tasks that have started and are paused."""
+        with self._lock:
+            started = [s.task for s in self._scheduled.values() if s.started and not s.task.ended.is_set()]
+            return [task.id for task in started if task.paused and task.preempted_at is None]
 
     def stop(self, timeout: float = 2.0) -> None:
         """Preempts all tasks, ticks until they have ended, and ends the threads. No `on_preempt` runs.
@@ -253,6 +259,11 @@ class Scheduler:
     def _request_tick(self, scheduled: ScheduledTask) -> None:
         scheduled.woken = True
         self._lock.notify_all()
+
+    def _request_stop(self, scheduled: ScheduledTask) -> None:
+        """Requests the tick that stops a task: before those of other tasks."""
+        self._watchdog.put_first(scheduled)
+        self._request_tick(scheduled)
 
     def _remove(self, scheduled: ScheduledTask) -> None:
         self._scheduled.pop(scheduled.task.id, None)

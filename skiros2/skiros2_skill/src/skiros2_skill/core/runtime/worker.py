@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -98,6 +98,8 @@ class Worker:
         self.is_main = is_main
         self.tasks: dict[int, ScheduledTask] = {}
         self.current: Tick | None = None
+        #: Tasks that were preempted while others are ticked: ticked next.
+        self.first: deque[ScheduledTask] = deque()
         self.stopping = False
         self._due = time.monotonic()
         self.thread = threading.Thread(target=self._run, name="task scheduler", daemon=True)
@@ -117,7 +119,11 @@ class Worker:
             if found is None:
                 return
             batch, is_period = found
-            ticked = [self._tick(scheduled) for scheduled in batch]
+            ticked = []
+            for scheduled in batch:
+                ticked.append(self._tick(scheduled))
+                while self.first:
+                    ticked.append(self._tick(self.first.popleft()))
             if is_period and self.is_main and any(ticked):
                 _call(self._settings.on_tick)
 
@@ -197,6 +203,7 @@ def _call(callback: Callable[[], None]) -> None:
 
 
 _SLOW_TICK = 0.1  # s after which the other tasks move to a new thread
+_LONGEST_WAIT = 0.01  # s that a task which is to stop waits for the tick of another one
 _MAX_POLL_PERIOD = 0.02  # s
 
 
@@ -259,6 +266,13 @@ class Watchdog:
             if worker.tasks.get(scheduled.task.id) is scheduled:
                 del worker.tasks[scheduled.task.id]
 
+    def put_first(self, scheduled: ScheduledTask) -> None:
+        """Lets a preempted task stop before other tasks are ticked."""
+        for worker in self._workers:
+            current = worker.current
+            if worker.tasks.get(scheduled.task.id) is scheduled and current and current.scheduled is not scheduled:
+                worker.first.append(scheduled)
+
     # -- the end -----------------------------------------------------------------------------------------------
 
     def stop(self, seconds: float) -> None:
@@ -308,7 +322,8 @@ class Watchdog:
                 tick.hook, tick.hook_since = hook, now
             if age > self._settings.period / 2 and hook:
                 tick.samples[hook] += 1
-            if worker is self.main and age > max(_SLOW_TICK, 2 * self._settings.period):
+            limit = _LONGEST_WAIT if worker.first else max(_SLOW_TICK, 2 * self._settings.period)
+            if worker is self.main and age > limit:
                 self._move_other_tasks(worker, tick)
                 warnings.append(
                     f"task {tick.scheduled.task.id}: {hook or 'a tick'} has run for {age:.1f} s; "

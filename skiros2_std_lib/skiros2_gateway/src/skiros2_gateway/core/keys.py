@@ -1,0 +1,118 @@
+"""Idempotency keys: a command that a client repeats with its key is carried out once, and answered as before."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.errors import Conflict, SkirosError, TimedOut
+from skiros2_gateway.core.approvals import digest_of
+from skiros2_gateway.core.problems import Problem, Rejected, StoreFailed
+from skiros2_gateway.core.store import JobStore
+
+log = logging.getLogger(__name__)
+
+#: The longest key.
+MAX_KEY = 200
+
+
+@dataclass
+class _Running:
+    digest: str
+    task: asyncio.Task[Any]
+    waiting: int = 0
+
+
+class Keys:
+    """The keys of all users. To be used in the thread of the gateway's loop.
+
+    A key is written before its command is carried out, and its answer afterwards: a command is not repeated after a
+    restart of the gateway either.
+    """
+
+    def __init__(self, store: JobStore) -> None:
+        self._store = store
+        self._running: dict[tuple[str, str], _Running] = {}
+
+    async def once(
+        self, user: str, key: str, command: Any, do: Callable[[], Awaitable[Any]], *, is_kept: bool = True
+    ) -> Any:
+        """Carries out a command, unless the user has sent it before with this key. Returns the answer.
+
+        A command that was refused has changed nothing, and may be sent again. When no client waits any more, the
+        command is cancelled.
+
+        :param key: chosen by the client; "": the command is carried out.
+        :param command: identifies it, as JSON data.
+        :param do: carries it out. Returns JSON data.
+        :param is_kept: whether the answer is kept; otherwise only clients that wait at the same time share it.
+        :raises Conflict: the key belongs to another command, or it is unknown how the command has ended.
+        :raises SkirosError: what `do` raises.
+        """
+        if not key:
+            return await do()
+        if len(key) > MAX_KEY or not key.isprintable():
+            expected = f"at most {MAX_KEY} printable characters"
+            raise Rejected([Problem("wrong_value", "key", "the idempotency key is invalid", expected)])
+        digest = digest_of(command)
+        running = self._running.get((user, key))
+        known = self._find(user, key) if running is None and is_kept else None
+        if (running.digest if running else known[0] if known else digest) != digest:
+            raise Conflict(f"the key {key!r} was sent with another command before")
+        if known is not None:
+            if not known[1]:
+                raise Conflict(f"it is unknown how the command with the key {key!r} has ended; read the state")
+            return json.loads(known[1])
+        if running is None:
+            work = self._carry_out(user, key, digest, do) if is_kept else do()
+            running = self._running[user, key] = _Running(digest, asyncio.ensure_future(work))
+            running.task.add_done_callback(lambda _: self._running.pop((user, key), None))
+        running.waiting += 1
+        try:
+            return await asyncio.shield(running.task)
+        except asyncio.CancelledError:
+            if running.waiting == 1:
+                running.task.cancel()
+            raise
+        finally:
+            running.waiting -= 1
+
+    async def _carry_out(self, user: str, key: str, digest: str, do: Callable[[], Awaitable[Any]]) -> Any:
+        self._write(self._store.put_key, user, key, digest)
+        try:
+            answer = await do()
+        except TimedOut:  # it may be carried out yet
+            raise
+        except (SkirosError, asyncio.CancelledError):
+            self._write(self._store.delete_key, user, key)
+            raise
+        self._write(self._store.answer_key, user, key, json.dumps(answer, default=str))
+        return answer
+
+    def _find(self, user: str, key: str) -> tuple[str, str] | None:
+        try:
+            return self._store.find_key(user, key)
+        except StoreFailed as error:
+            log.error("the key %s of %s cannot be looked up: %s", key, user, error)
+            return None
+
+    def _write(self, write: Callable[..., None], *arguments: str) -> None:
+        try:
+            write(*arguments)
+        except StoreFailed as error:  # robots stop, whatever the disk does
+            log.error("the key %s of %s is not written: %s", arguments[1], arguments[0], error)
+
+
+async def uninterrupted(work: Awaitable[Any]) -> Any:
+    """Awaits what must not be left half-done, also when the caller is cancelled meanwhile."""
+    task = asyncio.ensure_future(work)
+    while True:
+        try:
+            return await asyncio.shield(task)
+        except asyncio.CancelledError:
+            if task.cancelled():  # the gateway ends
+                raise

@@ -1,0 +1,58 @@
+"""Who sends a request: the arguments of routes with the authenticated caller and the gateway's model."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from skiros2_gateway.core.access import AGENTS, Caller
+from skiros2_gateway.core.problems import Unauthenticated
+from skiros2_gateway.core.service import Service
+
+#: The cookie of a page.
+COOKIE = "skiros2_gateway"
+
+
+def service_of(request: Request) -> Service:
+    """Returns the service of the application."""
+    service = request.app.state.service
+    assert isinstance(service, Service)
+    return service
+
+
+def caller_of(request: Request) -> Caller:
+    """Returns the authenticated caller of a request.
+
+    :raises Unauthenticated: it has no valid credentials.
+    :raises TooMany: too many failures of this address.
+    """
+    access, address, token = service_of(request).access, address_of(request), _token_of(request)
+    if token:
+        return access.authenticate(token, "rest", address)
+    if COOKIE in request.cookies:
+        if request.method not in ("GET", "HEAD") and request.headers.get("x-gateway") != "1":
+            raise Unauthenticated("a command with the cookie needs the header X-Gateway: 1")
+        return service_of(request).sessions.caller(request.cookies[COOKIE])
+    return access.authenticate("", "rest", address)
+
+
+def agent_of(request: Request) -> Caller:
+    """Returns the authenticated caller of agents' tools; raises like `caller_of`. A page's cookie is not valid here."""
+    return service_of(request).access.authenticate(_token_of(request), AGENTS, address_of(request))
+
+
+def address_of(request: Request) -> str:
+    """Returns the address of a request's client."""
+    return request.client.host if request.client else ""
+
+
+def _token_of(request: Request) -> str:
+    kind, _, token = request.headers.get("authorization", "").partition(" ")
+    return token.strip() if kind.lower() == "bearer" else ""
+
+
+#: The authenticated caller as the argument of a route.
+CallerArg = Annotated[Caller, Depends(caller_of)]
+#: The service as the argument of a route.
+ServiceArg = Annotated[Service, Depends(service_of)]

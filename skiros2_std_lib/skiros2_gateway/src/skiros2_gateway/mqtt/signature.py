@@ -1,0 +1,75 @@
+"""Signed commands: a broker does not say who has sent a message, and all who may read a topic would read a token.
+
+A message is {user, command, signature}. `command` is a JSON text with `time` (s since the epoch) beside the fields of
+the method. `signature` is the HMAC-SHA256, as hexadecimal digits, of the text METHOD, a line break and `command`; the
+key is the SHA-256 of the user's token, as hexadecimal digits.
+
+`TOKEN=... python3 -m skiros2_gateway.mqtt.signature USER METHOD FIELDS` prints a message with the fields (JSON).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from skiros2_gateway.core.problems import Unauthenticated
+
+#: The most by which the clocks of client and gateway may differ (s).
+_TOLERANCE = 60.0
+
+
+def sign(user: str, token: str, method: str, fields: Mapping[str, Any], now: float | None = None) -> str:
+    """Returns a message with a command.
+
+    :param method: the last part of the topic, such as `store`.
+    :param now: s since the epoch; None: now.
+    """
+    command = json.dumps({"time": time.time() if now is None else now, **fields})
+    signature = signature_of(hashlib.sha256(token.encode()).hexdigest(), method, command)
+    return json.dumps({"user": user, "command": command, "signature": signature})
+
+
+def signature_of(key: str, method: str, command: str) -> str:
+    """Returns the signature of a command, as hexadecimal digits.
+
+    :param key: the SHA-256 of the token, as hexadecimal digits.
+    """
+    text = f"{method}\n{command}".encode("utf-8", "surrogatepass")
+    return hmac.new(key.encode(), text, hashlib.sha256).hexdigest()
+
+
+class Freshness:
+    """Refuses commands that are old or come again.
+
+    :param clock: s since the epoch.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+        self._clock = clock
+        self._seen: dict[str, float] = {}
+
+    def check(self, signature: str, sent: Any) -> None:
+        """Checks a command whose signature is right.
+
+        :param sent: its field `time`.
+        :raises Unauthenticated: it is old, or has come before.
+        """
+        now = self._clock()
+        is_number = isinstance(sent, int | float) and not isinstance(sent, bool) and math.isfinite(sent)
+        if not is_number or not abs(now - sent) <= _TOLERANCE:
+            raise Unauthenticated(f"the command's time is {sent!r}, expected {now:.0f} within {_TOLERANCE:g} s")
+        if signature in self._seen:
+            raise Unauthenticated("the command has come before")
+        self._seen = {key: at for key, at in self._seen.items() if abs(now - at) <= 2 * _TOLERANCE}
+        self._seen[signature] = sent
+
+
+if __name__ == "__main__":
+    sys.stdout.write(sign(sys.argv[1], os.environ["TOKEN"], sys.argv[2], json.loads(sys.argv[3])) + "\n")

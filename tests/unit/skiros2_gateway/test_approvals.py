@@ -1,0 +1,221 @@
+"""Approvals under attack: who answers, what runs afterwards, clients that go or repeat themselves, limits."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+import httpx2
+import pytest
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_gateway.core.access import Caller, Role
+from skiros2_gateway.core.approvals import MAX_OPEN, MAX_OPEN_OF_USER, Approvals, Request
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.users import User
+from support.http_gateway import curl
+from support.stand_in_cell import ROBOT, STEP
+from unit.skiros2_gateway.conftest import TOKENS
+from unit.skiros2_gateway.test_agents import GOAL, answered, connected, waiting
+
+Run = Callable[..., None]
+SKILL = {"robot": ROBOT, "skill": "place", "parameters": {"Tray": "Tray-1"}}
+ASKED = Request({"goal": "(at robot home)"})
+
+
+def caller(name: str, role: Role = Role.AGENT, *, person: bool = False) -> Caller:
+    return Caller(name, role, "mcp", person)
+
+
+def test_only_an_account_marked_as_a_person_answers(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        programs = [User(name=name, role=name, token=token) for name, token in TOKENS.items()]
+        gateway.access.set_users(programs)
+        async with connected(gateway, "agent") as agent:
+            execution = asyncio.create_task(agent.call("execute", **GOAL))
+            (approval,) = await waiting(gateway)
+            for token in TOKENS.values():
+                path = f"/api/approvals/{approval.id}/approve"
+                assert (await curl(agent.address, path, "-X", "POST", token=token))[0] == 403
+            person = User(name="boss", role="approve", token="boss-0123456789abcdef", person=True)
+            gateway.access.set_users([*programs, person])
+            assert (await curl(agent.address, path, "-X", "POST", token=person.token))[0] == 200
+            await execution
+            assert gateway.job("a").approved["by"] == "boss"
+
+    in_gateway(test)
+
+
+def test_approved_plan_is_what_runs(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            execution = asyncio.create_task(agent.call("execute", **GOAL, reason="the tray is needed"))
+            (approval,) = await waiting(gateway)
+            shown = (await curl(agent.address, "/api/approvals", token=TOKENS["view"]))[1]["approvals"][0]
+            assert (shown["reason"], shown["robots"]) == ("the tray is needed", [ROBOT])
+            assert shown["digest"] == approval.request.digest
+            path = f"/api/approvals/{shown['id']}/approve"
+            token = TOKENS["approve"]
+            other = await curl(agent.address, path, token=token, body={"digest": "0" * 64})
+            assert (other[0], other[1]["code"]) == (409, "conflict")
+            assert (await curl(agent.address, path, token=token, body={"digest": shown["digest"]}))[0] == 200
+            await execution
+            assert gateway.cell.sent[0].plan == (STEP,)
+            gateway.store.close()
+            gateway.restart()  # also after a restart
+            assert gateway.job("a").approved == {"plan": [STEP], "digest": shown["digest"], "by": "approve"}
+
+    in_gateway(test)
+
+
+def test_skill_that_would_start_with_another_element_than_approved_is_refused(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            gateway.cell.inferred = {"Object": "Product-2"}
+            execution = asyncio.create_task(agent.call("execute", **SKILL))
+            await waiting(gateway)
+            gateway.cell.inferred = {"Object": "Product-3"}
+            await answered(agent, gateway)
+            result = await execution
+            assert result["code"] == "refused"
+            assert "Object is Product-3, approved is Product-2" in result["detail"]
+            assert not gateway.cell.skill_runs
+
+    in_gateway(test)
+
+
+def test_request_whose_client_was_killed_is_withdrawn(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            call = {"name": "execute", "arguments": GOAL}
+            body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": call})
+            headers = ["Accept: application/json, text/event-stream", f"Authorization: Bearer {TOKENS['agent']}"]
+            options = [part for header in (*headers, "Content-Type: application/json") for part in ("-H", header)]
+            client = await asyncio.create_subprocess_exec(
+                "curl", "-s", *options, "-d", body, f"{agent.address}/mcp", stdout=asyncio.subprocess.DEVNULL
+            )
+            (approval,) = await waiting(gateway)
+            client.kill()
+            await client.wait()
+            await waiting(gateway, 0)
+            path = f"/api/approvals/{approval.id}/approve"
+            assert (await curl(agent.address, path, "-X", "POST", token=TOKENS["approve"]))[0] == 404
+            assert not list(gateway.store.jobs())
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+def test_request_whose_client_has_timed_out_is_withdrawn(in_gateway: Run, mode: str) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            headers = {"Authorization": f"Bearer {TOKENS['agent']}"}
+            async with (
+                httpx2.AsyncClient(headers=headers, timeout=60.0) as http,
+                Client(streamable_http_client(f"{agent.address}/mcp", http_client=http), mode=mode) as client,
+            ):
+                call = asyncio.create_task(client.call_tool("execute", GOAL, read_timeout_seconds=1.0))
+                await waiting(gateway)
+                with pytest.raises(Exception, match=r"(?i)time"):
+                    await call
+                await waiting(gateway, 0)  # although the client is still connected
+                assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+def test_repeated_call_shares_approval_and_job(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            calls = [asyncio.create_task(agent.call("execute", **GOAL)) for _ in range(3)]
+            await waiting(gateway)
+            await asyncio.sleep(0.1)
+            await answered(agent, gateway)
+            assert [(await call)["job"] for call in calls] == ["a"] * 3
+            assert (await agent.call("execute", **GOAL))["job"] == "a"  # without another approval
+            assert [goal.id for goal in gateway.cell.sent] == ["a"]
+
+    in_gateway(test)
+
+
+def test_skill_with_a_key_starts_once(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            calls = [asyncio.create_task(agent.call("execute", **SKILL, key="k")) for _ in range(2)]
+            await answered(agent, gateway)
+            assert [(await call)["task"] for call in calls] == [0, 0]
+            assert (await agent.call("execute", **SKILL, key="k"))["task"] == 0
+            other = await agent.call("execute", **{**SKILL, "parameters": {}}, key="k")
+            assert other["code"] == "conflict"
+            assert len(gateway.cell.skill_runs) == 1
+
+    in_gateway(test)
+
+
+def test_one_client_that_goes_does_not_withdraw_the_request_of_another(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            keys = gateway.service.keys
+
+            async def ask() -> str:
+                return await gateway.service.approvals.request(caller("agent"), ASKED)
+
+            calls = [asyncio.create_task(keys.once("agent", "k", [], ask)) for _ in range(2)]
+            await waiting(gateway)
+            calls[0].cancel()
+            await asyncio.sleep(0)
+            await answered(agent, gateway)
+            assert await calls[1] == "approve"
+
+    in_gateway(test)
+
+
+def test_open_requests_are_limited() -> None:
+    async def test() -> None:
+        approvals = Approvals(EventStream())
+        names = [f"agent-{i}" for i in range(MAX_OPEN // MAX_OPEN_OF_USER + 1)]
+        asking = [
+            asyncio.create_task(approvals.request(caller(name), ASKED)) for name in names for _ in range(20)
+        ]
+        refused = [task for task in asking if not await is_waiting(task)]
+        assert len(approvals.open) == MAX_OPEN
+        assert len(refused) == len(asking) - MAX_OPEN
+        of_first = [approval for approval in approvals.open if approval.user == "agent-0"]
+        assert len(of_first) == MAX_OPEN_OF_USER
+        for task in refused:
+            with pytest.raises(Refused, match="wait for an answer already"):
+                await task
+        for task in asking:
+            task.cancel()
+        await asyncio.gather(*asking, return_exceptions=True)
+        assert not approvals.open
+
+    async def is_waiting(task: asyncio.Task[str]) -> bool:
+        await asyncio.sleep(0)
+        return not task.done()
+
+    asyncio.run(test())
+
+
+def test_ids_are_random_and_answers_count_once() -> None:
+    async def test() -> None:
+        person, ids = caller("boss", Role.APPROVE, person=True), []
+        for _ in range(2):  # as after a restart
+            approvals = Approvals(EventStream())
+            asking = asyncio.create_task(approvals.request(caller("agent"), ASKED))
+            await asyncio.sleep(0)
+            ids.append(approvals.open[0].id)
+            approvals.answer(person, ids[-1], False)
+            with pytest.raises(UnknownName):
+                approvals.answer(person, ids[-1], True)
+            with pytest.raises(Refused, match="boss has rejected it"):
+                await asking
+        assert ids[0] != ids[1]
+        assert len(ids[0]) >= 16
+
+    asyncio.run(test())

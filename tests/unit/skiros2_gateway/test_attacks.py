@@ -1,0 +1,260 @@
+"""Attacks on the gateway's interfaces, one test each."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from pydantic import ValidationError
+
+from skiros2_common.core.world_element import Element
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job import Job, Order, read_order
+from skiros2_gateway.core.json_text import json_text
+from skiros2_gateway.core.problems import Rejected
+from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.core.store import JobStore
+from skiros2_gateway.core.twin import element_data
+from skiros2_gateway.core.work_masters import WorkMaster
+from skiros2_gateway.http import app
+from skiros2_gateway.http.server import Limits
+from support.http_gateway import curl, served
+from unit.skiros2_gateway.conftest import TOKENS
+
+Run = Callable[..., None]
+NOT_FINITE = [math.nan, math.inf, -math.inf]
+
+
+def master(goal: str, *names: str, kind: str = "string") -> WorkMaster:
+    return WorkMaster.model_validate(
+        {"id": "m", "goal": goal, "parameters": [{"id": name, "type": kind} for name in names]}
+    )
+
+
+def strict(text: str | bytes) -> Any:
+    """Reads JSON as other languages do: without NaN and infinities."""
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [*NOT_FINITE, 10**40, -(10**40)])
+def test_number_that_not_every_interface_can_carry_is_refused(value: float) -> None:
+    with pytest.raises(Rejected, match="64 bits"):
+        read_order({"id": "a", "work_master": "m", "parameters": {"P": value}})
+
+
+@pytest.mark.parametrize("value", NOT_FINITE)
+def test_limit_of_a_work_master_is_finite(value: float) -> None:
+    with pytest.raises(ValidationError):
+        WorkMaster.model_validate(
+            {"id": "m", "goal": "({P})", "parameters": [{"id": "P", "type": "number", "maximum": value}]}
+        )
+    with pytest.raises(ValidationError):
+        WorkMaster.model_validate(
+            {"id": "m", "goal": "({P})", "parameters": [{"id": "P", "type": "number", "default": value}]}
+        )
+
+
+def test_numbers_that_json_lacks_are_sent_as_texts() -> None:
+    data = {"a": [math.nan, 1.5], "b": {"c": -math.inf}, "d": (math.inf, True, None)}
+    assert strict(json_text(data)) == {"a": ["nan", 1.5], "b": {"c": "-inf"}, "d": ["inf", True, None]}
+    event = EventStream().publish("world", data)
+    assert strict(event.json)["data"]["a"][0] == "nan"
+
+
+def test_element_with_numbers_that_json_lacks_is_json() -> None:
+    element = Element("skiros:Product", "box", "skiros:Product-1")
+    element.setProperty("skiros:Weight", math.nan)
+    assert element_data(element)["properties"]["skiros:Weight"] == ["nan"]
+
+
+@pytest.mark.parametrize("path", ["/api/jobs", "/api/audit"])
+def test_number_beyond_the_store_is_refused(in_gateway: Run, path: str) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            query = f"{path}?since=99999999999999999999"
+            assert (await curl(address, query, token=TOKENS["maintain"]))[0] == 422
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize("number", ["²", "9" * 5000, "٣"])
+def test_strange_number_of_an_event_means_a_reset(number: str) -> None:
+    events = EventStream()
+    events.publish("job", {})
+    assert [event.kind for event in events._missed(f"{events.name}-{number}")] == ["reset"]
+
+
+@pytest.mark.parametrize("value", [10**40, math.nan])
+def test_job_that_an_earlier_version_has_stored_is_read(value: float) -> None:
+    job = Job(Order(id="a", goal="g"), "g", 1, 0.0, 0.0)
+    data = job.to_dict()
+    data["order"]["parameters"]["P"] = value
+    assert str(Job.from_dict(data).order.parameters["P"]) == str(value)
+
+
+# -- sizes -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("goal", ["({P:>200000000})", "({P!r})", "({P:{P}})"])
+def test_format_of_a_value_is_refused(goal: str) -> None:
+    with pytest.raises(ValidationError, match="expected"):
+        master(goal, "P")
+
+
+def test_goal_with_long_values_is_refused_before_it_is_made() -> None:
+    with pytest.raises(Rejected, match="characters"):
+        master("({P})" * 2000, "P").goal_for({"P": "x" * 200_000})
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def test_store_is_readable_by_its_owner_only(tmp_path: Path) -> None:
+    path = tmp_path / "jobs.sqlite"
+    path.write_bytes(b"")
+    path.chmod(0o644)  # as earlier versions made it
+    store = JobStore(path)
+    store.audit(dict.fromkeys(("time", "user", "way", "action", "object", "outcome"), 0))
+    modes = {file.name: oct(file.stat().st_mode & 0o777) for file in tmp_path.iterdir()}
+    assert modes == dict.fromkeys(("jobs.sqlite", "jobs.sqlite-wal", "jobs.sqlite-shm"), "0o600")
+    store.close()
+
+
+def test_folder_is_for_its_owner_only(tmp_path: Path) -> None:
+    for name in ("new", "known"):
+        if name == "known":
+            (tmp_path / name).mkdir(mode=0o755)
+        settings = Settings(folder=tmp_path / name)
+        settings.make_folder()
+        assert oct((tmp_path / name).stat().st_mode & 0o777) == "0o700"
+
+
+# -- settings ----------------------------------------------------------------------------------------------------------
+
+
+def test_remote_broker_needs_tls() -> None:
+    with pytest.raises(ValidationError, match="mqtt_ca"):
+        Settings(mqtt="broker.factory:1883")
+    for fields in ({"mqtt": "127.0.0.1:1883"}, {"mqtt": "localhost"}, {"mqtt": "broker.factory", "mqtt_ca": "ca.pem"}):
+        Settings.model_validate(fields)
+
+
+# -- logins ------------------------------------------------------------------------------------------------------------
+
+
+def test_failed_logins_are_in_the_audit_log_in_few_entries(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            for _ in range(15):
+                assert (await curl(address, "/api/state", token="guess"))[0] == 401
+        found = gateway.access.audit_log()
+        entry = ("", "rest", "log in", "127.0.0.1")
+        assert [(e["user"], e["way"], e["action"], e["object"]) for e in found] == [entry] * 2
+        assert "14 more" in found[1]["outcome"]
+
+    in_gateway(test)
+
+
+def test_denied_requests_do_not_fill_the_audit_log(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            for number in range(30):
+                body = {"id": f"job-{number}", "goal": "(at robot home)"}
+                assert (await curl(address, "/api/jobs", token=TOKENS["view"], body=body))[0] == 403
+        found = gateway.access.audit_log()
+        assert [(entry["user"], entry["object"]) for entry in found] == [("view", "job-0"), ("view", "job-29")]
+        assert "29 more" in found[1]["outcome"]
+
+    in_gateway(test)
+
+
+def test_header_of_a_proxy_does_not_hide_an_address(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            found = [
+                (await curl(address, "/api/state", "-H", f"X-Forwarded-For: 10.0.0.{number}", token="guess"))[0]
+                for number in range(25)
+            ]
+            assert found.count(429) >= 3
+
+    in_gateway(test)
+
+
+# -- connections -------------------------------------------------------------------------------------------------------
+
+
+async def silent(address: str, count: int) -> list[Any]:
+    """Opens connections that send nothing."""
+    url = urlsplit(address)
+    return [await asyncio.open_connection(url.hostname, url.port) for _ in range(count)]
+
+
+async def answered(writer: Any, reader: Any, text: bytes) -> bytes:
+    writer.write(text)
+    return await asyncio.wait_for(reader.read(100), 10.0)
+
+
+def test_silent_connections_leave_room_for_requests(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service, limits=Limits(of_address=20)) as address:
+            opened = await silent(address, 1005)
+            assert (await curl(address, "/api/health"))[0] == 200
+            assert (await curl(address, "/api/health", "--interface", "127.0.0.2"))[0] == 200
+            for _, writer in opened:
+                writer.close()
+
+    in_gateway(test)
+
+
+def test_requests_of_one_address_leave_room_for_others(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service, limits=Limits(of_address=20)) as address:
+            opened = await silent(address, 20)
+            for reader, writer in opened:  # each has sent a request: none is closed for others
+                assert b" 401 " in await answered(writer, reader, b"GET /api/state HTTP/1.1\r\nHost: a\r\n\r\n")
+            assert (await curl(address, "/api/health", "--interface", "127.0.0.2"))[0] == 200
+            reader, writer = (await silent(address, 1))[0]
+            assert await asyncio.wait_for(reader.read(), 10.0) == b""
+            for _, writer in opened:
+                writer.close()
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize("begin", [b"", b"GET /api/hea", b"GET /api/health HTTP/1.1\r\nHost: a\r\n\r\nGET /api"])
+def test_connection_without_the_head_of_a_request_is_closed(in_gateway: Run, begin: bytes) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service, limits=Limits(head=0.2)) as address:
+            ((reader, writer),) = await silent(address, 1)
+            writer.write(begin)
+            assert begin.startswith(await asyncio.wait_for(reader.read(), 10.0)) or begin.count(b"GET") == 2
+            writer.close()
+
+    in_gateway(test)
+
+
+def test_body_that_does_not_arrive_is_refused(in_gateway: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(app, "BODY_TIMEOUT", 0.2)
+
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            ((reader, writer),) = await silent(address, 1)
+            head = f"POST /api/jobs HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer {TOKENS['operate']}\r\n"
+            head += "Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{"
+            assert b" 408 " in await answered(writer, reader, head.encode())
+            writer.close()
+
+    in_gateway(test)

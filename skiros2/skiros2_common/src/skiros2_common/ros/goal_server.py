@@ -42,7 +42,8 @@ class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
     """Keeps results, and sends them to clients that were restarted, or that connect again after its own restart.
 
     A goal without content and with the time stamp 0 is a question for the goal with its id: the server publishes the
-    result if the goal has ended, calls `repeat` if it has not, and rejects a goal that it does not know.
+    result if the goal has ended, calls `repeat` if it has not, and rejects a goal that it does not know. The stamp in
+    an answer of the last kind is 0 as well.
 
     :param is_empty: whether a goal has no content.
     :param repeat: called if a goal that has not ended is sent again.
@@ -67,6 +68,8 @@ class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
         self._unknown = unknown
         self._results: OrderedDict[str, tuple[Any, Any]] = OrderedDict()  # status and result
         self._undelivered: list[str] = []
+        #: In answers for unknown goals: REJECTED, or LOST if an earlier process may have known the goal.
+        self.unknown_status = GoalStatus.REJECTED
 
     def initialize(self) -> None:
         super().initialize()
@@ -111,7 +114,7 @@ class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
                 self._repeat(goal_id)
             elif goal.goal_id.stamp.is_zero() and goal_id and self._is_empty(goal.goal):
                 text = f"{rospy.get_name()} does not know the goal {goal_id}"
-                status = GoalStatus(goal.goal_id, GoalStatus.REJECTED, text)
+                status = GoalStatus(goal.goal_id, self.unknown_status, text)
                 self.result_pub.publish(self._message(status, self._unknown(text) or self.ActionResultType()))
             else:
                 super().internal_goal_callback(goal)
@@ -173,7 +176,7 @@ class GoalServer:
         raise NotImplementedError
 
     def _repeat(self, goal_id: str) -> None:
-        """Publishes feedback on a goal that has not ended, if there is any: its client has missed some. In a ROS thread."""
+        """Publishes feedback on a goal that has not ended: its client has missed some. Called in a ROS thread."""
 
     def _is_empty(self, goal: Any) -> bool:
         """Whether a goal has no content, so that it may be a question. Called in a ROS thread."""

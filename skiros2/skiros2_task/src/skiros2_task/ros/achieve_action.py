@@ -75,6 +75,8 @@ class AchieveAction(GoalServer):
         self._recovered: list[tuple[GoalExecution, StoredGoal]] = []
         if store is not None:
             self._restore(store)
+        else:
+            self._server.unknown_status = GoalStatus.LOST
 
     def _restore(self, store: GoalStore) -> None:
         """Lists the goals of an earlier process, and keeps its results."""

@@ -21,6 +21,8 @@ log = logging.getLogger(__name__)
 ACTION = "tm/task_plan"
 ACHIEVE_ACTION = "tm/achieve"
 PLAN_ACTION = "tm/plan"
+#: Sets what happens to a goal of `ACHIEVE_ACTION` after a restart of the task manager.
+ON_RESTART_SERVICE = "tm/on_restart"
 
 #: The codes of a result.
 FAILED, NOTHING_TO_DO, PLAN = 1, 2, 3

@@ -148,6 +148,9 @@ class Order(BaseModel):
     due: AwareDatetime | None = Field(None, description="of jobs with one priority, the earliest due time starts first")
     robots: tuple[str, ...] = Field((), max_length=100, description="node names of the allowed robots; empty: all")
     quality: Literal["", "first", "best", "optimal"] = Field("", description="wanted plan quality")
+    on_restart: Literal["", "continue", "ask", "abort"] = Field(
+        "", description="after a restart of the cell; empty: ask if a robot of the job holds something, else continue"
+    )
 
     @property
     def digest(self) -> str:
@@ -175,6 +178,7 @@ class Response:
     :param changes: what changed in the world model, see `skiros2_gateway.core.cell.Collected`.
     :param quality: values of the properties that the work master names, by `parameter.property`.
     :param explanations: why steps failed, the last failure at the end.
+    :param first_change, last_change: between which numbers of changes of the world model it has run; 0: unknown.
     :param collected: whether `changes` and `quality` are complete.
     """
 
@@ -190,6 +194,8 @@ class Response:
     quality: dict[str, Any] = field(default_factory=dict)
     explanations: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    first_change: int = 0
+    last_change: int = 0
     collected: bool = False
 
 

@@ -6,12 +6,12 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import nearest
-from skiros2_gateway.core.cell import LOST, REACHED, Cell, Collected, Ending, Goal, Progress
+from skiros2_gateway.core.cell import LOST, REACHED, UNKNOWN, Cell, Collected, Ending, Goal, Progress
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import FINAL, Job, Method, Order, State, Substate
 from skiros2_gateway.core.open_jobs import OpenJobs
@@ -23,6 +23,9 @@ log = logging.getLogger(__name__)
 
 #: The author of changes that the gateway makes itself.
 GATEWAY = "gateway"
+
+#: How often jobs with an earliest start are compared with the clock (s).
+_CLOCK_CHECK_PERIOD = 1.0
 
 #: How long a store that refuses changes is left alone (s).
 _RETRY = 1.0
@@ -236,12 +239,19 @@ class JobControl:
             self._note(job, GATEWAY, "resumed")
 
     def goal_ended(self, goal_id: str, ending: Ending) -> None:
-        if ending.outcome != LOST:
+        if ending.outcome not in (LOST, UNKNOWN):
             self.goal_accepted(goal_id)
         job = self._jobs.open(goal_id)
         if job is None or not job.is_in_cell:
             return
+        if ending.outcome == UNKNOWN:
+            if job.substate is Substate.LOADED and not job.wanted:
+                log.info("job %s had not reached the task manager; it is sent again", job.id)
+                self.cell.start(_goal_of(job))
+                return
+            ending = replace(ending, outcome=LOST)
         now, response = self._clock(), job.response
+        response.last_change = self.cell.revision
         response.ended = now
         response.outcome, response.message = ending.outcome, ending.message
         response.steps = ending.steps or response.steps
@@ -277,7 +287,9 @@ class JobControl:
         allowed = [job for job in self._jobs if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
         later = [job.earliest for job in allowed if job.earliest > now]
         if later:
-            self._timer = asyncio.get_running_loop().call_later(max(0.01, min(later) - now), self._dispatch)
+            # Not at once for the whole time: the clock may be set meanwhile.
+            delay = min(_CLOCK_CHECK_PERIOD, max(0.01, min(later) - now))
+            self._timer = asyncio.get_running_loop().call_later(delay, self._dispatch)
         if not self._cell.is_ready:
             return
         running = sum(job.is_in_cell for job in self._jobs)
@@ -286,6 +298,7 @@ class JobControl:
             if job.earliest <= now and (running < self._cell.capacity or urgent):
                 loaded = job.copy()
                 loaded.change(State.ALLOWED_TO_START, Substate.LOADED, now)
+                loaded.response.first_change = self._cell.revision
                 try:
                     self._jobs.save(loaded, GATEWAY, "loaded")
                 except StoreFailed as error:
@@ -321,9 +334,12 @@ class JobControl:
         sources = {}
         if order.work_master in self.masters.all:
             sources = self.masters.get(order.work_master).quality_sources(order.parameters)
-        started = response.started or response.ended or job.changed
+        start: float = response.first_change
+        end: float = response.last_change or self.cell.revision
+        if not start:  # the job has never run, or was started by an earlier version
+            start, end = response.started or response.ended or job.changed, response.ended or self._clock()
         try:
-            found = await self.cell.collect(response.robots, started, response.ended or self._clock(), sources)
+            found = await self.cell.collect(response.robots, start, end, sources)
         except Exception as error:  # the job has ended, whatever the cell does
             log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
             found = Collected(notes=[f"the changes are unknown: {error}"])
@@ -340,6 +356,6 @@ class JobControl:
 
 def _goal_of(job: Job) -> Goal:
     plan = tuple(job.approved["plan"]) if job.approved is not None else None
-    return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots, plan)
+    return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots, plan, job.order.on_restart)
 
 

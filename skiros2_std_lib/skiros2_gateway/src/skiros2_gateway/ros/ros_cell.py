@@ -25,14 +25,15 @@ from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
 from skiros2_gateway.core.work_masters import WorkMasters
-from skiros2_gateway.ros.goals import AchieveGoals
+from skiros2_gateway.ros.goals import AchieveGoals, set_on_restart
 from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_gateway.ros.skill_runs import SkillRuns, check_start
+from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
-from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
+from skiros2_task.ros.achieve_action import ASKING, INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -70,6 +71,7 @@ class RosCell:
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
         self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
         self._robots_of: dict[str, list[tuple[str, str]]] = {}  # (robot, skill) of each goal's running steps
+        self._questions: dict[str, str] = {}  # of goals that ask how to continue after a restart
         self._paused: set[str] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._skill_runs = SkillRuns()
@@ -105,6 +107,10 @@ class RosCell:
         return self._wm is not None and self._goals.is_ready
 
     @property
+    def revision(self) -> int:
+        return self._wm.last_change if self._wm is not None else 0
+
+    @property
     def capacity(self) -> int:
         connected = sum(robot.is_connected for robot in self._robots.robots.values())
         return self._capacity or max(1, connected)
@@ -125,7 +131,7 @@ class RosCell:
         return problems + await self.in_thread(goal_problems, self._world_model, connected, goal, elements)
 
     def start(self, goal: Goal) -> None:
-        if goal.robots:
+        if goal.robots or goal.on_restart:
             self._spawn(self._start_restricted(goal))
         else:
             self._goals.send(goal)
@@ -142,11 +148,25 @@ class RosCell:
 
     def resume(self, goal_id: str) -> None:
         self._paused.discard(goal_id)
+        if goal_id in self._questions:
+            self._spawn(self._continue(goal_id))
         self._command_tasks(goal_id, "resume")
+
+    async def _continue(self, goal_id: str) -> None:
+        """Answers the question of a goal after a restart."""
+        try:
+            await self.in_thread(set_on_restart, goal_id, srvs.GoalOnRestartRequest.CONTINUE)
+        except SkirosError as error:
+            log.error("job %s does not continue: %s", goal_id, error)
 
     async def _start_restricted(self, goal: Goal) -> None:
         """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""
         try:
+            if goal.on_restart:
+                await self.in_thread(set_on_restart, goal.id, goal.on_restart)
+            if not goal.robots:
+                self._goals.send(goal)
+                return
             plan = await self.plan(goal.text, goal.quality)
         except Exception as error:
             if not isinstance(error, SkirosError):
@@ -166,6 +186,10 @@ class RosCell:
         running = [(s["robot"], names.get(s["number"], "")) for s in progress.steps if s["state"] == "running"]
         has_new = set(running) - set(self._robots_of.get(goal_id, []))
         self._robots_of[goal_id] = running
+        if progress.phase == ASKING:
+            self._questions[goal_id] = progress.message
+        else:
+            self._questions.pop(goal_id, None)
         if goal_id in self._paused and has_new:
             self._command_tasks(goal_id, "pause")
         self._report_stop(goal_id)
@@ -173,11 +197,13 @@ class RosCell:
     def note_end(self, goal_id: str) -> None:
         """Forgets a goal that has ended."""
         self._robots_of.pop(goal_id, None)
+        self._questions.pop(goal_id, None)
         self._paused.discard(goal_id)
 
     def _report_stop(self, goal_id: str) -> None:
         robots = [robot for robot, _ in self._robots_of.get(goal_id, [])]
-        self._listener.goal_suspended(goal_id, first_stop(self._robots.robots, robots))
+        reason = self._questions.get(goal_id, "") or first_stop(self._robots.robots, robots)
+        self._listener.goal_suspended(goal_id, reason)
 
     def _command_tasks(self, goal_id: str, action: str) -> None:
         """Pauses or resumes the tasks of a goal's running steps."""

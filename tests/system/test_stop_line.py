@@ -16,6 +16,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.client.manager import ALL, ManagerClient
 from skiros2_skill.client.stop_line import StopLine
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+from skiros2_world_model.core.world_model_abstract_interface import WmException
 from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 pytestmark = pytest.mark.timeout(120)
@@ -55,6 +56,13 @@ def _start(robot: ManagerClient, count: int = 1) -> list[int]:
     return [robot.run([robot.get_skill("stay")]).wait_for_task(30) for _ in range(count)]  # type: ignore[attr-defined]
 
 
+def _answers(robot: ManagerClient) -> bool:
+    try:
+        return bool(robot.read_skills())
+    except WmException:
+        return False
+
+
 def test_command_that_was_not_answered_in_time_is_never_carried_out(ros: Ros, robot: SkillManagerInterface) -> None:
     (task,) = _start(robot)
     wait_until(lambda: robot.stop_line.is_open, what="the stop line")
@@ -90,14 +98,8 @@ def test_restarted_manager_is_stopped(ros: Ros, shared: SharedSystem) -> None:
     wait_until(lambda: robot.stop_line.is_open, what="the stop line")
     old = ros.master.node_pid(ROBOT)
     os.kill(old, signal.SIGKILL)
-    path = f"{TESTS}:{ros.master.env['PYTHONPATH']}"
-    params = {"libraries_list": ["support.hand_skills"], "primitive_list": ["stay"], "prefix": "skiros"}
-    ros.run(
-        "skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params,
-        env={**ros.master.env, "PYTHONPATH": path},
-    )  # fmt: skip
-    wait_until(lambda: ros.master.node_pid(ROBOT) != old, what="the new manager")
-    (task,) = wait_until(lambda: _start(robot), what="a task")
+    wait_until(lambda: _answers(robot) and ros.master.node_pid(ROBOT) != old, what="the new manager")
+    (task,) = _start(robot)
     assert robot.command("preempt", task) == task
     robot.shutdown()
 

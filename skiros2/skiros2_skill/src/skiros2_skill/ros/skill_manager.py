@@ -119,7 +119,7 @@ class SkillManager(DiscoverableNode):
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
-            StopService(tasks, self._catch_up).offer(),
+            StopService(tasks, lambda: _catch_up(self._wmi)).offer(),
             rospy.Service("~reload", srvs.SkillReload, self._on_reload),
             rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
@@ -228,7 +228,7 @@ class SkillManager(DiscoverableNode):
         if request.execution_id == ALL:
             task_id = self._starter.start(request.author, [skill_request(skill) for skill in request.skills], ticks)
         else:
-            self._catch_up()
+            _catch_up(self._wmi)
             task_id = int(request.execution_id)
             scheduler.start(task_id, ticks)
         if ticks and not scheduler.wait_until_idle([task_id], TICK_TIMEOUT):
@@ -241,13 +241,6 @@ class SkillManager(DiscoverableNode):
         task_id = _for_tasks(request.execution_id, scheduler.pause, scheduler.pause_all)
         scheduler.wait_until_idle(ids, PAUSE_TIMEOUT)
         return task_id
-
-    def _catch_up(self) -> None:
-        """Updates the world model: the client may have changed it just before resuming a task."""
-        try:
-            self._wmi.catch_up()
-        except SkirosError as error:
-            log.warning("a task is resumed though the world model does not answer: %s", error)
 
     def _on_debug(self, message: Any) -> None:
         self._progress.with_params = message.data
@@ -355,6 +348,14 @@ def _publish_robot(robot_id: str) -> None:
         rospy.set_param(f"~{ROBOT_PARAMETER}", robot_id)
     except (OSError, rospy.ROSException) as error:
         log.warning("the parameter ~%s is not set, because the master does not answer: %s", ROBOT_PARAMETER, error)
+
+
+def _catch_up(wmi: WorldModelPort) -> None:
+    """Updates the world model: the client may have changed it just before resuming a task."""
+    try:
+        wmi.catch_up()
+    except SkirosError as error:
+        log.warning("a task is resumed though the world model does not answer: %s", error)
 
 
 def _breakpoints_json(known: Mapping[int, Breakpoint]) -> str:

@@ -35,8 +35,8 @@ CONTRACT_NAMES = {
     "_setProgress", "_setState", "_type", "_wmi",
 }  # fmt: skip
 FOREIGN_NAMES = {
-    "_actions", "_chain", "_connection_header", "_exit", "_getframe", "_option_string_actions", "_SubParsersAction",
-    "_tcpros_server",
+    "_actions", "_chain", "_connection_header", "_exit", "_generate_id", "_getframe", "_option_string_actions",
+    "_SubParsersAction", "_tcpros_server",
 }  # fmt: skip
 #: Folders in which modules still access private names of others.
 PRIVATE_ACCESS_REMAINS = (

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from skiros2_task.core.executor import Ended
+from skiros2_task.core.goal_execution import Ended
 from skiros2_task.core.plan import Step
 from support.plan_checks import do
 from support.planning_world import PlanningWorld

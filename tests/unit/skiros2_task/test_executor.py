@@ -10,11 +10,12 @@ import pytest
 
 from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
-from skiros2_task.core.execution import StepState
-from skiros2_task.core.executor import Ended, Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.executor import GoalExecutor
+from skiros2_task.core.goal_execution import Ended, Goal, GoalExecution
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
+from skiros2_task.core.step_record import StepState
 from skiros2_task.core.task import PlanningTask
 from support.planning_world import PlanningWorld, transport_world
 from support.stand_in_step_runner import StandInStepRunner

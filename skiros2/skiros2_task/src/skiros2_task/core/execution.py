@@ -29,6 +29,7 @@ from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld,
 from skiros2_task.core.plan import Step, plan_flaw
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.semantics import Facts
+from skiros2_task.core.step_record import RestoredState, StepRecord, StepState
 from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
@@ -53,45 +54,6 @@ class Phase(Enum):
     STOPPING = "stopping"
     ENDED = "ended"
     ASKING = "asking"
-
-
-class StepState(Enum):
-    """The state of a step."""
-
-    WAITING = "waiting"
-    RUNNING = "running"
-    SUCCEEDED = "succeeded"
-    FAILED = "failed"
-    STOPPED = "stopped"
-    DROPPED = "dropped"
-
-
-@dataclass
-class StepRecord:
-    """The execution of a step.
-
-    :param started, ended: by the clock of the state machine (s); None: not yet.
-    """
-
-    step: Step
-    state: StepState = StepState.WAITING
-    message: str = ""
-    explanations: tuple[Explanation, ...] = ()
-    started: float | None = None
-    ended: float | None = None
-
-
-@dataclass(frozen=True)
-class RestoredState:
-    """The state of an execution that an earlier process has begun.
-
-    :param failures: how often each skill has failed, by (manager, skill label).
-    """
-
-    records: tuple[StepRecord, ...]
-    replans: int
-    plan_start: int
-    failures: Counter[tuple[str, str]]
 
 
 @dataclass

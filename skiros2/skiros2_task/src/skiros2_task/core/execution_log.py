@@ -6,9 +6,10 @@ import secrets
 from collections import Counter
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.execution import ExecutionStateMachine, RestoredState, StepRecord, StepState
+from skiros2_task.core.execution import ExecutionStateMachine
 from skiros2_task.core.goal_store import GoalStore, StoredGoal, StoredStep
 from skiros2_task.core.step_codec import decode_step, encode_step
+from skiros2_task.core.step_record import RestoredState, StepRecord, StepState
 
 #: The states of steps that have not started.
 _NOT_STARTED = (StepState.WAITING, StepState.DROPPED)

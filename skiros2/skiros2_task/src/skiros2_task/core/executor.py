@@ -7,20 +7,18 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
-from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
-from skiros2_task.core.engines import Limits
-from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
+from skiros2_task.core.execution import ExecutionStateMachine, Phase
 from skiros2_task.core.execution_log import ExecutionLog
+from skiros2_task.core.goal_execution import Goal, GoalExecution, OnChange, OnEnd, StepRunner
+from skiros2_task.core.goal_planning import GOOD, internal_error, make_plan, read_task
 from skiros2_task.core.goal_store import GoalStore, StoredGoal, StoreFailed
 from skiros2_task.core.plan import Step
-from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.recovery import Recovery, Restart
 from skiros2_task.core.resources import Resources
@@ -33,76 +31,6 @@ _READ_PERIOD, _READ_SHARE = 0.05, 0.2
 
 #: The delay before a failed read of the world model is repeated (s).
 _RETRY_DELAY = 1.0
-
-#: Reports the end of a step: whether it succeeded, a message and why it failed. Called by any thread.
-Ended = Callable[[bool, str, Sequence[Explanation]], None]
-
-
-class StepRunner(Protocol):
-    """Runs steps on robots."""
-
-    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
-        """Starts a step without blocking. Returns a function that stops it.
-
-        :param ended: called once, also after a stop.
-        :param run: the id of the run, for `attach`; "": any.
-        """
-
-    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
-        """Follows a step that an earlier process has started, without blocking. Returns a function that stops it.
-
-        :param known: called once; False: the robot does not know the run, and `ended` is not called.
-        """
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A goal to achieve.
-
-    :param text: see `goal_text`.
-    :param priority: of goals that need the same robot, the one with the highest priority gets it first.
-    :param interrupts: whether it stops the steps of goals with a lower priority that use the robots of its plan.
-    :param limits, planner: for each planning; None: those of the `TaskPlanner`.
-    :param max_replans: how often a broken plan is replaced at most.
-    :param id: in the executor's store; "": the goal is not stored.
-    """
-
-    text: str
-    priority: int = 0
-    limits: Limits | None = None
-    planner: Planner | None = None
-    max_replans: int = 5
-    interrupts: bool = False
-    id: str = ""
-
-
-@dataclass
-class GoalExecution:
-    """A goal in execution. `machine` belongs to the executor's thread, which calls the callbacks.
-
-    :param on_change: called after each change of a step or of the phase.
-    :param on_end: called once, last.
-    """
-
-    name: str
-    goal: Goal
-    on_change: Callable[[GoalExecution], None]
-    on_end: Callable[[GoalExecution, End], None]
-    machine: ExecutionStateMachine
-    cancelled: threading.Event = field(default_factory=threading.Event)
-    stops: dict[int, Callable[[], None]] = field(default_factory=dict)  # stop functions of running steps, by number
-    work: queue.SimpleQueue[Callable[[], None] | None] = field(default_factory=queue.SimpleQueue)
-    world_changed: bool = False  # since the last read
-    reading: bool = False
-    next_read: float = 0.0
-    log: ExecutionLog | None = None
-
-    @property
-    def started(self) -> list[StepRecord]:
-        """The started steps, in the order of their starts."""
-        records = [r for r in self.machine.records.values() if r.started is not None]
-        return sorted(records, key=lambda record: (record.started, record.step.number))
-
 
 class GoalExecutor:
     """Executes goals. One thread owns all state; each goal has another thread that plans and reads the world model."""
@@ -126,23 +54,13 @@ class GoalExecutor:
 
     # -- any thread --------------------------------------------------------------------------------------------
 
-    def achieve(
-        self,
-        goal: Goal,
-        on_change: Callable[[GoalExecution], None],
-        on_end: Callable[[GoalExecution, End], None],
-    ) -> GoalExecution:
+    def achieve(self, goal: Goal, on_change: OnChange, on_end: OnEnd) -> GoalExecution:
         """Starts to execute a goal. Does not block."""
         execution = self.prepare(goal, on_change, on_end)
         self._events.put(lambda: self._begin(execution))
         return execution
 
-    def prepare(
-        self,
-        goal: Goal,
-        on_change: Callable[[GoalExecution], None],
-        on_end: Callable[[GoalExecution, End], None],
-    ) -> GoalExecution:
+    def prepare(self, goal: Goal, on_change: OnChange, on_end: OnEnd) -> GoalExecution:
         """Returns an execution that has not begun, for `recover`."""
         machine = ExecutionStateMachine(time.monotonic, goal.max_replans)
         log = ExecutionLog(self._store, goal.id) if self._store is not None and goal.id else None
@@ -256,7 +174,7 @@ class GoalExecutor:
                     execution.stops[command.number]()
             self._execute_each(execution, self._write(execution, commands))
         except Exception as error:
-            message = _internal_error(error)
+            message = internal_error(error)
             execution.cancelled.set()
             for stop in execution.stops.values():
                 stop()
@@ -341,7 +259,7 @@ class GoalExecutor:
         self.execute(execution, execution.machine.ended(step.number, succeeded, message, explanations))
 
     def _end(self, execution: GoalExecution, end: End) -> None:
-        log.log(logging.INFO if end.verdict in _GOOD else logging.WARNING, "%s: %s", execution.name, end.message)
+        log.log(logging.INFO if end.verdict in GOOD else logging.WARNING, "%s: %s", execution.name, end.message)
         del self._executions[execution.name]
         execution.cancelled.set()
         execution.work.put(None)
@@ -399,55 +317,14 @@ class GoalExecutor:
         self._events.put(lambda: self._on_read(execution, task, seconds))
 
     def read_task(self, execution: GoalExecution) -> PlanningTask | SkirosError:
-        """Returns the goal's task for the current world, or why it cannot be read."""
-        try:
-            return self._planner.read_task(execution.goal.text)
-        except Exception as error:
-            return error if isinstance(error, SkirosError) else WrongValue(_internal_error(error))
+        """Returns the goal's task for the current world, or why it cannot be read. Blocks."""
+        return read_task(self._planner, execution)
 
     def _make_plan(self, execution: GoalExecution, command: MakePlan, busy: frozenset[str], first: int) -> None:
-        """Plans first with the robots that are free and the skills that have not failed, then with all."""
-        lost = {(manager, "") for manager in command.lost}
-        preferred = lost | {(manager, "") for manager in busy} | command.avoided
-        for avoided in (preferred, lost) if preferred != lost else (lost,):
-            task, result = self._result(execution, command.running, frozenset(avoided))
-            if result.verdict in _GOOD or result.verdict is Verdict.CANCELLED:
-                break
-        if task is None or result.task is None or result.verdict not in _GOOD:  # None: the goal cannot be read
+        task, result = make_plan(self._planner, execution, command, busy)
+        if task is None or result.task is None or result.verdict not in GOOD:  # None: the goal cannot be read
             self._events.put(lambda: self._no_plan(execution, result))
             return
         steps = result.plan.numbered_from(first) if result.plan is not None else ()
         world = task
         self._events.put(lambda: self.execute(execution, execution.machine.planned(world, steps)))
-
-    def _result(
-        self, execution: GoalExecution, running: Iterable[Step], avoided: frozenset[tuple[str, str]]
-    ) -> tuple[PlanningTask | None, PlanningResult]:
-        """Plans. Returns the task for the current world as well; None if the goal cannot be read."""
-        tasks: list[PlanningTask] = []
-
-        def adapt(task: PlanningTask) -> PlanningTask:
-            tasks.append(task)
-            facts = task.init
-            for step in running:
-                facts = step.apply(facts)
-            return task.after(facts).without_skills(avoided)
-
-        goal = execution.goal
-        try:
-            result = self._planner.plan(
-                goal.text, execution.cancelled, limits=goal.limits, planner=goal.planner, adapt=adapt
-            )
-        except Exception as error:
-            message = str(error) if isinstance(error, SkirosError) else _internal_error(error)
-            result = PlanningResult(Verdict.FAILED, message)
-        return (tasks[0] if tasks else None), result
-
-
-def _internal_error(error: Exception) -> str:
-    """Logs an unexpected exception. Returns its text."""
-    log.error("executing a goal", exc_info=error)
-    return f"internal error: {type(error).__name__}: {error}"
-
-
-_GOOD = (Verdict.PLANNED, Verdict.NOTHING_TO_DO)

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.execution import Phase, StepState
+from skiros2_task.core.execution import Phase
 from skiros2_task.core.goal_store import OnRestart, StoredGoal
 from skiros2_task.core.plan import Step
+from skiros2_task.core.step_record import StepState
 from skiros2_task.core.task import PlanningTask
 
 if TYPE_CHECKING:
-    from skiros2_task.core.executor import GoalExecution, GoalExecutor, StepRunner
+    from skiros2_task.core.executor import GoalExecutor
+    from skiros2_task.core.goal_execution import GoalExecution, StepRunner
 
 log = logging.getLogger(__name__)
 

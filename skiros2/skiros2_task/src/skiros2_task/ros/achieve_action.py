@@ -19,11 +19,13 @@ from skiros2_msgs.msg import AchieveActionGoal, AchieveFeedback, AchieveGoal, Ac
 from skiros2_msgs.srv import GoalOnRestart, GoalOnRestartRequest, GoalOnRestartResponse
 from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
-from skiros2_task.core.execution import Phase, StepRecord, StepState
-from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.execution import Phase
+from skiros2_task.core.executor import GoalExecutor
+from skiros2_task.core.goal_execution import Goal, GoalExecution
 from skiros2_task.core.goal_store import ENDED_GOALS, GoalStore, OnRestart, StoredGoal, StoreFailed
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.recovery import Restart
+from skiros2_task.core.step_record import StepRecord, StepState
 from skiros2_task.ros.plan_actions import PlanningOptions, end_goal
 
 log = logging.getLogger(__name__)

@@ -14,12 +14,12 @@ from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
-from skiros2_skill.client.manager import SkillRun
+from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.ros.registration import ROBOT_PARAMETER
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.utils import SkillHolder
-from skiros2_task.core.executor import Ended
+from skiros2_task.core.goal_execution import Ended
 from skiros2_task.core.plan import SkillCall, Step
 from skiros2_task.core.recovery import ROBOTS_TIMEOUT
 from skiros2_task.core.store import Durations

@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from skiros2_common.core.errors import Refused
+from skiros2_gateway.core.cell import Ending
 from skiros2_gateway.core.problems import Rejected, problems_of
 
 #: The context in which orders of a store are read: earlier versions have stored any number.
@@ -197,6 +198,17 @@ class Response:
     first_change: int = 0
     last_change: int = 0
     collected: bool = False
+
+    def end(self, ending: Ending, now: float, last_change: int) -> None:
+        """Takes over the end of the job's goal.
+
+        :param last_change: the number of the world model's last change.
+        """
+        self.ended, self.last_change = now, last_change
+        self.outcome, self.message = ending.outcome, ending.message
+        self.steps = ending.steps or self.steps
+        self.explanations = ending.explanations
+        self.robots = sorted({*self.robots, *(step["robot"] for step in ending.steps)})
 
 
 @dataclass

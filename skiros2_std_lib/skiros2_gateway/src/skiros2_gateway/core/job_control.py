@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 #: The author of changes that the gateway makes itself.
 GATEWAY = "gateway"
 
-#: How often jobs with an earliest start are compared with the clock (s).
+#: How often jobs with an earliest start are compared with the clock, which may be set (s).
 _CLOCK_CHECK_PERIOD = 1.0
 
 #: How long a store that refuses changes is left alone (s).
@@ -246,17 +246,10 @@ class JobControl:
             return
         if ending.outcome == UNKNOWN:
             if job.substate is Substate.LOADED and not job.wanted:
-                log.info("job %s had not reached the task manager; it is sent again", job.id)
                 self.cell.start(_goal_of(job))
                 return
             ending = replace(ending, outcome=LOST)
-        now, response = self._clock(), job.response
-        response.last_change = self.cell.revision
-        response.ended = now
-        response.outcome, response.message = ending.outcome, ending.message
-        response.steps = ending.steps or response.steps
-        response.explanations = ending.explanations
-        response.robots = sorted({*response.robots, *(step["robot"] for step in ending.steps)})
+        job.response.end(ending, now := self._clock(), self.cell.revision)
         is_ended = ending.outcome in REACHED or job.wanted == Method.STOP
         job.wanted = ""
         if is_ended and ending.outcome != LOST:
@@ -287,7 +280,6 @@ class JobControl:
         allowed = [job for job in self._jobs if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
         later = [job.earliest for job in allowed if job.earliest > now]
         if later:
-            # Not at once for the whole time: the clock may be set meanwhile.
             delay = min(_CLOCK_CHECK_PERIOD, max(0.01, min(later) - now))
             self._timer = asyncio.get_running_loop().call_later(delay, self._dispatch)
         if not self._cell.is_ready:
@@ -330,19 +322,7 @@ class JobControl:
         task.add_done_callback(self._tasks.discard)
 
     async def _collected(self, job: Job) -> None:
-        response, order = job.response, job.order
-        sources = {}
-        if order.work_master in self.masters.all:
-            sources = self.masters.get(order.work_master).quality_sources(order.parameters)
-        start: float = response.first_change
-        end: float = response.last_change or self.cell.revision
-        if not start:  # the job has never run, or was started by an earlier version
-            start, end = response.started or response.ended or job.changed, response.ended or self._clock()
-        try:
-            found = await self.cell.collect(response.robots, start, end, sources)
-        except Exception as error:  # the job has ended, whatever the cell does
-            log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
-            found = Collected(notes=[f"the changes are unknown: {error}"])
+        found = await _collect(self.cell, self.masters, job, self._clock())
         job = self._jobs.open(job.id) or job  # it may have been cleared meanwhile
         response = job.response
         response.changes, response.quality = found.changes, found.quality
@@ -352,6 +332,23 @@ class JobControl:
             job.change(State.ENDED, Substate.CLOSED, self._clock())
         self._note(job, GATEWAY, "collected")
         self.events.publish("response", {"job": job.id, **asdict(response)})
+
+
+async def _collect(cell: Cell, masters: WorkMasters, job: Job, now: float) -> Collected:
+    """Reads what a job has changed, by the numbers of the changes: the clock may have been set."""
+    response, order = job.response, job.order
+    sources = {}
+    if order.work_master in masters.all:
+        sources = masters.get(order.work_master).quality_sources(order.parameters)
+    start: float = response.first_change
+    end: float = response.last_change or cell.revision
+    if not start:  # the job has never run, or was started by an earlier version
+        start, end = response.started or response.ended or job.changed, response.ended or now
+    try:
+        return await cell.collect(response.robots, start, end, sources)
+    except Exception as error:  # the job has ended, whatever the cell does
+        log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
+        return Collected(notes=[f"the changes are unknown: {error}"])
 
 
 def _goal_of(job: Job) -> Goal:

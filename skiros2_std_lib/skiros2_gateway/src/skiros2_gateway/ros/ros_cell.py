@@ -71,7 +71,7 @@ class RosCell:
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
         self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
         self._robots_of: dict[str, list[tuple[str, str]]] = {}  # (robot, skill) of each goal's running steps
-        self._questions: dict[str, str] = {}  # of goals that ask how to continue after a restart
+        self._questions: dict[str, str] = {}  # of goals that ask how to continue after a restart; "": they do not
         self._paused: set[str] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._skill_runs = SkillRuns()
@@ -148,16 +148,10 @@ class RosCell:
 
     def resume(self, goal_id: str) -> None:
         self._paused.discard(goal_id)
-        if goal_id in self._questions:
-            self._spawn(self._continue(goal_id))
+        if self._questions.get(goal_id):
+            on_restart = srvs.GoalOnRestartRequest.CONTINUE
+            self._spawn(self._run(functools.partial(set_on_restart, goal_id, on_restart), f"resume job {goal_id}"))
         self._command_tasks(goal_id, "resume")
-
-    async def _continue(self, goal_id: str) -> None:
-        """Answers the question of a goal after a restart."""
-        try:
-            await self.in_thread(set_on_restart, goal_id, srvs.GoalOnRestartRequest.CONTINUE)
-        except SkirosError as error:
-            log.error("job %s does not continue: %s", goal_id, error)
 
     async def _start_restricted(self, goal: Goal) -> None:
         """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""
@@ -186,10 +180,7 @@ class RosCell:
         running = [(s["robot"], names.get(s["number"], "")) for s in progress.steps if s["state"] == "running"]
         has_new = set(running) - set(self._robots_of.get(goal_id, []))
         self._robots_of[goal_id] = running
-        if progress.phase == ASKING:
-            self._questions[goal_id] = progress.message
-        else:
-            self._questions.pop(goal_id, None)
+        self._questions[goal_id] = progress.message if progress.phase == ASKING else ""
         if goal_id in self._paused and has_new:
             self._command_tasks(goal_id, "pause")
         self._report_stop(goal_id)
@@ -291,16 +282,7 @@ class RosCell:
             client.make_plan(goal, quality=quality)
             return client.wait_for_result()
 
-        result: MakePlanResult = await self.in_thread(make, timeout=120.0)
-        return {
-            "state": result.state,
-            "message": result.message,
-            "plan": json.loads(result.plan or "[]"),
-            "makespan": result.makespan,
-            "why": json.loads(result.why) if result.why else None,
-            "preview": json.loads(result.preview) if result.preview else None,
-            "notes": list(result.notes),
-        }
+        return _plan_data(await self.in_thread(make, timeout=120.0))
 
     async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
         clients = [self._client(name) for name in robots or sorted(self._robots.agents)]
@@ -395,6 +377,18 @@ def _collect(
     except SkirosError as error:
         notes.append(f"the changes of the world model are unknown: {error}")
     return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
+
+
+def _plan_data(result: MakePlanResult) -> dict[str, Any]:
+    return {
+        "state": result.state,
+        "message": result.message,
+        "plan": json.loads(result.plan or "[]"),
+        "makespan": result.makespan,
+        "why": json.loads(result.why) if result.why else None,
+        "preview": json.loads(result.preview) if result.preview else None,
+        "notes": list(result.notes),
+    }
 
 
 class _PausingListener:

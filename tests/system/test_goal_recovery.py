@@ -124,3 +124,35 @@ def test_killed_task_manager_continues_with_the_step_that_runs(ros: Ros, tmp_pat
     assert states(result) == ["succeeded", "succeeded"]
     assert cell.content(cell.store) == cell.moves() == sorted(cell.products)
     porter.shutdown()
+
+
+def test_power_failure_while_the_robot_holds_something_asks(ros: Ros, tmp_path: Path) -> None:
+    cell = Cell(ros, tmp_path)
+    request = cell.achieve()
+    (held,) = wait_until(lambda: cell.content(cell.gripper), WAIT, "a held product")
+    for node in ("/wm", "/porter", "/tm"):
+        ros.kill_node(node)
+    cell.start_world_model()
+    cell.start_robot()
+    cell.start_task_manager()
+    request.wait_for(lambda feedback: feedback.phase == "asking")
+    assert f"/porter holds {held}" in request.feedback[-1].message
+    assert cell.content(cell.gripper) == [held]
+    cell.wm.set_relation(cell.gripper, "skiros:contain", held, False)  # a person puts it back
+    cell.wm.set_relation(cell.shelf, "skiros:contain", held)
+    cell.set_on_restart(request.id, "continue")
+    result = request.result
+    assert result.state == AchieveResult.SUCCEEDED, result.message
+    assert states(result) == ["failed", "succeeded", "succeeded"]
+    assert cell.content(cell.store) == cell.moves() == sorted(cell.products)
+
+
+def test_goal_that_is_to_end_after_a_restart_is_reported(ros: Ros, tmp_path: Path) -> None:
+    cell = Cell(ros, tmp_path, on_restart="abort")
+    request = cell.achieve()
+    request.wait_for(hauls)
+    ros.kill_node("/tm")
+    cell.start_task_manager()
+    result = request.result
+    assert (result.state, states(result)) == (AchieveResult.FAILED, ["stopped"])
+    assert "on_restart is abort" in result.message

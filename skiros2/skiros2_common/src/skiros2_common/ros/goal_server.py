@@ -139,12 +139,17 @@ class GoalServer:
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
     :param status_kept: how long the status lists a goal that has ended, at least (s).
+    :param delay: from the receipt of a goal to its start (s). actionlib's simple client logs an error, and may miss the
+        goal's end, if the goal changes its state before the client's `send_goal` has returned.
     :param results_kept: the number of the last results that are kept for questions.
     """
 
-    def __init__(self, name: str, spec: Any, status_kept: float = 0.0, results_kept: int = 0) -> None:
+    def __init__(
+        self, name: str, spec: Any, status_kept: float = 0.0, delay: float = 0.0, results_kept: int = 0
+    ) -> None:
         self._name = name
         self._status_kept = status_kept
+        #: With the earliest start of each (s, monotonic).
         self._goals_waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._cancellations: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = threading.Event()
@@ -154,7 +159,7 @@ class GoalServer:
         self._server = _ActionServer(
             name,
             spec,
-            self._goals_waiting.put,
+            lambda handle: self._goals_waiting.put((handle, time.monotonic() + delay)),
             self._cancellations.put,
             results_kept,
             self._is_empty,
@@ -266,7 +271,9 @@ class GoalServer:
             except Exception:
                 log.exception("action %s: a request raised an error", self._name)
 
-    def _take(self, handle: Any) -> None:
+    def _take(self, waiting: tuple[Any, float]) -> None:
+        handle, earliest = waiting
+        time.sleep(max(0.0, earliest - time.monotonic()))
         if handle.get_goal_status().status == GoalStatus.RECALLING:
             message = "cancelled before its start"
             handle.set_canceled(self._unserved_result(True, message), message)
@@ -281,8 +288,8 @@ class GoalServer:
 
     def _waiting(self) -> Iterable[Any]:
         while not self._goals_waiting.empty():
-            if (handle := self._goals_waiting.get()) is not None:
-                yield handle
+            if (waiting := self._goals_waiting.get()) is not None:
+                yield waiting[0]
 
     def _flush(self) -> None:
         # rospy writes in its own threads and drops queued messages when a topic is closed.

@@ -26,7 +26,7 @@ from skiros2_task.core.goal_store import ENDED_GOALS, GoalStore, OnRestart, Stor
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.recovery import Restart
 from skiros2_task.core.step_record import StepRecord, StepState
-from skiros2_task.ros.plan_actions import PlanningOptions, end_goal
+from skiros2_task.ros.plan_actions import START_DELAY, PlanningOptions, end_goal
 
 log = logging.getLogger(__name__)
 
@@ -66,7 +66,7 @@ class AchieveAction(GoalServer):
         self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS,
         interrupt_priority: int = INTERRUPT_PRIORITY, store: GoalStore | None = None,
     ) -> None:  # fmt: skip
-        super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT, ENDED_GOALS)
+        super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT, START_DELAY, ENDED_GOALS)
         self._executor = executor
         self._options = options
         self._max_replans = max_replans

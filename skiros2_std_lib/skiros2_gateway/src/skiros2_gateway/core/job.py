@@ -6,7 +6,7 @@ import hashlib
 import math
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -20,8 +20,10 @@ from pydantic import (
 )
 
 from skiros2_common.core.errors import Refused
-from skiros2_gateway.core.cell import Ending
 from skiros2_gateway.core.problems import Rejected, problems_of
+
+if TYPE_CHECKING:
+    from skiros2_gateway.core.cell import Ending
 
 #: The context in which orders of a store are read: earlier versions have stored any number.
 _STORED = {"is_stored": True}

@@ -49,9 +49,9 @@ class System:
         self.executor = GoalExecutor(planner, self.runner, self.store)
         self.runner.on_change = self.executor.world_changed
 
-    def achieve(self) -> GoalExecution:
+    def achieve(self, **options: Any) -> GoalExecution:
         goal = f"(forall (?p - skiros:Product) (skiros:contain {self.world.places[-1]} ?p))"
-        self.goal = Goal(goal, id=GOAL_ID)
+        self.goal = Goal(goal, id=GOAL_ID, **options)
         assert self.store.accept(GOAL_ID, {"goals": goal})
         self.execution = self.executor.achieve(self.goal, self._on_change, self._on_end)
         return self.execution
@@ -70,7 +70,7 @@ class System:
         self.executor.robot_found(MANAGER)
 
     def wait_for_question(self) -> None:
-        assert self._asks.wait(10.0)
+        assert self._asks.wait(30.0)
 
     @property
     def labels(self) -> list[str]:
@@ -78,7 +78,7 @@ class System:
         return [step.call.label for _, step in self.runner.started]
 
     def wait(self) -> End:
-        assert self._over.wait(10.0)
+        assert self._over.wait(30.0)
         assert self.end is not None
         return self.end
 
@@ -207,7 +207,7 @@ def test_goal_that_somebody_reached_meanwhile_ends(system: Any) -> None:
 def test_no_step_starts_that_is_not_stored(system: Any) -> None:
     one = system()
     one.store._db.execute("CREATE TRIGGER full BEFORE INSERT ON steps BEGIN SELECT RAISE(ABORT, 'disk full'); END")
-    one.achieve()
+    one.achieve(max_replans=0)
     assert one.wait().verdict is Verdict.FAILED
     assert "disk full" in one.end.message
     assert one.labels == []

@@ -278,7 +278,7 @@ class Retention:
                 with self._file.writing:  # under load, a passive checkpoint never completes
                     db.execute("PRAGMA wal_checkpoint(RESTART)")
             if self._days:
-                self._prune_before(db, min(self._own_before(db), _request_at(db, self._expiry + self._offset)))
+                self._prune_before(db, max(int(read_meta(db, "begin") or 0), self._newest_expired(db)))
             while not self._stopped.is_set() and _size(db) > self._max_bytes:
                 count = db.execute("SELECT count(*) FROM request").fetchone()[0]
                 if count < 2:
@@ -292,15 +292,18 @@ class Retention:
         """The time before which states have expired (s, monotonic)."""
         return self._monotonic() - self._days * 86400.0
 
-    def _own_before(self, db: sqlite3.Connection) -> int:
-        """The number of the newest request that has expired by the running time of this process."""
+    def _newest_expired(self, db: sqlite3.Connection) -> int:
+        """The number of the newest expired request."""
         now = self._monotonic()
         if not self._written or now - self._written[-1][0] > self._days * 864.0:
             newest = db.execute("SELECT max(number) FROM request").fetchone()[0]
             self._written.append((now, newest or 0))
         while len(self._written) > 1 and self._written[1][0] < self._expiry:
             del self._written[0]
-        return self._written[0][1]
+        expired_at, newest = self._written[0]
+        if expired_at < self._expiry:
+            return newest
+        return min(newest, _request_at(db, self._expiry + self._offset))
 
     def _prune_before(self, db: sqlite3.Connection, begin: int) -> None:
         """Deletes all states before the one after a request, in small transactions."""

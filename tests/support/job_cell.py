@@ -6,7 +6,7 @@ import json
 import urllib.error
 import urllib.request
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +106,10 @@ class JobCell:
 
     def kill(self, *nodes: str) -> None:
         """Kills nodes at once and starts them again."""
-        processes = [ProcessId(self.ros.master.node_pid(node)) for node in nodes]
+        self.replace(*nodes, processes=[ProcessId(self.ros.master.node_pid(node)) for node in nodes])
+
+    def replace(self, *nodes: str, processes: Sequence[ProcessId]) -> None:
+        """Kills the processes of nodes, and starts the nodes again."""
         if "/gateway" in nodes:  # the next one has another free port
             self.ros.master.delete_parameter("/gateway/address")
         for process in processes:

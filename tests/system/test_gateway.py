@@ -27,7 +27,7 @@ from skiros2_gateway.opcua.server import UNKNOWN_JOB
 from skiros2_gateway.ros.ros_cell import RosCell
 from support.certificates import make_certificate
 from support.job_cell import ROBOT, TOKENS, JobCell
-from support.programs import PATIENCE
+from support.programs import PATIENCE, ProcessId
 from support.ros import Ros, RosMaster, wait_until
 
 pytestmark = pytest.mark.timeout(180)
@@ -204,9 +204,10 @@ def test_gateway_that_comes_back_learns_the_steps_it_has_missed(cell: JobCell) -
     key = order["parameters"]["Product"], order["parameters"]["Place"]
     before = cell.carried()[key]
     assert cell.rest.post("/api/jobs", order)[0] == 201
-    os.kill(cell.ros.master.node_pid("/gateway"), signal.SIGSTOP)
+    gateway = ProcessId(cell.ros.master.node_pid("/gateway"))
+    os.kill(gateway.pid, signal.SIGSTOP)
     wait_until(lambda: cell.carried()[key] > before, what="the carried product")
-    cell.kill("/gateway")
+    cell.replace("/gateway", processes=[gateway])
     response = cell.wait_for(["missed"])["missed"]["response"]
     assert (response["outcome"], [step["state"] for step in response["steps"]]) == ("succeeded", ["succeeded"])
     assert response["changes"]

@@ -154,5 +154,6 @@ def test_goal_that_is_to_end_after_a_restart_is_reported(ros: Ros, tmp_path: Pat
     ros.kill_node("/tm")
     cell.start_task_manager()
     result = request.result
-    assert (result.state, states(result)) == (AchieveResult.FAILED, ["stopped"])
+    assert result.state == AchieveResult.FAILED
+    assert states(result) in (["stopped"], ["succeeded"])  # it may have ended before the next task manager
     assert "on_restart is abort" in result.message

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -13,6 +12,7 @@ from itertools import count
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
+from skiros2_task.core.event_queue import EventQueue
 from skiros2_task.core.execution import ExecutionStateMachine, Phase
 from skiros2_task.core.execution_log import ExecutionLog
 from skiros2_task.core.goal_execution import Goal, GoalExecution, OnChange, OnEnd, StepRunner
@@ -47,7 +47,7 @@ class GoalExecutor:
         self._executions: dict[str, GoalExecution] = {}
         self._lost: set[str] = set()
         self._found: set[str] = set()
-        self._events: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._events = EventQueue()
         self._ids = count(1)
         self._thread = threading.Thread(target=self._run, name="goal executor", daemon=True)
         self._thread.start()
@@ -144,9 +144,8 @@ class GoalExecutor:
                 log.exception("executing goals")
 
     def after(self, seconds: float, event: Callable[[], None]) -> None:
-        timer = threading.Timer(seconds, self._events.put, (event,))
-        timer.daemon = True
-        timer.start()
+        """Calls a function in the executor's thread, later. In the executor's thread."""
+        self._events.put_later(seconds, event)
 
     def _begin(self, execution: GoalExecution) -> None:
         self.add(execution)
@@ -174,12 +173,16 @@ class GoalExecutor:
                     execution.stops[command.number]()
             self._execute_each(execution, self._write(execution, commands))
         except Exception as error:
-            message = internal_error(error)
-            execution.cancelled.set()
-            for stop in execution.stops.values():
-                stop()
-            if execution.name in self._executions:
-                self._end(execution, End(Verdict.FAILED, message))
+            self._fail(execution, error)
+
+    def _fail(self, execution: GoalExecution, error: Exception) -> None:
+        """Ends a goal after an unexpected exception."""
+        message = internal_error(error)
+        execution.cancelled.set()
+        for stop in execution.stops.values():
+            stop()
+        if execution.name in self._executions:
+            self._end(execution, End(Verdict.FAILED, message))
 
     def _execute_each(self, execution: GoalExecution, commands: Sequence[Command]) -> None:
         for command in commands:
@@ -308,7 +311,10 @@ class GoalExecutor:
 
     def _work(self, execution: GoalExecution) -> None:
         while (work := execution.work.get()) is not None:
-            work()
+            try:
+                work()
+            except Exception as error:
+                self._events.put(partial(self._fail, execution, error))
 
     def _read(self, execution: GoalExecution) -> None:
         start = time.monotonic()
@@ -326,5 +332,4 @@ class GoalExecutor:
             self._events.put(lambda: self._no_plan(execution, result))
             return
         steps = result.plan.numbered_from(first) if result.plan is not None else ()
-        world = task
-        self._events.put(lambda: self.execute(execution, execution.machine.planned(world, steps)))
+        self._events.put(lambda: self.execute(execution, execution.machine.planned(task, steps)))

@@ -148,7 +148,7 @@ class AchieveAction(GoalServer):
             store.end(goal_id, status, result.message, {name: getattr(result, name) for name in result.__slots__})
         except StoreFailed as error:
             log.error("the result of the goal %s is not stored: %s", goal_id, error)
-        self._executor.after(_DELIVERY_TIME, lambda: store.note_delivered(goal_id))
+        self._executor.put(lambda: self._executor.after(_DELIVERY_TIME, lambda: store.note_delivered(goal_id)))
 
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)

@@ -200,16 +200,7 @@ class RosCell:
     def _command_tasks(self, goal_id: str, action: str) -> None:
         """Pauses or resumes the tasks of a goal's running steps."""
         wanted = self._robots_of.get(goal_id, [])
-
-        def command() -> None:
-            for name, label in wanted:
-                client = self._robots.agents.get(name)
-                if client is None:
-                    continue
-                for number, message in client.progress.items():
-                    if any(node.label == label for node in message.progress):
-                        _send(client, _COMMANDS[action], number)
-
+        command = functools.partial(_command_tasks, self._robots, wanted, _COMMANDS[action])
         self._spawn(self._run(command, f"{action} job {goal_id}"))
 
     async def _run(self, command: Callable[[], None], what: str) -> None:
@@ -384,6 +375,17 @@ def _collect(
     except SkirosError as error:
         notes.append(f"the changes of the world model are unknown: {error}")
     return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
+
+
+def _command_tasks(robots: Robots, wanted: Sequence[tuple[str, str]], command: str) -> None:
+    """Sends a command to the tasks that run these skills, each a robot and a label."""
+    for name, label in wanted:
+        client = robots.agents.get(name)
+        if client is None:
+            continue
+        for number, message in client.progress.items():
+            if any(node.label == label for node in message.progress):
+                _send(client, command, number)
 
 
 def _plan_data(result: MakePlanResult) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import (
+    FOREIGN_ERRORS,
     OutOfLimits,
     Refused,
     RobotStopped,
@@ -19,7 +20,7 @@ from skiros2_common.core.errors import (
 )
 from skiros2_common.core.explanation import GIVEN, PARAMETER, START, STOP, Explanation, Provenance
 from skiros2_common.core.names import full_name, nearest
-from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.params import Origin, Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import format_values
@@ -362,9 +363,13 @@ class TaskStarter:
         self._check_stop(nodes)
         robot = self._robot()
         task = self._scheduler.new_task(self._wmi, author)
-        task.allowed_when_stopped = _allowed_when_stopped(nodes)
-        _fill(task.root, robot, nodes)
-        self._history.begin(task)
+        try:
+            task.allowed_when_stopped = _allowed_when_stopped(nodes)
+            _fill(task.root, robot, nodes)
+            self._history.begin(task)
+        except FOREIGN_ERRORS:
+            self._scheduler.discard(task)
+            raise
         return task
 
     def _check_stop(self, nodes: Sequence[SkillWrapper]) -> None:
@@ -397,7 +402,8 @@ class TaskStarter:
         found = {
             slot.key: Element(slot.param.value.type, slot.param.value.label, slot.param.value.id)
             for slot in first.slots
-            if slot.is_element and slot.param.is_bound() and (slot.inferred or slot.shared is not None)
+            if slot.is_element and slot.param.is_bound()
+            if slot.origin is not Origin.GIVEN or slot.shared is not None
         }
         return StartPreview(first.implementation.label, found)
 

@@ -150,7 +150,7 @@ def test_power_failure_while_the_robot_holds_something_asks(ros: Ros, tmp_path: 
 def test_goal_that_is_to_end_after_a_restart_is_reported(ros: Ros, tmp_path: Path) -> None:
     cell = Cell(ros, tmp_path, on_restart="abort")
     request = cell.achieve()
-    request.wait_for(hauls)
+    wait_until(lambda: cell.content(cell.gripper), WAIT, "a held product")
     ros.kill_node("/tm")
     cell.start_task_manager()
     result = request.result

@@ -37,7 +37,7 @@ from skiros2_task.core.task import PlanningTask, objects_in_scene
 SETTLE_TIME = 0.3
 
 #: How long a goal without a plan waits for a lost robot (s).
-ROBOT_TIMEOUT = 10.0
+ROBOT_TIMEOUT = 30.0
 
 #: After this number of failures on a robot, a skill is planned with on other robots, if possible.
 MAX_FAILURES = 2

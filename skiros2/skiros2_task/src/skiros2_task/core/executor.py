@@ -114,10 +114,11 @@ class GoalExecutor:
 
     # -- for `Recovery` ----------------------------------------------------------------------------------------
 
-    @property
-    def found(self) -> frozenset[str]:
-        """The managers that have appeared. In the executor's thread."""
-        return frozenset(self._found)
+    def missing(self, managers: Iterable[str]) -> set[str]:
+        """Returns the managers that do not run. Goals that begin now wait for them. In the executor's thread."""
+        missing = set(managers) - self._found
+        self._lost |= missing
+        return missing
 
     def put(self, event: Callable[[], None]) -> None:
         """Calls a function in the executor's thread. Any thread."""

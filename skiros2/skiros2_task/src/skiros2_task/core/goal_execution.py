@@ -13,6 +13,7 @@ from skiros2_task.core.commands import End
 from skiros2_task.core.engines import Limits
 from skiros2_task.core.execution import ExecutionStateMachine
 from skiros2_task.core.execution_log import ExecutionLog
+from skiros2_task.core.given_plan import GivenPlan
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.step_record import StepRecord
@@ -46,14 +47,14 @@ class Goal:
     :param priority: of goals that need the same robot, the one with the highest priority gets it first.
     :param interrupts: whether it stops the steps of goals with a lower priority that use the robots of its plan.
     :param limits, planner: for each planning; None: those of the `TaskPlanner`.
-    :param max_replans: how often a broken plan is replaced at most.
+    :param max_replans: how often a broken plan is replaced at most; 0 for a given plan.
     :param id: in the executor's store; "": the goal is not stored.
     """
 
     text: str
     priority: int = 0
     limits: Limits | None = None
-    planner: Planner | None = None
+    planner: Planner | GivenPlan | None = None
     max_replans: int = 5
     interrupts: bool = False
     id: str = ""

@@ -81,7 +81,7 @@ class Recovery:
         for execution, _ in goals:
             machine = execution.machine
             self._awaited |= {step.call.manager for step in (*machine.running, *machine.waiting)}
-        self._awaited -= self._executor.found
+        self._awaited = self._executor.missing(self._awaited)
         self._executor.after(ROBOTS_TIMEOUT, self._stop_waiting)
         self._check()
 

@@ -21,6 +21,7 @@ from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
 from skiros2_task.core.execution import Phase
 from skiros2_task.core.executor import GoalExecutor
+from skiros2_task.core.given_plan import GivenPlan
 from skiros2_task.core.goal_execution import Goal, GoalExecution
 from skiros2_task.core.goal_store import ENDED_GOALS, GoalStore, OnRestart, StoredGoal, StoreFailed
 from skiros2_task.core.planning import Verdict
@@ -103,8 +104,8 @@ class AchieveAction(GoalServer):
         """Continues the goals of an earlier process."""
         if self._recovered:
             log.warning("%d goals of an earlier process continue", len(self._recovered))
-            self._executor.recover(self._recovered, restart)
-            self._recovered = []
+        self._executor.recover(self._recovered, restart)
+        self._recovered = []
 
     def set_on_restart(self, request: GoalOnRestartRequest) -> GoalOnRestartResponse:
         """Serves `~on_restart`."""
@@ -191,12 +192,14 @@ class AchieveAction(GoalServer):
         """
         :raises WrongValue: a field has an invalid value.
         """
+        planner = self._options.planner(message.wish)
+        max_replans = message.max_replans if message.max_replans >= 0 else self._max_replans
         return Goal(
             text=message.goals,
             priority=message.priority,
             limits=self._options.limits(message.seconds),
-            planner=self._options.planner(message.wish),
-            max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
+            planner=planner,
+            max_replans=0 if isinstance(planner, GivenPlan) else max_replans,
             interrupts=message.priority >= self._interrupt_priority,
             id=goal_id if self._store is not None else "",
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Collection
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from skiros2_task.core.held_objects import held_objects
 from skiros2_task.core.planners import DEFAULT_ENGINE, planner_named
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.preview import preview
-from skiros2_task.core.recovery import Restart
+from skiros2_task.core.recovery import ROBOTS_TIMEOUT, Restart
 from skiros2_task.core.store import DURATIONS_FILE, FOLDER, Archive, Durations
 from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY, MAX_REPLANS, AchieveAction
 from skiros2_task.ros.plan_actions import PlanAction, PlanningOptions, TaskPlanAction
@@ -96,6 +97,9 @@ class _System:
         self._store = store
         self._on_restart = on_restart
         self._session = ""
+        self._started = time.monotonic()
+        self._earlier = frozenset(store.meta("managers") or ()) if store is not None else frozenset()
+        self._found: set[str] = set()
 
     def restart(self) -> Restart:
         """Returns what the earlier process has left."""
@@ -113,13 +117,18 @@ class _System:
             found = store.on_restart(goal_id)
             return self._on_restart if found is None else found
 
-        return Restart(frozenset(store.meta("managers") or ()), on_restart, question)
+        return Restart(self._earlier, on_restart, question)
 
     def watch(self, report: Callable[[str], None], runner: ManagerStepRunner) -> Callable[[str], None]:
-        """Returns a callback that stores the running managers, then reports the one that has appeared or gone."""
+        """Returns a callback that stores the managers, then reports the one that has appeared or gone.
+
+        A manager that has gone may have been killed, like this process soon: it is stored as well.
+        """
 
         def callback(manager: str) -> None:
-            self._note("managers", sorted(runner.agents))
+            self._found.update(runner.agents)
+            is_early = time.monotonic() - self._started < ROBOTS_TIMEOUT
+            self._note("managers", sorted(self._found | (self._earlier if is_early else set())))
             self.note_session()
             report(manager)
 

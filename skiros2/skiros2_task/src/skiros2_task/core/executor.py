@@ -116,8 +116,7 @@ class GoalExecutor:
 
     def missing(self, managers: Iterable[str]) -> set[str]:
         """Returns the managers that do not run. Goals that begin now wait for them. In the executor's thread."""
-        missing = set(managers) - self._found
-        self._lost |= missing
+        self._lost |= (missing := set(managers) - self._found)
         return missing
 
     def put(self, event: Callable[[], None]) -> None:

@@ -197,6 +197,14 @@ class OntologyAbstractInterface(ABC):
         """The individuals of a class in the ontologies, and with `recursive` of its subclasses, sorted."""
         return self._ontology.individuals(self._name(parent_class), recursive)
 
+    def get_declared(self, kind: str) -> list[str]:
+        """The names that the ontologies declare as of a kind, such as `owl:Class` or `owl:NamedIndividual`, sorted."""
+        return self._ontology.declared(self._name(kind))
+
+    def get_properties_with_range(self, name: str) -> list[str]:
+        """The properties whose range is this class or datatype, such as `xsd:boolean`, sorted."""
+        return self._ontology.properties_with_range(self._name(name))
+
     def knows(self, name: str) -> bool:
         """Whether a name is a class, property or individual of the ontologies, or a term of RDF or OWL."""
         return self._ontology.knows(self._name(name))

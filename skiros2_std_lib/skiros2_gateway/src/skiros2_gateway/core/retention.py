@@ -11,14 +11,14 @@ from skiros2_gateway.core.store import JobStore
 
 log = logging.getLogger(__name__)
 
-#: The time between two removals (s), and between the parts of one.
+#: The most time between two removals (s), and the time between the parts of one.
 PERIOD, PAUSE = 3600.0, 0.05
 
 _DAY = 86_400.0  # s
 
 
 async def keep_days(store: JobStore, days: float) -> None:
-    """Removes what is older, now and once an hour, until it is cancelled.
+    """Removes what is older, now and once an hour, or ten times in a shorter period, until it is cancelled.
 
     :param days: 0: nothing is removed.
     """
@@ -32,4 +32,4 @@ async def keep_days(store: JobStore, days: float) -> None:
             log.error("old jobs are not removed: %s", error)
         if removed:
             log.info("removed %s jobs and audit entries that were older than %g days", removed, days)
-        await asyncio.sleep(PERIOD)
+        await asyncio.sleep(min(PERIOD, days * _DAY / 10.0))

@@ -22,6 +22,7 @@ import rospy
 
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
+from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.job_cell import ROBOT, TOKENS, JobCell
@@ -40,7 +41,7 @@ KILLS = {1: "/tm", 2: "/wm", 3: "/gateway", 4: ROBOT, 9: ROBOT, 14: ROBOT, 21: R
 NODES = ("/wm", "/tm", "/gateway")
 
 JOURNAL_MB = 2.0
-KEPT_DAYS = 3.0  # simulated
+KEPT = max(3 * DAY, 15.0)  # s; three simulated days, but long enough to see the end of a job
 
 #: What a node may grow by between two figures: memory (share and MB), threads, files and connections. A figure is taken
 #: at a moment when connections of clients that have gone may not be closed yet.
@@ -71,7 +72,7 @@ class Soak:
     """One run, with its figures."""
 
     def __init__(self, ros: Ros, folder: Path, seed: int) -> None:
-        self.cell = SoakCell(ros, folder, products=6, keep_days=KEPT_DAYS * DAY / 86_400.0)
+        self.cell = SoakCell(ros, folder, products=6, keep_days=KEPT / 86_400.0)
         self.ros = ros
         self.wm = WorldModelInterface("editor")
         self.chance = random.Random(seed)
@@ -84,6 +85,7 @@ class Soak:
             if day in KILLS:
                 self.cell.kill(KILLS[day])
                 self.kills += 1
+                self.ros.service(f"{ROBOT}/get_skills", ResourceGetDescriptions)()
                 self.cell.wait_until_ready()
             end = begin + day * DAY
             while True:
@@ -105,7 +107,12 @@ class Soak:
                 self.disturb(product)
         self.edit()
         self.connect()
-        self.cell.wait_for(ids, 120.0)
+        wait_until(lambda: self.have_ended(ids), 120.0, "the end of the jobs")
+
+    def have_ended(self, ids: list[str]) -> bool:
+        """Whether jobs have ended; some may have been removed since."""
+        jobs = self.cell.jobs()
+        return all(jobs[job_id]["response"]["collected"] for job_id in ids if job_id in jobs)
 
     def disturb(self, product: int) -> None:
         """Somebody carries a product away while a job is about to."""

@@ -85,7 +85,7 @@ class WorldView:
         found = {
             key for e in self.objects.values() for key in e.available_properties if isinstance(e.value_of(key), bool)
         }
-        return found | set(self._wm.get_properties_with_range("xsd:boolean"))
+        return found | set(self._wm.properties_of_range("xsd:boolean"))
 
     def texts(self) -> set[tuple[str, str]]:
         """Returns the (property, value) pairs of objects with text values."""
@@ -99,7 +99,7 @@ class WorldView:
         }
 
     def _named(self, kind: str) -> set[str]:
-        return {name for name in self._wm.get_declared(f"owl:{kind}") if ":" in name}
+        return {name for name in self._wm.declared_names(f"owl:{kind}") if ":" in name}
 
     # -- objects -----------------------------------------------------------------------------------------------
 

@@ -18,7 +18,10 @@ from skiros2_world_model.core.prefixes import STANDARD, prefix_of
 NamedTriple = tuple[str, str, Any]
 
 #: Selects what a client needs of the ontologies: all triples except those with literals.
+#: It is answered from memory, without SPARQL.
 STRUCTURE_QUERY = "SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isLiteral(?o)) }"
+#: Answered with yes by a server that is there, similarly.
+ALIVE_QUERY = "ASK {}"
 
 _META = ("rdf:", "rdfs:", "owl:", "xsd:")
 _CLASS_TYPES = ("owl:Class", "rdfs:Class", "owl:class")
@@ -124,10 +127,6 @@ class Ontology:
     def declared(self, kind: str) -> list[str]:
         """The names of a declared type, such as `owl:Class`, sorted; without blank nodes."""
         return sorted(name for name, types in self._types.items() if kind in types and not name.startswith("_:"))
-
-    def properties_with_range(self, name: str) -> list[str]:
-        """The properties that state this range, sorted."""
-        return sorted(prop for prop, ranges in self._ranges.items() if name in ranges)
 
     def direct_superclasses(self, name: str) -> list[str]:
         return list(self._superclasses.get(name, ()))

@@ -20,7 +20,8 @@ from support.programs import ProcessId, Program
 from support.ros import Ros, wait_until
 
 TESTS = Path(__file__).resolve().parents[1]
-TOKENS = {name: f"{name}-0123456789abcdef" for name in ("view", "operate", "maintain")}
+TOKENS = {name: f"{name}-0123456789abcdef" for name in ("agent", "view", "operate", "approve", "maintain")}
+PERSONS = ("approve", "maintain")
 ROBOT = "/porter"
 
 MASTERS = {
@@ -45,7 +46,7 @@ class JobCell:
         self.ros = ros
         self.folder = folder
         self._carried = folder / "carried.txt"
-        users = [{"name": name, "role": name, "token": token} for name, token in TOKENS.items()]
+        users = [{"name": n, "role": n, "token": token, "person": n in PERSONS} for n, token in TOKENS.items()]
         self.users = folder / "users.yaml"
         self.users.write_text(yaml.safe_dump({"users": users}))
         self.users.chmod(0o600)

@@ -5,15 +5,11 @@ from __future__ import annotations
 import asyncio
 import ssl
 import urllib.request
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager
+from collections.abc import Iterator
 from typing import Any
 
-import httpx2
 import pytest
 from asyncua import Client, ua
-from mcp import Client as McpClient
-from mcp.client.streamable_http import streamable_http_client
 from rospy.impl.registration import get_topic_manager
 
 from skiros2_gateway.core.events import EventStream
@@ -23,6 +19,7 @@ from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import UNKNOWN_JOB
 from skiros2_gateway.ros.ros_cell import RosCell
+from support.agent import connected_agent
 from support.certificates import make_certificate
 from support.job_cell import ROBOT, TOKENS, JobCell
 from support.programs import PATIENCE
@@ -92,24 +89,9 @@ def test_plans_leave_no_subscriptions_behind(cell: JobCell) -> None:
     asyncio.run(plan())
 
 
-@asynccontextmanager
-async def connected(cell: JobCell) -> AsyncIterator[Callable[..., Awaitable[Any]]]:
-    """Connects an agent. Yields a function that calls a tool and returns its data."""
-    headers = {"Authorization": f"Bearer {TOKENS['operate']}"}
-    async with (
-        httpx2.AsyncClient(headers=headers, timeout=PATIENCE) as http,
-        McpClient(streamable_http_client(f"{cell.rest.address}/mcp", http_client=http)) as client,
-    ):
-
-        async def call(tool: str, **arguments: Any) -> Any:
-            return (await client.call_tool(tool, arguments)).structured_content
-
-        yield call
-
-
 def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
     async def agent() -> list[Any]:
-        async with connected(cell) as call:
+        async with connected_agent(cell) as call:
             values = {"Object": cell.products[1], "To": cell.stores[0]}
             start = {"robot": ROBOT, "skill": "carry_at_once", "parameters": values}
             order = cell.order("of-agent", 1)
@@ -141,11 +123,11 @@ def test_agent_runs_a_skill_and_proposes_what_a_failed_job_lacks(cell: JobCell) 
 
     def approve() -> dict[str, Any]:
         (approval,) = wait_until(lambda: cell.rest.get("/api/approvals")["approvals"], what="a request for an approval")
-        assert cell.rest.post(f"/api/approvals/{approval['number']}/approve", {}, "maintain")[0] == 200
+        assert cell.rest.post(f"/api/approvals/{approval['id']}/approve", {}, "approve")[0] == 200
         return dict(approval["what"])
 
     async def agent() -> tuple[Any, Any, Any, Any]:
-        async with connected(cell) as call:
+        async with connected_agent(cell) as call:
             started = await call("execute", **skill)
             while (run := await call("explain", robot=ROBOT, task=started["task"]))["state"] == "running":
                 await asyncio.sleep(0.05)

@@ -27,6 +27,7 @@ export class Cell extends EventTarget {
   connection = "connecting";
   role = "";
   user = "";
+  person = false;
   styles = {};
   #source = null;
   #retry = 0;
@@ -38,7 +39,12 @@ export class Cell extends EventTarget {
   }
 
   get mayCommand() {
-    return this.role === "operate" || this.role === "maintain";
+    return ["operate", "approve", "maintain"].includes(this.role);
+  }
+
+  // Whether the user may answer what agents ask for. The gateway checks it.
+  get mayApprove() {
+    return this.person && (this.role === "approve" || this.role === "maintain");
   }
 
   // The name of an element for people: its label, or its id.
@@ -68,7 +74,7 @@ export class Cell extends EventTarget {
       }
       return;
     }
-    ({ document: this.document, role: this.role, user: this.user, styles: this.styles } = answer);
+    ({ document: this.document, role: this.role, user: this.user, person: this.person, styles: this.styles } = answer);
     this.#offset = answer.time - Date.now() / 1000;
     this.#setConnection("live");
     this.#changed(null);

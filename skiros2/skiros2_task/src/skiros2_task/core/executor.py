@@ -18,6 +18,7 @@ from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld,
 from skiros2_task.core.engines import Limits
 from skiros2_task.core.event_queue import EventQueue
 from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
+from skiros2_task.core.given_plan import GivenPlan
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
@@ -55,13 +56,13 @@ class Goal:
     :param priority: of goals that need the same robot, the one with the highest priority gets it first.
     :param interrupts: whether it stops the steps of goals with a lower priority that use the robots of its plan.
     :param limits, planner: for each planning; None: those of the `TaskPlanner`.
-    :param max_replans: how often a broken plan is replaced at most.
+    :param max_replans: how often a broken plan is replaced at most; 0 for a given plan.
     """
 
     text: str
     priority: int = 0
     limits: Limits | None = None
-    planner: Planner | None = None
+    planner: Planner | GivenPlan | None = None
     max_replans: int = 5
     interrupts: bool = False
 

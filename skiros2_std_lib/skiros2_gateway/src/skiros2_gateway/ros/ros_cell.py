@@ -126,7 +126,7 @@ class RosCell:
         return problems + await self.in_thread(goal_problems, self._world_model, connected, goal, elements)
 
     def start(self, goal: Goal) -> None:
-        if goal.robots:
+        if goal.robots and goal.plan is None:  # a given plan was checked before
             self._spawn(self._start_restricted(goal))
         else:
             self._goals.send(goal)

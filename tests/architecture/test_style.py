@@ -26,6 +26,9 @@ LONG: dict[str, str] = {
     "skiros2/skiros2_task/src/skiros2_task/core/execution.py:ExecutionStateMachine": (
         "one state machine: each event depends on the phase and on all steps"
     ),
+    "skiros2/skiros2_task/src/skiros2_task/core/executor.py:GoalExecutor": (
+        "one thread owns the state of all goals: each event may change what others are granted"
+    ),
 }
 
 

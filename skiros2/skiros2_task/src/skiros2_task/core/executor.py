@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 
@@ -23,6 +24,7 @@ from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.recovery import Recovery, Restart
 from skiros2_task.core.resources import Resources
 from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.undeclared import AuthoredChange, UndeclaredChanges
 
 log = logging.getLogger(__name__)
 
@@ -63,8 +65,9 @@ class GoalExecutor:
     def prepare(self, goal: Goal, on_change: OnChange, on_end: OnEnd) -> GoalExecution:
         """Returns an execution that has not begun, for `recover`."""
         machine = ExecutionStateMachine(time.monotonic, goal.max_replans)
+        undeclared = UndeclaredChanges(time.monotonic)
         log = ExecutionLog(self._store, goal.id) if self._store is not None and goal.id else None
-        execution = GoalExecution(f"goal {next(self._ids)}", goal, on_change, on_end, machine, log=log)
+        execution = GoalExecution(f"goal {next(self._ids)}", goal, on_change, on_end, machine, undeclared, log=log)
         threading.Thread(target=self._work, args=(execution,), name=execution.name, daemon=True).start()
         return execution
 
@@ -90,9 +93,12 @@ class GoalExecutor:
         for stop in list(execution.stops.values()):
             stop()
 
-    def world_changed(self) -> None:
-        """Reports that the world model has changed."""
-        self._events.put(self._read_for_all)
+    def world_changed(self, change: AuthoredChange | None = None) -> None:
+        """Reports that the world model has changed.
+
+        :param change: with its author, to find undeclared changes of steps; None: unknown.
+        """
+        self._events.put(lambda: self._read_for_all(change))
 
     def robot_lost(self, manager: str) -> None:
         """Reports that a robot's manager has disappeared and its steps have ended."""
@@ -226,7 +232,22 @@ class GoalExecutor:
         first = execution.machine.first_number
         execution.work.put(lambda: self._make_plan(execution, command, busy, first))
 
-    def _no_plan(self, execution: GoalExecution, result: PlanningResult) -> None:
+    def _compare(self, execution: GoalExecution, task: PlanningTask | None) -> None:
+        """Logs facts that steps have changed without declaring it.
+
+        :param task: the goal's task for the current world; None if it cannot be read.
+        """
+        if task is not None:
+            machine = execution.machine
+            for change in execution.undeclared.compare(machine.facts, task.init, machine.records.values()):
+                log.info("%s: %s", execution.name, change)
+
+    def _planned(self, execution: GoalExecution, task: PlanningTask, steps: Sequence[Step]) -> None:
+        self._compare(execution, task)
+        self.execute(execution, execution.machine.planned(task, steps))
+
+    def _no_plan(self, execution: GoalExecution, task: PlanningTask | None, result: PlanningResult) -> None:
+        self._compare(execution, task)
         # Goals that wait for others to end do not wait for each other.
         others = (other.machine.phase for other in self._executions.values() if other is not execution)
         busy = any(phase is not Phase.BLOCKED for phase in others)
@@ -262,6 +283,9 @@ class GoalExecutor:
         self.execute(execution, execution.machine.ended(step.number, succeeded, message, explanations))
 
     def _end(self, execution: GoalExecution, end: End) -> None:
+        undeclared = str(execution.undeclared)
+        if undeclared and end.verdict not in (*GOOD, Verdict.CANCELLED):
+            end = replace(end, message=f"{end.message}\n{undeclared}")
         log.log(logging.INFO if end.verdict in GOOD else logging.WARNING, "%s: %s", execution.name, end.message)
         del self._executions[execution.name]
         execution.cancelled.set()
@@ -274,8 +298,10 @@ class GoalExecutor:
 
     # -- reading the world model -------------------------------------------------------------------------------
 
-    def _read_for_all(self) -> None:
+    def _read_for_all(self, change: AuthoredChange | None) -> None:
         for execution in self._executions.values():
+            if change is not None:
+                execution.undeclared.add(change)
             execution.world_changed = True
             self._schedule_read(execution)
 
@@ -298,6 +324,7 @@ class GoalExecutor:
         execution.reading = False
         execution.next_read = time.monotonic() + max(_READ_PERIOD, seconds / _READ_SHARE)
         if isinstance(task, PlanningTask):
+            self._compare(execution, task)
             self.execute(execution, execution.machine.world(task))
             self._schedule_read(execution)
         elif isinstance(task, WrongValue):
@@ -329,7 +356,7 @@ class GoalExecutor:
     def _make_plan(self, execution: GoalExecution, command: MakePlan, busy: frozenset[str], first: int) -> None:
         task, result = make_plan(self._planner, execution, command, busy)
         if task is None or result.task is None or result.verdict not in GOOD:  # None: the goal cannot be read
-            self._events.put(lambda: self._no_plan(execution, result))
+            self._events.put(lambda: self._no_plan(execution, task, result))
             return
         steps = result.plan.numbered_from(first) if result.plan is not None else ()
-        self._events.put(lambda: self.execute(execution, execution.machine.planned(task, steps)))
+        self._events.put(lambda: self._planned(execution, task, steps))

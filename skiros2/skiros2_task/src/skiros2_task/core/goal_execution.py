@@ -17,6 +17,7 @@ from skiros2_task.core.given_plan import GivenPlan
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.step_record import StepRecord
+from skiros2_task.core.undeclared import UndeclaredChanges
 
 #: Reports the end of a step: whether it succeeded, a message and why it failed. Called by any thread.
 Ended = Callable[[bool, str, Sequence[Explanation]], None]
@@ -73,6 +74,7 @@ class GoalExecution:
     on_change: OnChange
     on_end: OnEnd
     machine: ExecutionStateMachine
+    undeclared: UndeclaredChanges
     cancelled: threading.Event = field(default_factory=threading.Event)
     stops: dict[int, Callable[[], None]] = field(default_factory=dict)  # stop functions of running steps, by number
     work: queue.SimpleQueue[Callable[[], None] | None] = field(default_factory=queue.SimpleQueue)

@@ -1,4 +1,4 @@
-"""Robots and devices, and the goals that hold them."""
+"""Robots and devices, which goals hold while they use them."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def main() -> None:
         step_runner.subscribe(on_found, on_lost)
         for name in step_runner.agents:
             executor.robot_found(name)
-        wm.add_listener(lambda _: executor.world_changed())
+        wm.add_listener(executor.world_changed)
         options = PlanningOptions(processes)
         achieve = AchieveAction(executor, options, max_replans, interrupt_priority, store)
         actions = (

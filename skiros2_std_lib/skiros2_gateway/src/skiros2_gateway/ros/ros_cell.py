@@ -26,6 +26,7 @@ from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
 from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.goals import AchieveGoals
+from skiros2_gateway.ros.queries import UserQueries
 from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_gateway.ros.skill_runs import SkillRuns, check_start
@@ -65,7 +66,7 @@ class RosCell:
         self._events = events
         self._masters = masters
         self._capacity = capacity
-        self._threads = ThreadPoolExecutor(_THREADS, "cell")
+        self._threads, self._queries = ThreadPoolExecutor(_THREADS, "cell"), UserQueries()
         self._wm: WorldModelInterface | None = None
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
         self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
@@ -98,6 +99,7 @@ class RosCell:
         self._goals.close()
         self._robots.close()
         self._threads.shutdown(wait=False, cancel_futures=True)
+        self._queries.close()
 
     # -- goals -------------------------------------------------------------------------------------------------
 
@@ -225,9 +227,8 @@ class RosCell:
 
         return await self.in_thread(read)
 
-    async def query(self, text: str) -> dict[str, Any]:
-        columns, rows = await self.in_thread(lambda: self._world_model.query_table(text))
-        return {"columns": columns, "rows": [[str(value) for value in row] for row in rows]}
+    async def query(self, text: str, user: str) -> dict[str, Any]:
+        return await self._queries.ask(user, text)
 
     async def skills(self) -> dict[str, list[dict[str, Any]]]:
         def read() -> dict[str, list[dict[str, Any]]]:

@@ -242,6 +242,26 @@ def test_event_that_cannot_be_published_costs_no_other(in_gateway: Run, port: in
     in_gateway(test)
 
 
+def test_bridge_continues_after_an_internal_error(in_gateway: Run, port: int, caplog: pytest.LogCaptureFixture) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "again") as (_, subscriber):
+            await subscriber.until("again/world/Tray-1")
+            world = gateway.cell.world
+
+            async def broken() -> Any:
+                gateway.cell.world = world
+                raise RuntimeError("something unforeseen")
+
+            gateway.cell.world = broken
+            gateway.events.publish("reset", {})
+            await subscriber.until("again/world/Tray-1")
+            await gateway.put("a")
+            await subscriber.until("again/job/a/state")
+            assert "something unforeseen" in caplog.text
+
+    in_gateway(test)
+
+
 def test_refused_login_is_no_connection(
     in_gateway: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -329,9 +329,7 @@ class WorkerStore:
         with self._control:
             behind, worker.behind, worker.size = worker.behind, [], 0
         worker.connection.settimeout(_PATIENCE)
-        for message in behind:
-            wire.send(worker.connection, *message)
-        wire.send(worker.connection, wire.QUERY, request)
+        worker.connection.sendall(b"".join(wire.packed(*message) for message in [*behind, (wire.QUERY, request)]))
         is_slow = worker.is_silent(min(_LONG, self._seconds))
         if is_slow:
             os.setpriority(os.PRIO_PROCESS, worker.pid, _NICENESS)

@@ -45,14 +45,17 @@ _GROWTH = 64 << 20
 _DEPTH = 8
 
 
+def packed(kind: bytes, content: bytes) -> bytes:
+    """A message; several may be sent at once."""
+    return _HEADER.pack(kind, len(content)) + content
+
+
 def send(connection: socket.socket, kind: bytes, content: bytes = b"", passed: socket.socket | None = None) -> None:
-    """Sends a message, with a socket attached to it."""
-    header = _HEADER.pack(kind, len(content))
+    """Sends a message; one with a socket attached to it has no content."""
     if passed is None:
-        connection.sendall(header + content)
+        connection.sendall(packed(kind, content))
     else:
-        socket.send_fds(connection, [header], [passed.fileno()])
-        connection.sendall(content)
+        socket.send_fds(connection, [packed(kind, b"")], [passed.fileno()])
 
 
 def receive(connection: socket.socket) -> tuple[bytes, bytes, int | None]:

@@ -70,7 +70,10 @@ class JobCell:
         env = {**ros.master.env, "CARRIED": str(self._carried)}
         env["PYTHONPATH"] = f"{TESTS}:{env['PYTHONPATH']}"
         params = {"libraries_list": ["support.job_skills"], "primitive_list": ["carry_at_once"], "prefix": "skiros"}
-        ros.run("skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env)
+        self._starts[ROBOT] = lambda: ros.run(
+            "skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env
+        )
+        self._starts[ROBOT]()
         self._starts["/tm"]()
         ros.service(f"{ROBOT}/get_skills", ResourceGetDescriptions)()
         self.gateway = self._starts["/gateway"]()

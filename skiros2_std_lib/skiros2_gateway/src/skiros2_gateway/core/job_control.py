@@ -101,13 +101,6 @@ class JobControl:
 
     # -- the methods -------------------------------------------------------------------------------------------
 
-    def find(self, order: Order) -> Job | None:
-        """Returns the job of an order; None if there is none with its id.
-
-        :raises Conflict: another order has the same id.
-        """
-        return self._known(order)
-
     async def put(
         self, order: Order, author: str, comment: str = "", *, start: bool, approved: dict[str, Any] | None = None
     ) -> tuple[Job, bool]:
@@ -121,9 +114,9 @@ class JobControl:
         :raises Conflict: another order has the same id.
         :raises StoreFailed: the order is not stored.
         """
-        known = self._known(order)
+        known = self.find(order)
         goal = await self.check(order) if known is None else ""
-        known = known or self._known(order)  # the same order may have come while this one was checked
+        known = known or self.find(order)  # the same order may have come while this one was checked
         if known is not None:
             return known, False
         now = self._clock()
@@ -305,7 +298,8 @@ class JobControl:
             self._timer.cancel()
         self._timer = asyncio.get_running_loop().call_later(_RETRY, self._dispatch)
 
-    def _known(self, order: Order) -> Job | None:
+    def find(self, order: Order) -> Job | None:
+        """Returns the job of an order, or None; raises `Conflict` if another order has its id."""
         known = self._jobs.find(order.id)
         if known is not None and known.order.digest != order.digest:
             raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
@@ -318,9 +312,8 @@ class JobControl:
 
     async def _collected(self, job: Job) -> None:
         response, order = job.response, job.order
-        sources = {}
-        if order.work_master in self.masters.all:
-            sources = self.masters.get(order.work_master).quality_sources(order.parameters)
+        master = self.masters.all.get(order.work_master)
+        sources = master.quality_sources(order.parameters) if master is not None else {}
         started = response.started or response.ended or job.changed
         try:
             found = await self.cell.collect(response.robots, started, response.ended or self._clock(), sources)

@@ -12,6 +12,7 @@ from typing import Any
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import LOST, REACHED, Cell, Collected, Ending, Goal, Progress
+from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import FINAL, Job, Method, Order, State, Substate
 from skiros2_gateway.core.open_jobs import OpenJobs
@@ -126,6 +127,7 @@ class JobControl:
         known = known or self._known(order)  # the same order may have come while this one was checked
         if known is not None:
             return known, False
+        check_deadline()
         now = self._clock()
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
         robots = self.masters.robots_of(order)
@@ -159,6 +161,7 @@ class JobControl:
         """
         self.get(order.id).check(Method.UPDATE)
         goal = await self.check(order)
+        check_deadline()
         job, now = self.get(order.id), self._clock()  # it may have started meanwhile
         job.check(Method.UPDATE)
         job.approved = None  # it is the order of whoever has changed it
@@ -181,13 +184,16 @@ class JobControl:
         actions = {Method.PAUSE: self.cell.pause, Method.RESUME: self.cell.resume}
         in_cell = actions.get(method, self.cell.stop) if job.is_in_cell else None
         job.apply(method, author, self._clock())
+        stops = in_cell is not None and method is not Method.RESUME
+        if stops and in_cell is not None:
+            in_cell(job.id)  # robots stop, whatever the disk does
         try:
             self._jobs.save(job, author, method, comment)
         except StoreFailed:
-            if in_cell is None or method is Method.RESUME:
+            if not stops:
                 raise
-            self._note(job, author, method, comment)  # robots stop, whatever the disk does
-        if in_cell is not None:
+            self._note(job, author, method, comment)
+        if in_cell is not None and not stops:
             in_cell(job.id)
         self._dispatch()
         return self._jobs.open(job.id) or job

@@ -5,6 +5,9 @@ Roles: view reads, operate commands, approve also answers what agents ask for, m
 of agents are refused. A command with the cookie needs the header `X-Gateway: 1`, which a page of another origin cannot
 send.
 
+A command with the header `X-Deadline` (s of the monotonic clock of the gateway's machine, see
+`skiros2_gateway.http.live`) is carried out before it or never. Plans need the role operate; a user may ask for two at once.
+
 A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with its
 key, it is answered as the first time. A command that was refused may be sent again.
 
@@ -50,6 +53,7 @@ from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthentic
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
 from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
+from skiros2_gateway.http.deadlines import Deadlines
 from skiros2_gateway.http.once import Once
 
 log = logging.getLogger(__name__)
@@ -76,10 +80,9 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     app.include_router(_router)
     for router in routers:
         app.include_router(router)
-    app.add_exception_handler(SkirosError, _on_skiros_error)
-    app.add_exception_handler(RequestValidationError, _on_wrong_fields)
-    app.add_exception_handler(HTTPException, _on_http_error)
-    app.add_middleware(Once, on_error=_on_skiros_error)
+    add_error_handlers(app)
+    app.add_middleware(Once, on_error=on_skiros_error)
+    app.add_middleware(Deadlines, on_error=on_skiros_error)
     app.add_middleware(_Limits, max_body=max_body)
     return app
 
@@ -93,7 +96,15 @@ def problem(status: int, code: str, detail: str, **more: Any) -> JSONResponse:
     return JSONResponse(data, status, media_type="application/problem+json")
 
 
-async def _on_skiros_error(_: Request, error: Exception) -> Response:
+def add_error_handlers(app: FastAPI) -> None:
+    """Lets an application answer errors with problem details."""
+    app.add_exception_handler(SkirosError, on_skiros_error)
+    app.add_exception_handler(RequestValidationError, _on_wrong_fields)
+    app.add_exception_handler(HTTPException, _on_http_error)
+
+
+async def on_skiros_error(_: Request, error: Exception) -> Response:
+    """Answers an error of the platform."""
     assert isinstance(error, SkirosError)
     status = next((status for kind, status in _STATUS if isinstance(error, kind)), 503)
     more = {"problems": [each.to_dict() for each in error.problems]} if isinstance(error, Rejected) else {}
@@ -360,8 +371,8 @@ async def skills(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
 @_router.post("/plan")
 async def plan(caller: CallerArg, service: ServiceArg, body: _Goal) -> dict[str, Any]:
     """The plan for a goal, with its purpose and its simulated changes; nothing moves. See the action MakePlan."""
-    service.view(caller)
-    return await service.control.cell.plan(body.goal, body.quality)
+    with service.planning(caller):
+        return await service.control.cell.plan(body.goal, body.quality)
 
 
 @_router.post("/world/query")

@@ -8,10 +8,12 @@ import pytest
 from pytestqt.modeltest import ModelTester
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import QItemSelectionModel, QModelIndex, Qt
-from python_qt_binding.QtWidgets import QComboBox, QDialog, QLineEdit
+from python_qt_binding.QtGui import QTextDocument
+from python_qt_binding.QtWidgets import QComboBox, QDialog, QLabel, QLineEdit
 
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import WorldChanged
+from skiros2_gui.app.widgets.controls import plain_tip
 from skiros2_gui.app.window import Window
 from skiros2_gui.world.scene import UNPLACED
 from skiros2_gui.world.widgets.dialogs import (
@@ -333,6 +335,23 @@ def test_history_without_journal_shows_a_message(desk: Desk) -> None:
     desk.select(desk.add())
     desk.tab.pages.setCurrentWidget(desk.tab.history)
     assert desk.tab.history.message.text() == "The world model has no journal, so its history is unknown"
+
+
+def test_label_with_tags_is_shown_as_it_is(desk: Desk) -> None:
+    fake = "<b>a speck of dust</b><br>nothing else is removed<div hidden>"
+    box = desk.add(fake)
+    desk.add("screw", box)
+    desk.select(box)
+    desk.tab.remove_button.click()
+    dialog = desk.dialog(RemoveDialog)
+    labels = [label for label in (*dialog.findChildren(QLabel), *desk.tab.findChildren(QLabel)) if fake in label.text()]
+    assert dialog.text in labels
+    assert {label.textFormat() for label in labels} == {Qt.PlainText}
+    dialog.reject()
+    tip = plain_tip(fake)
+    document = QTextDocument()
+    document.setHtml(tip)
+    assert document.toPlainText() == fake
 
 
 def test_several_elements_are_removed_together(desk: Desk) -> None:

@@ -14,9 +14,15 @@ import pytest
 from asyncua import Client, ua
 from mcp import Client as McpClient
 from mcp.client.streamable_http import streamable_http_client
+from rospy.impl.registration import get_topic_manager
 
+from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job_control import JobControl
+from skiros2_gateway.core.store import JobStore
+from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import UNKNOWN_JOB
+from skiros2_gateway.ros.ros_cell import RosCell
 from support.certificates import make_certificate
 from support.job_cell import ROBOT, TOKENS, JobCell
 from support.programs import PATIENCE
@@ -62,6 +68,28 @@ def test_viewer_reads_and_does_not_command(cell: JobCell) -> None:
     for path, body in (("/api/jobs", cell.order("viewed", 0)), ("/api/robots/stop", {"robots": []})):
         assert cell.rest.post(path, body, "view")[0] == 403
     assert "viewed" not in cell.jobs()
+
+
+def test_plans_leave_no_subscriptions_behind(cell: JobCell) -> None:
+    """The gateway's cell in the test's process, whose subscriptions can be counted."""
+
+    def callbacks() -> int:
+        return sum(len(topic.callbacks) for topic in get_topic_manager().subs.values())
+
+    async def plan() -> None:
+        events, masters = EventStream(), WorkMasters()
+        planning = RosCell(JobControl(JobStore(":memory:"), masters, events), events, masters)
+        try:
+            goal = f'(skiros:contain "{cell.stores[0]}" "{cell.products[7]}")'
+            assert (await planning.plan(goal))["state"] == "planned"
+            before = callbacks()
+            for _ in range(4):
+                await planning.plan(goal)
+            assert callbacks() <= before
+        finally:
+            planning.close()
+
+    asyncio.run(plan())
 
 
 @asynccontextmanager

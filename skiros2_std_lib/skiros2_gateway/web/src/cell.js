@@ -1,6 +1,7 @@
 // The connection to the gateway: the document of the live view, followed by patches, and requests.
 
 import { localName, notice } from "./dom.js";
+import { applyPatch } from "./patch.js";
 import { Stream } from "./stream_client.js";
 
 // An answer with problem details (RFC 9457).
@@ -45,18 +46,6 @@ export async function request(path, body, method = body === undefined ? "GET" : 
   }
   if (!response.ok) throw new Refusal({ status: response.status, ...answer });
   return answer;
-}
-
-// Applies a JSON Merge Patch (RFC 7396) in place.
-export function applyPatch(target, patch) {
-  for (const [key, value] of Object.entries(patch)) {
-    if (value === null) delete target[key];
-    else if (typeof value === "object" && !Array.isArray(value)) {
-      const old = target[key];
-      const isObject = typeof old === "object" && old !== null && !Array.isArray(old);
-      applyPatch(isObject ? old : (target[key] = {}), value);
-    } else target[key] = value;
-  }
 }
 
 // A viewer without data for this time (s) is not connected, whatever the browser says: beats come once a second.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from html import escape
 from typing import Any
 
 from python_qt_binding.QtCore import QObject, Qt, QTimer
@@ -12,6 +13,20 @@ from python_qt_binding.QtWidgets import QLabel, QPushButton, QToolButton
 SPACE_TOGGLES = "spaceToggles"
 
 
+class PlainLabel(QLabel):
+    """A label that shows its text as it is: names and messages come from anywhere, and could pose as something else."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__()
+        self.setTextFormat(Qt.PlainText)
+        self.setText(text)
+
+
+def plain_tip(text: str) -> str:
+    """Returns a tool tip that is shown as it is: Qt takes texts with tags for HTML."""
+    return f"<span>{escape(text).replace(chr(10), '<br>')}</span>" if Qt.mightBeRichText(text) else text
+
+
 def push_button(text: str, name: str, clicked: Callable[[], Any], tip: str = "") -> QPushButton:
     """Returns a button.
 
@@ -19,7 +34,7 @@ def push_button(text: str, name: str, clicked: Callable[[], Any], tip: str = "")
     """
     button = QPushButton(text)
     button.setObjectName(name)
-    button.setToolTip(tip)
+    button.setToolTip(plain_tip(tip))
     button.clicked.connect(lambda: clicked())
     return button
 
@@ -29,7 +44,7 @@ def tool_button(text: str, name: str, clicked: Callable[[], Any] | None = None, 
     button = QToolButton()
     button.setText(text)
     button.setObjectName(name)
-    button.setToolTip(tip)
+    button.setToolTip(plain_tip(tip))
     button.setAccessibleName(text or tip)
     if clicked is None:
         button.setPopupMode(QToolButton.InstantPopup)
@@ -40,9 +55,8 @@ def tool_button(text: str, name: str, clicked: Callable[[], Any] | None = None, 
 
 def text_label(name: str, is_selectable: bool = True) -> QLabel:
     """Returns a label of plain text with line breaks, which may come from anywhere."""
-    label = QLabel()
+    label = PlainLabel()
     label.setObjectName(name)
-    label.setTextFormat(Qt.PlainText)
     label.setWordWrap(True)
     if is_selectable:
         label.setTextInteractionFlags(Qt.TextSelectableByMouse)

@@ -17,7 +17,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.app.events import ConnectionChanged, ManagersChanged
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.system import clock, sentence, short, sign
-from skiros2_gui.app.widgets.controls import push_button, text_label, timer, tool_button
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, timer, tool_button
 from skiros2_gui.app.widgets.theme import tint
 from skiros2_gui.app.window import Window
 from skiros2_skill.core.runtime.history import one_line
@@ -41,7 +41,7 @@ class StatusLine(QWidget):
         self._signs = QHBoxLayout()
         self._signs.setSpacing(self.fontMetrics().height())
         self._row.addLayout(self._signs)
-        self.busy = QLabel()
+        self.busy = PlainLabel()
         self.busy.setTextFormat(Qt.PlainText)
         self.busy.setAlignment(Qt.AlignRight | Qt.AlignVCenter)
         self.busy.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
@@ -69,14 +69,14 @@ class StatusLine(QWidget):
         while len(self.parts) > len(parts):
             self.parts.pop().deleteLater()
         while len(self.parts) < len(parts):
-            label = QLabel()
+            label = PlainLabel()
             label.setTextFormat(Qt.PlainText)
             self.parts.append(label)
             self._signs.addWidget(label)
         for label, part in zip(self.parts, parts, strict=True):
             symbol, colour = sign(part)
             label.setText(f"{symbol} {short(part)}")
-            label.setToolTip(sentence(part))
+            label.setToolTip(plain_tip(sentence(part)))
             font = label.font()
             font.setBold(colour == "failure")
             label.setFont(font)
@@ -123,7 +123,7 @@ class ErrorBar(QFrame):
         self.close_button.setAccessibleName("Dismiss the error")
         row = QHBoxLayout(self)
         row.setContentsMargins(9, 5, 5, 5)
-        self._sign = QLabel("⚠")
+        self._sign = PlainLabel("⚠")
         row.addWidget(self._sign)
         row.addWidget(self.text, 1)
         for button in (self.copy_button, self.history_button, self.close_button):
@@ -161,4 +161,4 @@ class ErrorBar(QFrame):
             shown = line if len(line) <= MAX_SHOWN else f"{line[:MAX_SHOWN]}…"
             self.text.setText(shown)
             more = f"\n{whole[:MAX_IN_TIP]}" if shown != whole else ""
-            self.text.setToolTip(f"At {clock(newest.stamp)}{more}")
+            self.text.setToolTip(plain_tip(f"At {clock(newest.stamp)}{more}"))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from python_qt_binding.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QFrame, QHBoxLayout, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from skiros2_gui.app.stops import StoppedRobot, Stops
-from skiros2_gui.app.widgets.controls import push_button, text_label
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label
 from skiros2_gui.app.widgets.theme import tint
 from skiros2_gui.app.window import Window
 
@@ -50,7 +50,7 @@ class StopBar(QFrame):
 class _Row(QWidget):
     def __init__(self, stops: Stops, name: str) -> None:
         super().__init__()
-        self.sign = QLabel("■")
+        self.sign = PlainLabel("■")
         self._text = text_label(f"stop_{name.lstrip('/')}")
         self._text.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self._button: QPushButton = push_button("Recover", f"recover_{name.lstrip('/')}", lambda: stops.recover(name))
@@ -64,4 +64,4 @@ class _Row(QWidget):
         failure = f"\nThe recovery failed: {robot.failure}" if robot.failure else ""
         self._text.setText(f"{robot.manager}: {robot.kind}. {robot.text}{failure}")
         self._button.setEnabled(not robot.obstacle)
-        self._button.setToolTip(robot.obstacle or _TIP)
+        self._button.setToolTip(plain_tip(robot.obstacle or _TIP))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 
 from python_qt_binding.QtCore import QSize, Qt
-from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QTabBar, QWidget
+from python_qt_binding.QtWidgets import QHBoxLayout, QSizePolicy, QTabBar, QWidget
 
 from skiros2_gui.app.events import StopRequested, StopTarget, TaskStarted
 from skiros2_gui.app.system import clock
-from skiros2_gui.app.widgets.controls import push_button, timer
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, timer
 from skiros2_gui.app.window import Window
 
 #: The period at which the report is updated while something is ending (ms).
@@ -32,7 +32,7 @@ class StopControl(QWidget):
         self._window = window
         self._targets: list[StopTarget] = []
         self._stamp = 0.0
-        self.report = QLabel()
+        self.report = PlainLabel()
         self.report.setObjectName("stopReport")
         self.report.setTextFormat(Qt.PlainText)
         self.report.setAlignment(Qt.AlignRight | Qt.AlignVCenter)
@@ -81,7 +81,7 @@ class StopControl(QWidget):
         else:
             text = f"stopped {_listed(names)}"
         self.report.setText(f"{clock(self._stamp)}  {text}")
-        self.report.setToolTip("\n".join(names))
+        self.report.setToolTip(plain_tip("\n".join(names)))
 
     def _fit_text(self) -> None:
         em = self.fontMetrics().height()

@@ -19,7 +19,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
 from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, message_text, skills_text
-from skiros2_gui.app.widgets.controls import push_button, timer
+from skiros2_gui.app.widgets.controls import plain_tip, push_button, timer
 from skiros2_gui.app.widgets.theme import colour_state
 from skiros2_gui.app.window import Window
 from skiros2_runs.core.states import TaskState, style_of
@@ -189,7 +189,8 @@ class TaskTable(QWidget):
         for column, text in enumerate(texts):
             if item.text(column) != text:
                 item.setText(column, text)
-                item.setToolTip(column, text if column != _SKILL else f"{text}\ntask {run.task_id} of {run.robot}")
+                more = f"\ntask {run.task_id} of {run.robot}" if column == _SKILL else ""
+                item.setToolTip(column, plain_tip(text + more))
         colour_state(item, _STATE, "silent" if silent else run.state, self.list)
 
     def _duration(self, run: TaskRun) -> str:

@@ -12,7 +12,6 @@ from python_qt_binding.QtWidgets import (
     QCheckBox,
     QComboBox,
     QHBoxLayout,
-    QLabel,
     QScrollArea,
     QVBoxLayout,
     QWidget,
@@ -20,7 +19,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.names import label_text, verb, words
-from skiros2_gui.app.widgets.controls import push_button, text_label, tool_button
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, tool_button
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.app.widgets.theme import role_colour
 from skiros2_gui.goal.completion import PROPERTY, RELATION, Completion, Vocabulary
@@ -43,7 +42,7 @@ class GoalLines(QWidget):
         self._goals = goals
         self._rows: list[_LineRow] = []
         self._choices = _Choices(Vocabulary())
-        self.note = QLabel()
+        self.note = PlainLabel()
         self.note.setObjectName("goalLinesNote")
         self.note.setWordWrap(True)
         self.add = push_button(
@@ -293,7 +292,7 @@ def _item(text: str, data: str, tip: str, entry: object, is_faint: bool = False)
         item.setForeground(QBrush(role_colour("idle")))
     item.setData(data, Qt.UserRole)
     item.setData(entry, _ENTRY)
-    item.setToolTip(tip)
+    item.setToolTip(plain_tip(tip))
     return item
 
 

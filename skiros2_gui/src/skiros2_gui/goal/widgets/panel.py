@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import (
     QHBoxLayout,
-    QLabel,
     QMenu,
     QPlainTextEdit,
     QSizePolicy,
@@ -18,7 +17,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.controls import push_button, text_label
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import STATE_COLOURS, colour_label
 from skiros2_gui.goal.plan import GoalExecution, GoalPlan, StepRow
@@ -48,7 +47,7 @@ class GoalBar(QWidget):
         self.plan = push_button("Plan", "planButton", goals.make_plan)
         self.achieve = push_button("▶ Achieve", "achieveButton", goals.achieve)
         self.cancel = push_button("Cancel", "cancelGoalButton", goals.cancel, "Cancels planning or execution")
-        heading = QLabel("Goal")
+        heading = PlainLabel("Goal")
         font = heading.font()
         font.setBold(True)
         heading.setFont(font)
@@ -63,13 +62,13 @@ class GoalBar(QWidget):
         """Shows the presenter's state."""
         goals = self._goals
         self.sentence.setText(goals.sentence or "Choose what to reach in the tab Goal.")
-        self.sentence.setToolTip(goals.text)
+        self.sentence.setToolTip(plain_tip(goals.text))
         colour_label(self.sentence, "" if goals.sentence else "idle")
         self.plan.setEnabled(goals.can_plan)
         self.achieve.setEnabled(goals.can_plan)
         missing = "" if goals.has_task_manager else "The task manager is not running"
-        self.plan.setToolTip(missing or "Plans the goal and shows what would change; nothing moves  (Enter)")
-        self.achieve.setToolTip(missing or "Has the robots reach the goal")
+        self.plan.setToolTip(plain_tip(missing or "Plans the goal and shows what would change; nothing moves  (Enter)"))
+        self.achieve.setToolTip(plain_tip(missing or "Has the robots reach the goal"))
         self.cancel.setEnabled(goals.is_busy)
         self.earlier.setEnabled(bool(goals.history))
 
@@ -78,7 +77,8 @@ class GoalBar(QWidget):
         for goal in self._goals.history:
             shown = self._goals.sentence_of(goal)
             text = shown if len(shown) <= 100 else f"{shown[:99]}…"
-            self._menu.addAction(text.replace("&", "&&"), lambda goal=goal: self._goals.write(goal)).setToolTip(goal)
+            action = self._menu.addAction(text.replace("&", "&&"), lambda goal=goal: self._goals.write(goal))
+            action.setToolTip(plain_tip(goal))
 
 
 class GoalView(QWidget):
@@ -116,7 +116,7 @@ class GoalView(QWidget):
         goals = self._goals
         result = goals.execution or goals.plan
         self.head.setText(goals.names.in_text(_head(goals)))
-        self.head.setToolTip(goals.execution.text if goals.execution is not None else "")
+        self.head.setToolTip(plain_tip(goals.execution.text if goals.execution is not None else ""))
         if result is self._shown and result is not None:
             return
         self._shown = result
@@ -180,5 +180,5 @@ def _text(name: str, tip: str) -> QPlainTextEdit:
     box = QPlainTextEdit()
     box.setObjectName(name)
     box.setReadOnly(True)
-    box.setToolTip(tip)
+    box.setToolTip(plain_tip(tip))
     return box

@@ -16,7 +16,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.controls import text_label
+from skiros2_gui.app.widgets.controls import PlainLabel, text_label
 from skiros2_gui.app.widgets.theme import colour_label
 from skiros2_gui.goal.completion import KEYWORD, Completion
 from skiros2_gui.goal.presenter import GoalPresenter
@@ -141,7 +141,7 @@ class GoalText(QWidget):
         self.line = GoalLine(goals, self.mistake)
         self.line.returnPressed.connect(goals.make_plan)
         row = QHBoxLayout()
-        row.addWidget(QLabel("As text"))
+        row.addWidget(PlainLabel("As text"))
         row.addWidget(self.line, 1)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)

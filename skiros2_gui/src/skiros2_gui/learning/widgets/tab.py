@@ -14,7 +14,6 @@ from python_qt_binding.QtWidgets import (
     QComboBox,
     QFileDialog,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QScrollArea,
     QSplitter,
@@ -23,7 +22,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.controls import push_button, text_label
+from skiros2_gui.app.widgets.controls import PlainLabel, push_button, text_label
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.window import Window
 from skiros2_gui.learning import studies
@@ -147,7 +146,7 @@ class LearningTab(QWidget):
         shown = self._pictures.tabText(self._pictures.currentIndex())
         self._pictures.clear()
         for title, data in view.pictures.items():
-            picture, pixels = QLabel(), QPixmap()
+            picture, pixels = PlainLabel(), QPixmap()
             pixels.loadFromData(data)
             picture.setPixmap(pixels)
             area = QScrollArea()
@@ -211,7 +210,7 @@ class LearningTab(QWidget):
         actions.addWidget(self._replay)
         actions.addWidget(self._apply)
         actions.addStretch(1)
-        actions.addWidget(QLabel("Applied:"))
+        actions.addWidget(PlainLabel("Applied:"))
         actions.addWidget(self._sets, 1)
         actions.addWidget(self._take_back)
         left = QSplitter(Qt.Vertical)

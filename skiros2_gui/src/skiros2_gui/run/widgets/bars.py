@@ -8,7 +8,6 @@ from python_qt_binding.QtCore import Qt, Signal
 from python_qt_binding.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QMenu,
     QSlider,
@@ -16,7 +15,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.controls import tool_button
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, tool_button
 from skiros2_gui.run.node import clock_text, duration_text
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
@@ -48,7 +47,7 @@ class TreeBar(QToolBar):
         self.search.setMinimumWidth(self.fontMetrics().averageCharWidth() * 10)
         self.search.textChanged.connect(self._on_search)
         self.search.returnPressed.connect(self._go_next)
-        self.count = QLabel()
+        self.count = PlainLabel()
         self.count.setObjectName("nodeCount")
         self.count.setContentsMargins(6, 0, 6, 0)
         self.follow = QCheckBox("Follow")
@@ -128,7 +127,7 @@ class HistoryBar(QWidget):
             button.setAutoRaise(True)
             button.setAutoRepeat(True)
         self._live = tool_button("Live", "historyLive", lambda: presenter.go_to(None), "show the task live")
-        self._label = QLabel()
+        self._label = PlainLabel()
         self._label.setObjectName("historyLabel")
         self._label.setTextInteractionFlags(Qt.TextSelectableByMouse)
         row = QHBoxLayout(self)
@@ -157,9 +156,8 @@ class HistoryBar(QWidget):
         live = "live: " if presenter.is_live else ""
         text = f"{live}tick {run.dropped + tick + 1} of {run.dropped + count}, {clock_text(moment)}, "
         self._label.setText(text + duration_text(max(0.0, moment - run.start)))
-        self._label.setToolTip(
-            f"{run.dropped} older ticks were discarded to limit memory" if run.dropped else "since the task began"
-        )
+        tip = f"{run.dropped} older ticks were discarded to limit memory" if run.dropped else "since the task began"
+        self._label.setToolTip(plain_tip(tip))
 
     def _go(self, tick: int) -> None:
         is_last = self._presenter.run is not None and tick >= len(self._presenter.run) - 1

@@ -11,7 +11,6 @@ from python_qt_binding.QtGui import QColor, QPalette
 from python_qt_binding.QtWidgets import (
     QComboBox,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QListWidget,
     QListWidgetItem,
@@ -22,7 +21,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.names import Names, in_words, label_text
-from skiros2_gui.app.widgets.controls import push_button
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import role_colour
 from skiros2_gui.run.breakpoints import CHOICES
@@ -239,7 +238,7 @@ class BreakpointPanel(QWidget):
     def __init__(self, presenter: RunPresenter) -> None:
         super().__init__()
         self._presenter = presenter
-        self._title = QLabel()
+        self._title = PlainLabel()
         self._title.setWordWrap(True)
         self._list = QListWidget()
         self._list.setObjectName("breakpoints")
@@ -286,7 +285,7 @@ class BreakpointPanel(QWidget):
     def _hint(self) -> None:
         kind, _ = self._when.currentData()
         self._pattern.setPlaceholderText(_HINTS.get(kind, ""))
-        self._pattern.setToolTip(_HINTS.get(kind, ""))
+        self._pattern.setToolTip(plain_tip(_HINTS.get(kind, "")))
 
     def _add(self) -> None:
         text, robot = self._pattern.text().strip(), self._presenter.robot

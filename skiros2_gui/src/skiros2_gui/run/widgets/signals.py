@@ -18,7 +18,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.controls import push_button, text_label, timer
+from skiros2_gui.app.widgets.controls import plain_tip, push_button, text_label, timer
 from skiros2_gui.app.widgets.theme import role_colour
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import RunPresenter
@@ -174,8 +174,8 @@ class SignalPanel(QWidget):
         item.setText(0, signal.label)
         item.setText(1, self.plots.status(signal) if is_chosen or not is_usable else "")
         topic = f"{signal.signal.topic} {signal.signal.path}" if signal.signal is not None else signal.problem
-        item.setToolTip(0, f"{signal.eid}\n{topic}\n{signal.robot}".rstrip())
-        item.setToolTip(1, item.text(1))
+        item.setToolTip(0, plain_tip(f"{signal.eid}\n{topic}\n{signal.robot}".rstrip()))
+        item.setToolTip(1, plain_tip(item.text(1)))
         colour = self.palette().color(QPalette.Text)
         if is_chosen and self._area is not None:
             from skiros2_gui.run.widgets.signal_plots import line_colour

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from python_qt_binding.QtCore import QByteArray, QEvent, Qt
-from python_qt_binding.QtWidgets import QFileDialog, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QFileDialog, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ElementSelected
 from skiros2_gui.app.names import Names
-from skiros2_gui.app.widgets.controls import push_button, text_label, timer
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, timer
 from skiros2_gui.app.widgets.task_table import TaskTable
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
@@ -200,14 +200,14 @@ class RunTab(QWidget):
         text = line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
         if text != self._banner.text():
             self._banner.setText(text)
-            self._banner.setToolTip(whole[:_LONGEST_TIP] if text != whole else "")
+            self._banner.setToolTip(plain_tip(whole[:_LONGEST_TIP] if text != whole else ""))
         tint(self._banner, background="error" if has_failed else "notice", dark=is_dark(self))
         self._banner.setVisible(bool(text))
 
     def _show_source(self) -> None:
         bag = self.presenter.bag
         self._source.setText(f"Tasks of {bag.path.rpartition('/')[2]}" if bag is not None else "Tasks of all robots")
-        self._source.setToolTip(bag.path if bag is not None else "")
+        self._source.setToolTip(plain_tip(bag.path if bag is not None else ""))
         self._bag_button.setText("Close bag" if bag is not None else "Open bag…")
 
     # -- what the user does ------------------------------------------------------------------------------------------
@@ -246,7 +246,7 @@ class RunTab(QWidget):
     # -- widgets -----------------------------------------------------------------------------------------------------
 
     def _lay_out(self) -> None:
-        self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
+        self._empty = PlainLabel("No task has run yet.\nStart a skill, or open a recorded run.")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
         self._source = text_label("", is_selectable=False)

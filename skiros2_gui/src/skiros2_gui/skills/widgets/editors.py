@@ -12,7 +12,6 @@ from python_qt_binding.QtGui import QFontDatabase
 from python_qt_binding.QtWidgets import (
     QComboBox,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QMenu,
     QPlainTextEdit,
@@ -22,6 +21,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.names import label_text
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.skills.form import Editor, ElementChoice, Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
@@ -70,7 +70,7 @@ class FieldEditor(QWidget):
         self._skills = skills
         input.setObjectName(f"param_{field.key}")
         input.setAccessibleName(field.key)
-        input.setToolTip(field.declared.description or field.key)
+        input.setToolTip(plain_tip(field.declared.description or field.key))
         self.setFocusProxy(input)
         self.row = QHBoxLayout(self)
         self.row.setContentsMargins(0, 0, 0, 0)
@@ -163,9 +163,9 @@ class NumberEditor(TextEditor):
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         super().__init__(field, skills)
         hints = [field.declared.description or field.key, field.limits.text]
-        self.line.setToolTip("\n".join(hint for hint in hints if hint))
+        self.line.setToolTip(plain_tip("\n".join(hint for hint in hints if hint)))
         if field.limits.unit:
-            self.row.insertWidget(1, QLabel(field.limits.unit))
+            self.row.insertWidget(1, PlainLabel(field.limits.unit))
 
 
 @register_editor
@@ -216,7 +216,7 @@ class JsonEditor(FieldEditor):
         self.box.setPlainText(field.text)
         example = {"list": '[1, 2.5, "text"]', "dict": '{"name": "value"}'}.get(field.declared.wire_type, "JSON")
         self.box.setPlaceholderText(_UNSET if ValueMode.UNSET in field.modes else example)
-        self.box.setToolTip(f"{field.declared.description or field.key}\nin JSON, such as {example}")
+        self.box.setToolTip(plain_tip(f"{field.declared.description or field.key}\nin JSON, such as {example}"))
         self._fit_text()
         self.box.textChanged.connect(lambda: skills.write(field.key, self.box.toPlainText()))
         self._recent = _RecentButton(field.key)
@@ -251,7 +251,7 @@ class ElementEditor(FieldEditor):
         self.box = SearchBox()
         super().__init__(field, skills, self.box)
         self.box.setMinimumContentsLength(18)
-        self.box.setToolTip(f"{field.declared.description or field.key}\n{field.type_name}; type to search")
+        self.box.setToolTip(plain_tip(f"{field.declared.description or field.key}\n{field.type_name}; type to search"))
         self._ids: list[str] = []
         self._labels: Counter[str] = Counter()
         self._shown: tuple[object, ...] = ()

@@ -16,7 +16,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, push_button, text_label
+from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, PlainLabel, plain_tip, push_button, text_label
 from skiros2_gui.app.widgets.theme import colour_label
 from skiros2_gui.skills.form import Field, ValueMode
 from skiros2_gui.skills.presenter import SkillsPresenter
@@ -36,7 +36,7 @@ class SkillForm(QWidget):
         self._editors: dict[str, FieldEditor] = {}
         self._errors: dict[str, QLabel] = {}
         self._hints: list[QLabel] = []
-        self.title = QLabel()
+        self.title = PlainLabel()
         self.title.setTextFormat(Qt.PlainText)
         self.reset = QToolButton()
         self.reset.setText("Reset")
@@ -80,7 +80,7 @@ class SkillForm(QWidget):
     def _why_not(self) -> QWidget:
         frame = QFrame()
         frame.setFrameShape(QFrame.StyledPanel)
-        self.sign = QLabel()
+        self.sign = PlainLabel()
         self.why_not = text_label("whyNot")
         self.why_not.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         self.more = QToolButton()
@@ -135,10 +135,10 @@ class SkillForm(QWidget):
         for field in form.fields.values() if form is not None else ():
             rows.addRow(self._label(field), self._field(field))
         if form is not None and not form.fields:
-            rows.addRow(QLabel("This skill has no parameters."))
+            rows.addRow(PlainLabel("This skill has no parameters."))
         self.area.setWidget(inside)
         self.title.setText(f"{form.offer.name}  of  {form.offer.manager.lstrip('/')}" if form is not None else "")
-        self.title.setToolTip(form.offer.type if form is not None else "")
+        self.title.setToolTip(plain_tip(form.offer.type if form is not None else ""))
         self.reset.setVisible(form is not None)
         self.show_status()
 
@@ -151,7 +151,7 @@ class SkillForm(QWidget):
         self.sign.setText(_SIGNS.get(status.status, "…"))
         colour_label(self.sign, _ROLE_COLOURS.get(status.status, ""))
         self.why_not.setText(status.text)
-        self.why_not.setToolTip("\n".join(status.details))
+        self.why_not.setToolTip(plain_tip("\n".join(status.details)))
         self.more.setVisible(bool(status.details))
         self.details.setVisible(bool(status.details) and self.more.isChecked())
         text = "\n".join(status.details)
@@ -178,10 +178,10 @@ class SkillForm(QWidget):
 
     def _label(self, field: Field) -> QLabel:
         suffix = " *" if field.declared.kind == "required" else ""
-        label = QLabel(f"{field.key}{suffix}")
+        label = PlainLabel(f"{field.key}{suffix}")
         label.setTextFormat(Qt.PlainText)
         of = f"{field.declared.kind}, {field.type_name}"
-        label.setToolTip(f"{field.declared.description}\n{of}".strip())
+        label.setToolTip(plain_tip(f"{field.declared.description}\n{of}".strip()))
         return label
 
     def _field(self, field: Field) -> QWidget:

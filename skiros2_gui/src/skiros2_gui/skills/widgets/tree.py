@@ -7,6 +7,7 @@ from typing import Any
 from python_qt_binding.QtCore import QSignalBlocker, Qt
 from python_qt_binding.QtWidgets import QAbstractItemView, QLineEdit, QTreeWidget, QTreeWidgetItem, QVBoxLayout, QWidget
 
+from skiros2_gui.app.widgets.controls import plain_tip
 from skiros2_gui.skills.catalogue import Offer
 from skiros2_gui.skills.presenter import SkillsPresenter
 
@@ -103,7 +104,7 @@ class SkillTree(QWidget):
 def _item(text: str, key: Any, tip: str) -> QTreeWidgetItem:
     item = QTreeWidgetItem([text])
     item.setData(0, _KEY, key)
-    item.setToolTip(0, tip)
+    item.setToolTip(0, plain_tip(tip))
     return item
 
 

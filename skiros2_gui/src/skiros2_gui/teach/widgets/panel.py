@@ -13,7 +13,6 @@ from python_qt_binding.QtWidgets import (
     QGridLayout,
     QGroupBox,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QPushButton,
     QVBoxLayout,
@@ -21,7 +20,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_gui.app.names import label_text
-from skiros2_gui.app.widgets.controls import push_button, text_label, timer
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import colour_label
 from skiros2_gui.teach.elements import PATH, POSE, Taught
@@ -128,9 +127,8 @@ class TeachPanel(QWidget):
         colour_label(self._status, "failure" if presenter.has_failed else "")
         self._show_buttons()
         self._pad.setEnabled(not presenter.push_problem and presenter.arm is not None)
-        self._pad.setToolTip(
-            presenter.push_problem or "Drag: a force at the tool, seen from above (x up, y left); with Shift along z"
-        )
+        tip = "Drag: a force at the tool, seen from above (x up, y left); with Shift along z"
+        self._pad.setToolTip(plain_tip(presenter.push_problem or tip))
 
     def _show_taught(self) -> None:
         presenter = self.presenter
@@ -157,7 +155,7 @@ class TeachPanel(QWidget):
         for action, button in self._buttons.items():
             obstacle = presenter.obstacle(action)
             button.setEnabled(not obstacle)
-            button.setToolTip(obstacle or _TIPS[action])
+            button.setToolTip(plain_tip(obstacle or _TIPS[action]))
 
     # -- what the user does ------------------------------------------------------------------------------------------
 
@@ -189,7 +187,7 @@ class TeachPanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 6, 6, 6)
         row = QHBoxLayout()
-        row.addWidget(QLabel("Arm"))
+        row.addWidget(PlainLabel("Arm"))
         row.addWidget(self._arm, 1)
         row.addWidget(self._button(Action.RELEASE, "Release arm"))
         row.addWidget(self._button(Action.HOLD, "Hold arm"))
@@ -211,7 +209,7 @@ class TeachPanel(QWidget):
         grid.addWidget(self._button(Action.RECORD_POSE, "Record pose"), 1, 0)
         grid.addWidget(self._button(Action.RECORD_PATH, "Record path"), 1, 1)
         grid.addWidget(self._button(Action.STORE_PATH, "Store path"), 1, 2)
-        grid.addWidget(QLabel("Gripper"), 2, 0, Qt.AlignRight)
+        grid.addWidget(PlainLabel("Gripper"), 2, 0, Qt.AlignRight)
         grid.addWidget(self._width, 2, 1)
         move = self._button(
             Action.MOVE_GRIPPER,

@@ -11,11 +11,11 @@ from typing import Any
 
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtGui import QGuiApplication, QHideEvent, QShowEvent
-from python_qt_binding.QtWidgets import QDockWidget, QLabel, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QDockWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ConnectionChanged
 from skiros2_gui.app.system import MASTER, part_of
-from skiros2_gui.app.widgets.controls import push_button
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button
 from skiros2_gui.app.window import Window
 
 log = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ class RvizPanel(QWidget):
         self._frame: Any = None
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
-        self._message = QLabel(
+        self._message = PlainLabel(
             "The scene in 3D, drawn by rviz. The element selected in another tab has arrows and rings to move it."
         )
         self._message.setObjectName("rvizSaid")
@@ -129,7 +129,7 @@ class RvizPanel(QWidget):
             self._message.show()
         elif self._frame is None:
             self._start.setEnabled(not problem)
-            self._start.setToolTip(problem or "It stays until the window is closed")
+            self._start.setToolTip(plain_tip(problem or "It stays until the window is closed"))
 
 
 def _rviz_frame() -> Any:

@@ -15,7 +15,6 @@ from python_qt_binding.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFormLayout,
-    QLabel,
     QLineEdit,
     QPlainTextEdit,
     QTreeView,
@@ -25,6 +24,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name, local_name
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.world.choices import CLASS, TEMPLATE, Choice, class_choices, element_choices, predicate_choices
 from skiros2_gui.world.details import Details, PropertyRow, display_name
@@ -128,7 +128,7 @@ class _Filter(QSortFilterProxyModel):
 def _item(choice: Choice) -> QStandardItem:
     item = QStandardItem(choice.text)
     item.setData(choice, _CHOICE)
-    item.setToolTip("\n".join(line for line in (choice.name, choice.description) if line))
+    item.setToolTip(plain_tip("\n".join(line for line in (choice.name, choice.description) if line)))
     if choice.kind == TEMPLATE:
         font = item.font()
         font.setItalic(True)
@@ -150,7 +150,7 @@ class _Dialog(QDialog):
         super().__init__(parent)
         self.setWindowTitle(title)
         self.content = QVBoxLayout()
-        self.note = QLabel()
+        self.note = PlainLabel()
         self.note.setObjectName("note")
         self.note.setWordWrap(True)
         self.buttons = QDialogButtonBox(QDialogButtonBox.Ok | QDialogButtonBox.Cancel)
@@ -195,7 +195,7 @@ class AddDialog(_Dialog):
         self.in_space.setChecked(True)
         self.in_space.setToolTip("Gives it a frame and a pose, which the world model maintains and publishes")
         form = QFormLayout()
-        form.addRow("Parent", QLabel(display_name(hierarchy, parent_id)))
+        form.addRow("Parent", PlainLabel(display_name(hierarchy, parent_id)))
         form.addRow("Relation", self.relation)
         form.addRow("Label", self.label)
         form.addRow("", self.in_space)
@@ -269,7 +269,7 @@ class RemoveDialog(_Dialog):
         others = [eid for eid in removed if eid not in ids]
         text = f"Remove {', '.join(display_name(hierarchy, eid) for eid in ids[:3])}"
         text += f" and {len(ids) - 3} more" if len(ids) > 3 else ""
-        self.text = QLabel(f"{text}?")
+        self.text = PlainLabel(f"{text}?")
         self.text.setWordWrap(True)
         self.content.addWidget(self.text)
         if others:

@@ -12,7 +12,6 @@ from python_qt_binding.QtWidgets import (
     QDoubleSpinBox,
     QGridLayout,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QPushButton,
     QShortcut,
@@ -23,7 +22,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.widgets.controls import push_button, timer
+from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, RelationRow
 from skiros2_gui.world.presenter import WorldPresenter
@@ -50,7 +49,7 @@ class PoseEditor(QWidget):
         super().__init__()
         self._write = write
         self._shown = _IDENTITY
-        self.frame = QLabel()
+        self.frame = PlainLabel()
         self.frame.setTextFormat(Qt.PlainText)
         self.add = push_button(
             "Add a pose",
@@ -61,7 +60,7 @@ class PoseEditor(QWidget):
         self.remove = push_button("Remove the pose", "removePoseButton", lambda: remove())
         self._timer = timer(self, _WRITE_DELAY, self.flush)
         self.boxes = [_SpinBox(" m", 1e6, 0.01, 4) for _ in range(3)] + [_SpinBox("°", 360.0, 5.0, 3) for _ in range(3)]
-        self._labels = [QLabel(name) for name in _NUMBERS]
+        self._labels = [PlainLabel(name) for name in _NUMBERS]
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.addWidget(self.frame, 0, 0, 1, 5)
@@ -74,7 +73,7 @@ class PoseEditor(QWidget):
             grid.addWidget(box, row, column + 1, 1, 2 if column == 4 else 1)
             grid.setColumnStretch(column + 1, 1)
             box.setObjectName(f"pose{_NUMBERS[index]}")
-            box.setToolTip(_ANGLE_TIPS[index - 3] if index >= 3 else "In the frame of its parent")
+            box.setToolTip(plain_tip(_ANGLE_TIPS[index - 3] if index >= 3 else "In the frame of its parent"))
             box.valueChanged.connect(lambda _: self._timer.start())
             box.editingFinished.connect(self.flush)
 
@@ -148,10 +147,10 @@ class ElementPanel(QWidget):
         super().__init__(parent)
         self._presenter = presenter
         self._shown: Details | None = None
-        self.heading = QLabel()
+        self.heading = PlainLabel()
         self.heading.setTextInteractionFlags(Qt.TextSelectableByMouse)
         self._set_fonts()
-        self.about = QLabel()
+        self.about = PlainLabel()
         self.about.setWordWrap(True)
         self.about.setTextInteractionFlags(Qt.TextSelectableByMouse)
         self.label_edit = QLineEdit()
@@ -197,7 +196,7 @@ class ElementPanel(QWidget):
         top.addWidget(self.heading)
         top.addWidget(self.about)
         row = QHBoxLayout()
-        row.addWidget(QLabel("Label"))
+        row.addWidget(PlainLabel("Label"))
         row.addWidget(self.label_edit, 1)
         top.addLayout(row)
         top.addWidget(self.pose)
@@ -260,7 +259,7 @@ class ElementPanel(QWidget):
             return
         self.heading.setText(local_name(details.label) or local_name(details.id))
         self.about.setText(_about(details, self._presenter.author()))
-        self.about.setToolTip(details.type_description)
+        self.about.setToolTip(plain_tip(details.type_description))
         if is_different or not self.label_edit.isModified():  # not while it is being edited
             self.label_edit.setText(details.label)
         self.pose.show()

@@ -21,7 +21,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.widgets import theme
-from skiros2_gui.app.widgets.controls import push_button
+from skiros2_gui.app.widgets.controls import PlainLabel, push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView, fixed_font
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import CONTEXTS, WorldQueries
@@ -66,13 +66,13 @@ class QueryPanel(QWidget):
         self.table = RowsView(RowsModel(()))
         self.table.setObjectName("sparqlResult")
         self.table.doubleClicked.connect(self._go_to)
-        self.message = QLabel()
+        self.message = PlainLabel()
         self.message.setObjectName("sparqlSaid")
         self.message.setWordWrap(True)
         self.message.setTextInteractionFlags(Qt.TextSelectableByMouse)
         row = QHBoxLayout()
         row.addWidget(self.examples, 1)
-        row.addWidget(QLabel("of"))
+        row.addWidget(PlainLabel("of"))
         row.addWidget(self.context)
         row.addWidget(self.run)
         top = QWidget()
@@ -157,7 +157,7 @@ class ReportPanel(QWidget):
         super().__init__(parent)
         self._presenter = presenter
         self._queries = queries
-        self.message = QLabel("Not validated yet.")
+        self.message = PlainLabel("Not validated yet.")
         self.message.setObjectName("validationSaid")
         self.message.setWordWrap(True)
         self.again = push_button(
@@ -205,7 +205,7 @@ class HistoryPanel(QWidget):
         super().__init__(parent)
         self._presenter = presenter
         self._queries = queries
-        self.message = QLabel()
+        self.message = PlainLabel()
         self.message.setObjectName("historySaid")
         self.message.setWordWrap(True)
         self.again = QPushButton("Refresh")

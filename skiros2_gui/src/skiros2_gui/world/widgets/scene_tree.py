@@ -12,7 +12,6 @@ from python_qt_binding.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
     QHeaderView,
-    QLabel,
     QLineEdit,
     QTreeView,
     QWidget,
@@ -20,7 +19,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.widgets import theme
-from skiros2_gui.app.widgets.controls import timer
+from skiros2_gui.app.widgets.controls import PlainLabel, timer
 from skiros2_gui.world.details import display_name
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.scene import TOP, UNPLACED
@@ -283,7 +282,7 @@ class ElementFinder(QWidget):
         self.line.setToolTip("Words in ids, labels and values; Enter, F3: next result, Shift+F3: previous")
         self.line.setClearButtonEnabled(True)
         self.line.returnPressed.connect(lambda: self.go_to_next())
-        self.message = QLabel()
+        self.message = PlainLabel()
         self._timer = timer(self, _DELAY, self.search)
         self.line.textChanged.connect(lambda _: self._timer.start())
         row = QHBoxLayout(self)

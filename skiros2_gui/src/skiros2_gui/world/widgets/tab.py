@@ -20,7 +20,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.system import WORLD_MODEL
-from skiros2_gui.app.widgets.controls import timer, tool_button
+from skiros2_gui.app.widgets.controls import plain_tip, timer, tool_button
 from skiros2_gui.app.window import Window
 from skiros2_gui.teach.widgets.panel import TeachPanel
 from skiros2_gui.world.presenter import Redraw, WorldPresenter
@@ -190,7 +190,7 @@ class WorldTab(QWidget):
             (self.redo_button, undo_stack.redo_text, "Redo", "Ctrl+Shift+Z"),
         ):
             button.setEnabled(bool(text))
-            button.setToolTip(f"{name}: {text} ({keys})" if text else f"Nothing to {name.lower()} ({keys})")
+            button.setToolTip(plain_tip(f"{name}: {text} ({keys})" if text else f"Nothing to {name.lower()} ({keys})"))
 
     def _expire_highlights(self) -> None:
         self.presenter.expire_highlights()

@@ -24,7 +24,9 @@ from skiros2_gateway.core.access import Role
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.service import Service
+from skiros2_gateway.http import models
 from skiros2_gateway.http.callers import CallerArg, ServiceArg, agent_of
+from skiros2_gateway.http.errors import answers
 from skiros2_gateway.http.origin import check_origin
 
 _INSTRUCTIONS = (
@@ -77,7 +79,7 @@ class AgentServer:
             check_origin(request, self._hosts)
             return await self._calls.answer(request, agent_of(request), self._manager)
 
-        @router.get("/api/approvals")
+        @router.get("/api/approvals", responses=answers(models.Approvals))
         async def approvals(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
             """What agents ask for: {approvals: [{id, digest, user, what, robots, reason, created, expires}]}.
 
@@ -86,7 +88,7 @@ class AgentServer:
             service.view(caller)
             return {"approvals": [approval.to_dict() for approval in service.approvals.open]}
 
-        @router.post("/api/approvals/{approval_id}/{answer}")
+        @router.post("/api/approvals/{approval_id}/{answer}", responses=answers(models.Approval, 404, 405, 409))
         async def answer(
             caller: CallerArg,
             service: ServiceArg,

@@ -40,20 +40,20 @@ from collections.abc import AsyncIterator, Sequence
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Body, FastAPI, Query, Request, Response
-from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse, StreamingResponse
+from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
+from skiros2_common.core.errors import UnknownName
 from skiros2_gateway.core.access import Role
 from skiros2_gateway.core.job import Method, Order
-from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, field_problems
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
+from skiros2_gateway.http import models
 from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
 from skiros2_gateway.http.deadlines import Deadlines
+from skiros2_gateway.http.errors import EVENTS, add_error_handlers, answers, describe, on_http_error, on_skiros_error
 from skiros2_gateway.http.once import Once
 
 log = logging.getLogger(__name__)
@@ -62,11 +62,6 @@ log = logging.getLogger(__name__)
 MAX_BODY = 256 * 1024
 #: The longest time for the body of a request (s).
 BODY_TIMEOUT = 30.0
-
-_STATUS: tuple[tuple[type[SkirosError], int], ...] = (
-    (Rejected, 422), (Denied, 403), (Unauthenticated, 401), (TooMany, 429), (UnknownName, 404), (Conflict, 409),
-    (Refused, 409), (TimedOut, 503), (WrongValue, 422),
-)  # fmt: skip
 
 
 def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: int = MAX_BODY) -> FastAPI:
@@ -80,53 +75,12 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     app.include_router(_router)
     for router in routers:
         app.include_router(router)
+    app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     add_error_handlers(app)
     app.add_middleware(Once, on_error=on_skiros_error)
     app.add_middleware(Deadlines, on_error=on_skiros_error)
     app.add_middleware(_Limits, max_body=max_body)
     return app
-
-
-# -- errors ------------------------------------------------------------------------------------------------------------
-
-
-def problem(status: int, code: str, detail: str, **more: Any) -> JSONResponse:
-    """Returns an answer with problem details."""
-    data = {"title": code.replace("_", " "), "status": status, "code": code, "detail": detail, **more}
-    return JSONResponse(data, status, media_type="application/problem+json")
-
-
-def add_error_handlers(app: FastAPI) -> None:
-    """Lets an application answer errors with problem details."""
-    app.add_exception_handler(SkirosError, on_skiros_error)
-    app.add_exception_handler(RequestValidationError, _on_wrong_fields)
-    app.add_exception_handler(HTTPException, _on_http_error)
-
-
-async def on_skiros_error(_: Request, error: Exception) -> Response:
-    """Answers an error of the platform."""
-    assert isinstance(error, SkirosError)
-    status = next((status for kind, status in _STATUS if isinstance(error, kind)), 503)
-    more = {"problems": [each.to_dict() for each in error.problems]} if isinstance(error, Rejected) else {}
-    response = problem(status, error.code, str(error), **more)
-    if isinstance(error, TooMany):
-        response.headers["Retry-After"] = str(max(1, round(error.retry_after)))
-    if status == 401:
-        response.headers["WWW-Authenticate"] = "Bearer"
-    return response
-
-
-async def _on_wrong_fields(_: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)
-    problems = field_problems(error.errors())
-    detail = "; ".join(str(each) for each in problems)
-    return problem(422, Rejected.code, detail, problems=[each.to_dict() for each in problems])
-
-
-async def _on_http_error(_: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    code = "too_large" if error.status_code == 413 else "http_error"
-    return problem(error.status_code, code, str(error.detail))
 
 
 class _Limits:
@@ -165,7 +119,7 @@ class _Limits:
         try:
             await self._app(scope, limited, guarded)
         except HTTPException as error:  # the body was read before a route was found
-            await (await _on_http_error(Request(scope), error))(scope, receive, send)
+            await (await on_http_error(Request(scope), error))(scope, receive, send)
 
 
 _HEADERS = [
@@ -210,7 +164,7 @@ class _NewJob(Order):
     comment: str = ""
 
 
-@_router.get("/health")
+@_router.get("/health", responses=answers(models.Health), openapi_extra={"security": []})
 async def health(service: ServiceArg) -> dict[str, Any]:
     """Whether the gateway runs. Needs no credentials."""
     return {"status": "running", "stream": service.events.name}
@@ -221,7 +175,7 @@ class _Session(BaseModel):
     token: str
 
 
-@_router.post("/session")
+@_router.post("/session", responses=answers(models.LoggedIn), openapi_extra={"security": []})
 async def login(request: Request, response: Response, body: _Session, service: ServiceArg) -> dict[str, str]:
     """Starts a session of the page for a token, and sets its cookie."""
     secret, caller = service.sessions.start(body.token, address_of(request))
@@ -232,7 +186,7 @@ async def login(request: Request, response: Response, body: _Session, service: S
     return {"user": caller.user, "role": caller.role.name.lower()}
 
 
-@_router.delete("/session")
+@_router.delete("/session", responses=answers(models.Empty))
 async def logout(caller: CallerArg, response: Response, service: ServiceArg) -> dict[str, str]:
     """Ends the page's session, and removes its cookie."""
     if caller.session:
@@ -241,14 +195,14 @@ async def logout(caller: CallerArg, response: Response, service: ServiceArg) -> 
     return {}
 
 
-@_router.get("/sessions")
+@_router.get("/sessions", responses=answers(models.Sessions))
 async def sessions(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
     """The page's sessions that the caller may end: {sessions: [{id, user, address, created, is_own}]}."""
     service.view(caller)
     return {"sessions": service.sessions.open(caller)}
 
 
-@_router.delete("/sessions/{session_id}")
+@_router.delete("/sessions/{session_id}", responses=answers(models.Empty, 404, 405))
 async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -> dict[str, str]:
     """Ends a session of the page: an own one, or with the role maintain any."""
     service.view(caller)
@@ -257,13 +211,13 @@ async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -
     return {}
 
 
-@_router.get("/state")
+@_router.get("/state", responses=answers(models.State))
 async def state(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
     """The state of the cell: robots, queue, counters."""
     return service.state(caller)
 
 
-@_router.get("/events")
+@_router.get("/events", response_class=StreamingResponse, responses=EVENTS)
 async def events(
     request: Request, caller: CallerArg, service: ServiceArg, after: str = "", kinds: str = ""
 ) -> StreamingResponse:
@@ -282,14 +236,14 @@ async def events(
     return StreamingResponse(lines(), media_type="text/event-stream")
 
 
-@_router.get("/world")
+@_router.get("/world", responses=answers(models.World))
 async def world(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
     """The world model."""
     service.view(caller)
     return await service.control.cell.world()
 
 
-@_router.get("/jobs")
+@_router.get("/jobs", responses=answers(models.Jobs))
 async def jobs(
     caller: CallerArg,
     service: ServiceArg,
@@ -304,7 +258,7 @@ async def jobs(
     return {"jobs": [job.to_dict() for job in found]}
 
 
-@_router.post("/jobs", status_code=201)
+@_router.post("/jobs", status_code=201, responses=answers(models.JobData, 409, status=201) | answers(models.JobData))
 async def put_job(caller: CallerArg, service: ServiceArg, body: _NewJob, response: Response) -> dict[str, Any]:
     """Stores an order, and allows it to start unless `start` is false. 200 if the same order is known."""
     data = body.model_dump(mode="json", exclude={"start", "comment"})
@@ -313,21 +267,21 @@ async def put_job(caller: CallerArg, service: ServiceArg, body: _NewJob, respons
     return job.to_dict()
 
 
-@_router.get("/jobs/{job_id}")
+@_router.get("/jobs/{job_id}", responses=answers(models.JobData, 404, 405))
 async def get_job(caller: CallerArg, service: ServiceArg, job_id: str) -> dict[str, Any]:
     """A job with its response."""
     service.view(caller)
     return service.control.get(job_id).to_dict()
 
 
-@_router.put("/jobs/{job_id}")
+@_router.put("/jobs/{job_id}", responses=answers(models.JobData, 404, 405, 409))
 async def update_job(caller: CallerArg, service: ServiceArg, job_id: str, body: _NewJob) -> dict[str, Any]:
     """Replaces the order of a job that has not started."""
     data = body.model_dump(mode="json", exclude={"start", "comment"})
     return (await service.update(caller, {**data, "id": job_id}, body.comment)).to_dict()
 
 
-@_router.post("/jobs/{job_id}/{method}")
+@_router.post("/jobs/{job_id}/{method}", responses=answers(models.JobData, 404, 405, 409))
 async def apply(
     caller: CallerArg, service: ServiceArg, job_id: str, method: str, body: Annotated[_Comment | None, Body()] = None
 ) -> dict[str, Any]:
@@ -338,14 +292,14 @@ async def apply(
     return service.apply(caller, known[method], job_id, body.comment if body else "").to_dict()
 
 
-@_router.get("/jobs/{job_id}/history")
+@_router.get("/jobs/{job_id}/history", responses=answers(models.History, 404, 405))
 async def history(caller: CallerArg, service: ServiceArg, job_id: str) -> dict[str, Any]:
     """The changes of a job's state, the oldest first."""
     service.view(caller)
     return {"history": service.store.history(service.control.get(job_id).id)}
 
 
-@_router.get("/work_masters")
+@_router.get("/work_masters", responses=answers(models.WorkMasters))
 async def work_masters(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
     """The work masters, each with the JSON Schema of its parameters."""
     service.view(caller)
@@ -353,7 +307,7 @@ async def work_masters(caller: CallerArg, service: ServiceArg) -> dict[str, Any]
     return {"work_masters": [{**m.model_dump(mode="json"), "schema": m.parameters_schema()} for m in masters]}
 
 
-@_router.post("/robots/{action}")
+@_router.post("/robots/{action}", responses=answers(models.TasksByRobot, 404, 405, 409))
 async def robots(caller: CallerArg, service: ServiceArg, action: str, body: _Robots) -> dict[str, Any]:
     """Preempts, pauses or resumes all tasks of robots: actions stop, pause and resume."""
     if action not in ROBOT_ACTIONS:
@@ -361,28 +315,28 @@ async def robots(caller: CallerArg, service: ServiceArg, action: str, body: _Rob
     return await service.command_robots(caller, action, body.robots)
 
 
-@_router.get("/skills")
+@_router.get("/skills", responses=answers(models.Skills))
 async def skills(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
     """The skills of each robot: {robot: [{type, label, parameters}]}."""
     service.view(caller)
     return {"robots": await service.control.cell.skills()}
 
 
-@_router.post("/plan")
+@_router.post("/plan", responses=answers(models.Plan, 409))
 async def plan(caller: CallerArg, service: ServiceArg, body: _Goal) -> dict[str, Any]:
     """The plan for a goal, with its purpose and its simulated changes; nothing moves. See the action MakePlan."""
     with service.planning(caller):
         return await service.control.cell.plan(body.goal, body.quality)
 
 
-@_router.post("/world/query")
+@_router.post("/world/query", responses=answers(models.Table, 409))
 async def query(caller: CallerArg, service: ServiceArg, body: _Query) -> dict[str, Any]:
     """Answers a SPARQL query: {columns, rows}."""
     service.view(caller)
     return await service.control.cell.query(body.query)
 
 
-@_router.get("/audit")
+@_router.get("/audit", responses=answers(models.Audit))
 async def audit(
     caller: CallerArg, service: ServiceArg, since: Since = 0, limit: Annotated[int, Query(ge=1, le=10_000)] = 1000
 ) -> dict[str, Any]:

@@ -22,9 +22,10 @@ import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
+from fastapi import Path as PathParam
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import FiniteFloat
 
@@ -34,9 +35,16 @@ from skiros2_gateway.core.events import Event
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.live import TASK_ACTIONS, LiveCell, LiveView
 from skiros2_gateway.core.run_view import history_data
+from skiros2_gateway.http import models
 from skiros2_gateway.http.callers import CallerArg, ServiceArg
+from skiros2_gateway.http.errors import EVENTS, answers, errors_of
 from skiros2_runs.core.states import ROLE_COLOURS, NodeState, StateStyle, TaskState, style_of
 from skiros2_runs.core.task_run import TaskRun
+
+#: The number of a node: 32 bits in messages.
+NodeId = Annotated[int, PathParam(ge=0, lt=2**31)]
+
+_FILE = {**errors_of(404), 200: {"content": {"*/*": {}}}}
 
 #: What the page may load: its own files only, and pictures that it draws itself.
 _POLICY = (
@@ -60,7 +68,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
             raise Refused(f"{key} has ended")
         return run
 
-    @router.get("")
+    @router.get("", responses=answers(models.Document))
     async def document(caller: CallerArg, service: ServiceArg) -> Response:
         """The document, and the id of the last patch."""
         service.view(caller)
@@ -68,7 +76,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         found = {**view.snapshot(), "styles": _styles(), "stop_port": stop_port, "clock": monotonic(), **user}
         return _json(found)
 
-    @router.get("/patches")
+    @router.get("/patches", response_class=StreamingResponse, responses=EVENTS)
     async def patches(
         request: Request, caller: CallerArg, service: ServiceArg, after: str = "", beats: bool = False
     ) -> StreamingResponse:
@@ -85,7 +93,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
 
         return StreamingResponse(lines(), media_type="text/event-stream")
 
-    @router.get("/mesh")
+    @router.get("/mesh", response_class=FileResponse, responses=_FILE)
     async def mesh(caller: CallerArg, service: ServiceArg, url: str) -> FileResponse:
         """A mesh of the document."""
         service.view(caller)
@@ -94,28 +102,28 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
             raise UnknownName(f"{url}: there is no file {path}")
         return FileResponse(path)
 
-    @router.get("/bags")
+    @router.get("/bags", responses=answers(models.Bags))
     async def list_bags(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
         """The recorded runs: {bags: [{name, size, time}]}, the newest first."""
         service.view(caller)
         return {"bags": bags.list()}
 
-    @router.get("/bags/{name}")
+    @router.get("/bags/{name}", responses=answers(models.BagContent, 404, 405, 409))
     async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
         """The runs of trees in a bag by key, see `run_view.summary_data`, its goals and signals."""
         service.view(caller)
         return _json(await asyncio.to_thread(bags.open, name))
 
-    @router.get("/runs/{key:path}/why")
+    @router.get("/runs/{key:path}/why", responses=answers(models.Why, 404, 405, 409))
     async def why(caller: CallerArg, service: ServiceArg, key: str) -> dict[str, Any]:
         """Why a run failed: {text, explanations}."""
         service.view(caller)
         run = view.find_run(key)
         return await cell.why(run.robot, run.task_id)
 
-    @router.get("/runs/{key:path}/nodes/{node}")
+    @router.get("/runs/{key:path}/nodes/{node}", responses=answers(models.NodeValues, 404, 405, 409))
     async def node(
-        caller: CallerArg, service: ServiceArg, key: str, node: int, time: FiniteFloat | None = None
+        caller: CallerArg, service: ServiceArg, key: str, node: NodeId, time: FiniteFloat | None = None
     ) -> dict[str, Any]:
         """The parameters and conditions of a node."""
         service.view(caller)
@@ -127,7 +135,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
             raise UnknownName(f"the values of node {node} of {key} were not read while it ran")
         return values.to_dict()
 
-    @router.get("/runs/{key:path}/scene")
+    @router.get("/runs/{key:path}/scene", responses=answers(models.Scene, 404, 405))
     async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat) -> Response:
         """Elements and robots at a time."""
         service.view(caller)
@@ -136,13 +144,13 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
             return _json(await asyncio.to_thread(bags.scene_at, key, time, cell.recorded_view()))
         return _json(view.scenes.at(time))
 
-    @router.get("/runs/{key:path}")
+    @router.get("/runs/{key:path}", responses=answers(models.RunAt, 404, 405))
     async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat | None = None) -> Response:
         """A run at a time."""
         service.view(caller)
         return _json(history_data(find(key), time))
 
-    @router.post("/runs/{key}/{action}")
+    @router.post("/runs/{key}/{action}", responses=answers(models.Empty, 404, 405, 409))
     async def command(caller: CallerArg, service: ServiceArg, key: str, action: str) -> dict[str, Any]:
         """Stops, pauses, resumes or steps a task."""
         if action not in TASK_ACTIONS:

@@ -76,6 +76,7 @@ class RosCell:
         self._paused: set[str] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._skill_runs = SkillRuns()
+        self._planners: list[TaskManagerInterface] = []  # those without a request: each has subscriptions
         self._closed = threading.Event()
         self._threads.submit(self._connect)
 
@@ -266,9 +267,15 @@ class RosCell:
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         def make() -> Any:
-            client = TaskManagerInterface()
-            client.make_plan(goal, quality=quality)
-            return client.wait_for_result()
+            try:
+                client = self._planners.pop()
+            except IndexError:
+                client = TaskManagerInterface()
+            try:
+                client.make_plan(goal, quality=quality)
+                return client.wait_for_result()
+            finally:
+                self._planners.append(client)
 
         result: MakePlanResult = await self.in_thread(make, timeout=120.0, threads=self._planners)
         return {

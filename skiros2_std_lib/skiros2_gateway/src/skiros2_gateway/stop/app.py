@@ -17,9 +17,9 @@ from skiros2_gateway.core.access import RateLimit
 from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.core.problems import Denied, Unauthenticated
 from skiros2_gateway.core.service import ROBOT_ACTIONS
-from skiros2_gateway.http.app import add_error_handlers, on_skiros_error
 from skiros2_gateway.http.callers import COOKIE, address_of, token_of
 from skiros2_gateway.http.deadlines import Deadlines
+from skiros2_gateway.http.errors import add_error_handlers, on_skiros_error
 from skiros2_gateway.ros.robot_stops import RobotStops
 
 #: Requests with wrong credentials of one address, per second and in a burst; how many addresses are kept.

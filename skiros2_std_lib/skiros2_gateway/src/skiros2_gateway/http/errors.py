@@ -1,0 +1,125 @@
+"""Errors as answers: problem details (RFC 9457), in requests and in the OpenAPI document."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.openapi.utils import get_openapi
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
+from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, field_problems
+
+_STATUS: tuple[tuple[type[SkirosError], int], ...] = (
+    (Rejected, 422), (Denied, 403), (Unauthenticated, 401), (TooMany, 429), (UnknownName, 404), (Conflict, 409),
+    (Refused, 409), (TimedOut, 503), (WrongValue, 422),
+)  # fmt: skip
+
+_MEDIA_TYPE = "application/problem+json"
+_TEXTS = {
+    400: "the body cannot be read", 401: "no valid credentials", 403: "the role is missing", 404: "unknown",
+    405: "no such method", 408: "the body has not arrived in time", 409: "not in this state", 413: "too large",
+    422: "wrong fields", 429: "too many requests", 503: "the cell does not answer",
+}  # fmt: skip
+#: What each route may answer.
+_ALWAYS = (400, 401, 403, 408, 413, 422, 429, 503)
+
+
+class ProblemOfField(BaseModel):
+    """What is wrong with a field."""
+
+    code: str
+    where: str
+    message: str
+    expected: str
+    nearest: list[str]
+
+
+class ProblemDetails(BaseModel):
+    """An error. The request has changed nothing."""
+
+    title: str
+    status: int
+    code: str
+    detail: str
+    problems: list[ProblemOfField] = []
+
+
+def answers(model: type[BaseModel], *errors: Literal[404, 405, 409], status: int = 200) -> dict[int | str, Any]:
+    """Returns the argument `responses` of a route.
+
+    The model only describes the answer: making it of each answer would cost more than the answer.
+
+    :param errors: status codes beside those of each route.
+    """
+    return {status: {"model": model}, **errors_of(*errors)}
+
+
+def errors_of(*errors: Literal[404, 405, 409]) -> dict[int | str, Any]:
+    """Returns the errors of a route for its argument `responses`."""
+    schema = {"$ref": "#/components/schemas/ProblemDetails"}
+    content = {"content": {_MEDIA_TYPE: {"schema": schema}}}
+    return {status: {"description": _TEXTS[status], **content} for status in sorted({*_ALWAYS, *errors})}
+
+
+#: The argument `responses` of a stream of events.
+EVENTS: dict[int | str, Any] = {**errors_of(), 200: {"content": {"text/event-stream": {}}}}
+
+
+def describe(app: FastAPI) -> dict[str, Any]:
+    """Returns the OpenAPI document of an application, with the schemas of errors and the ways to authenticate."""
+    if app.openapi_schema is None:
+        document = get_openapi(title=app.title, version=app.version, routes=app.routes)
+        components = document.setdefault("components", {})
+        schema = ProblemDetails.model_json_schema(ref_template="#/components/schemas/{model}")
+        components.setdefault("schemas", {}).update({**schema.pop("$defs"), "ProblemDetails": schema})
+        components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        document["security"] = [{"token": []}]
+        app.openapi_schema = document
+    return app.openapi_schema
+
+
+def add_error_handlers(app: FastAPI) -> None:
+    """Has errors of an application answered as problem details."""
+    app.add_exception_handler(SkirosError, on_skiros_error)
+    app.add_exception_handler(RequestValidationError, _on_wrong_fields)
+    app.add_exception_handler(HTTPException, on_http_error)
+
+
+def problem(status: int, code: str, detail: str, **more: Any) -> JSONResponse:
+    """Returns an answer with problem details."""
+    data = {"title": code.replace("_", " "), "status": status, "code": code, "detail": detail, **more}
+    return JSONResponse(data, status, media_type=_MEDIA_TYPE)
+
+
+async def on_skiros_error(_: Request, error: Exception) -> Response:
+    """Answers an error of the platform."""
+    assert isinstance(error, SkirosError)
+    status = next((status for kind, status in _STATUS if isinstance(error, kind)), 503)
+    more = {"problems": [each.to_dict() for each in error.problems]} if isinstance(error, Rejected) else {}
+    response = problem(status, error.code, str(error), **more)
+    if isinstance(error, TooMany):
+        response.headers["Retry-After"] = str(max(1, round(error.retry_after)))
+    if status == 401:
+        response.headers["WWW-Authenticate"] = "Bearer"
+    return response
+
+
+async def on_http_error(_: Request, error: Exception) -> Response:
+    """Answers an error of the application, such as an unknown route."""
+    assert isinstance(error, HTTPException)
+    code = "too_large" if error.status_code == 413 else "http_error"
+    response = problem(error.status_code, code, str(error.detail))
+    response.headers.update(error.headers or {})
+    return response
+
+
+async def _on_wrong_fields(_: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    problems = field_problems(error.errors())
+    detail = "; ".join(str(each) for each in problems)
+    return problem(422, Rejected.code, detail, problems=[each.to_dict() for each in problems])

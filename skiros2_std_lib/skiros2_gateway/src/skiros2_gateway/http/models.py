@@ -1,0 +1,243 @@
+"""Models of the answers, for the OpenAPI document. Answers may have further fields."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+from skiros2_gateway.core import job
+
+
+class Empty(BaseModel):
+    """Done."""
+
+
+class Health(BaseModel):
+    status: Literal["running"]
+    stream: str = Field(description="differs after each start of the gateway")
+
+
+class LoggedIn(BaseModel):
+    user: str
+    role: str
+
+
+class Session(BaseModel):
+    id: str
+    user: str
+    address: str
+    created: float
+    is_own: bool
+
+
+class Sessions(BaseModel):
+    sessions: list[Session]
+
+
+class Robot(BaseModel):
+    name: str
+    state: str
+    reason: str
+    since: float = Field(description="s since the epoch")
+    tasks: list[dict[str, Any]]
+    counters: dict[str, float]
+
+
+class JobData(BaseModel):
+    """A job with its response. Times in s since the epoch, those of the order in ISO 8601."""
+
+    id: str
+    order: job.Order
+    goal: str
+    sequence: int
+    created: float
+    changed: float
+    state: job.State
+    substate: job.Substate
+    wanted: str
+    cleared: bool
+    author: str
+    robots: list[str]
+    response: job.Response
+
+
+class Jobs(BaseModel):
+    jobs: list[JobData]
+
+
+class State(BaseModel):
+    event: str = Field(description="the id of the last event that is included")
+    jobs: list[JobData]
+    counts: dict[str, int]
+    viewers: int
+    role: str
+    user: str
+    robots: list[Robot]
+    ready: bool
+    capacity: int
+
+
+class ElementData(BaseModel):
+    id: str
+    type: str
+    label: str
+    properties: dict[str, list[Any]]
+    relations: list[tuple[str, str]]
+
+
+class World(BaseModel):
+    revision: int
+    elements: list[ElementData]
+
+
+class JobEvent(BaseModel):
+    number: int
+    time: float
+    author: str
+    method: str
+    state: str
+    substate: str
+    comment: str
+
+
+class History(BaseModel):
+    history: list[JobEvent]
+
+
+class WorkMasterData(BaseModel):
+    id: str
+    description: str
+    goal: str
+    parameters: list[dict[str, Any]]
+    quality: list[dict[str, str]]
+    robots: list[str]
+    schema_: dict[str, Any] = Field(alias="schema", description="JSON Schema of the parameters")
+
+
+class WorkMasters(BaseModel):
+    work_masters: list[WorkMasterData]
+
+
+class TasksByRobot(BaseModel):
+    """The number of tasks by robot."""
+
+    __pydantic_extra__: dict[str, int]
+    model_config = {"extra": "allow"}
+
+
+class SkillData(BaseModel):
+    type: str
+    label: str
+    parameters: list[dict[str, Any]]
+
+
+class Skills(BaseModel):
+    robots: dict[str, list[SkillData]]
+
+
+class Plan(BaseModel):
+    state: str
+    message: str
+    plan: list[dict[str, Any]]
+    makespan: float = 0.0
+    why: Any = None
+    preview: Any = None
+    notes: list[str] = []
+
+
+class Table(BaseModel):
+    columns: list[str]
+    rows: list[list[str]]
+
+
+class AuditEntry(BaseModel):
+    number: int
+    time: float
+    user: str
+    way: str
+    action: str
+    object: str
+    outcome: str
+
+
+class Audit(BaseModel):
+    audit: list[AuditEntry]
+
+
+class Approval(BaseModel):
+    id: str
+    digest: str
+    user: str
+    what: dict[str, Any]
+    robots: list[str]
+    reason: str
+    created: float
+    expires: float
+
+
+class Approvals(BaseModel):
+    approvals: list[Approval]
+
+
+# -- the live view -----------------------------------------------------------------------------------------------------
+
+
+class Document(BaseModel):
+    document: dict[str, dict[str, Any]]
+    event: str = Field(description="the id of the last patch that is included")
+    time: float
+    styles: dict[str, dict[str, dict[str, str]]]
+    role: str
+    user: str
+    person: bool
+
+
+class Bag(BaseModel):
+    name: str
+    size: int
+    time: float
+
+
+class Bags(BaseModel):
+    bags: list[Bag]
+
+
+class BagContent(BaseModel):
+    runs: dict[str, dict[str, Any]]
+    goals: Any
+    signals: Any
+
+
+class Why(BaseModel):
+    text: str
+    explanations: list[dict[str, Any]]
+
+
+class NodeValues(BaseModel):
+    """The parameters and conditions of a node."""
+
+    node: int
+    type: str
+    label: str
+    params: list[dict[str, Any]]
+    conditions: list[dict[str, Any]]
+    time: float
+
+
+class Scene(BaseModel):
+    elements: dict[str, Any]
+    frames: dict[str, Any]
+    bodies: dict[str, Any]
+
+
+class RunAt(BaseModel):
+    summary: dict[str, Any]
+    tree: dict[str, Any]
+    state: str
+    time: float
+    first: float
+    last: float
+    ticks: int
+    dropped: int
+    log: list[dict[str, Any]]

@@ -1,0 +1,102 @@
+"""Requests generated from the gateway's OpenAPI document (schemathesis), against a gateway with a stand-in cell."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import requests
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+from hypothesis.errors import Unsatisfiable
+from schemathesis import GenerationMode, checks
+
+from skiros2_gateway.agents.server import AgentServer
+from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.http.live import live_router
+from support.http_gateway import served
+from unit.skiros2_gateway.conftest import TOKENS, Gateway
+from unit.skiros2_gateway.test_live_http import _Cell, _nodes
+
+#: Paths whose answers do not end.
+_STREAMS = ("/api/events", "/api/live/patches")
+#: Failed logins are soon answered with 429, so most requests have a token.
+_USERS = ("maintain", "operate", "maintain", "operate", "view", "agent", "")
+_CHECKS = [
+    checks.not_a_server_error,
+    checks.status_code_conformance,
+    checks.content_type_conformance,
+    checks.response_schema_conformance,
+]
+
+
+@contextmanager
+def served_gateway(folder: Path) -> Iterator[str]:
+    """Serves all routes in a thread with a loop of its own; yields the address."""
+    addresses: list[str] = []
+    started, ended = threading.Event(), asyncio.Event()
+    loops: list[asyncio.AbstractEventLoop] = []
+
+    async def serve() -> None:
+        loops.append(asyncio.get_running_loop())
+        gateway = Gateway(folder / "jobs.sqlite", capacity=10, rate=1e9)
+        await gateway.put("a")
+        gateway.cell.run("a")
+        view = LiveView()
+        view.record("/robot", _nodes(3, 3))
+        agents = AgentServer(gateway.service)
+        routers = [live_router(view, _Cell(), Bags(None)), agents.router()]
+        async with served(gateway.service, routers=routers) as address:
+            addresses.append(address)
+            started.set()
+            await ended.wait()
+
+    thread = threading.Thread(target=asyncio.run, args=(serve(),))
+    thread.start()
+    try:
+        started.wait(30.0)
+        yield addresses[0]
+    finally:
+        loops[0].call_soon_threadsafe(ended.set)
+        thread.join()
+
+
+def send_generated(address: str, count: int, number: int = 0) -> Counter[int]:
+    """Sends requests to each operation, valid ones and others. Returns the number of answers by status.
+
+    :param count: requests for each operation and kind.
+    :param number: the random seed.
+    :raises AssertionError: the server fails, a status is not documented, or an answer does not match its schema.
+    """
+    found: Counter[int] = Counter()
+    with requests.Session() as session:
+        schema = schemathesis.openapi.from_url(f"{address}/openapi.json")
+        for operation in (result.ok() for result in schema.get_all_operations()):
+            for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
+                if operation.path not in _STREAMS:
+                    _send(operation, mode, session, found, count, number)
+    return found
+
+
+def _send(operation: Any, mode: Any, session: Any, found: Counter[int], count: int, number: int) -> None:
+    @seed(number)
+    @settings(
+        max_examples=count, database=None, deadline=None, derandomize=False,
+        suppress_health_check=list(HealthCheck), phases=[Phase.generate],
+    )  # fmt: skip
+    @given(case=operation.as_strategy(generation_mode=mode), user=st.sampled_from(_USERS))
+    def send(case: Any, user: str) -> None:
+        headers = {"Authorization": f"Bearer {TOKENS[user]}"} if user else {}
+        response = case.call(session=session, headers=headers, timeout=20.0)
+        found[response.status_code] += 1
+        case.validate_response(response, checks=_CHECKS)
+
+    with suppress(Unsatisfiable):  # no wrong request is possible: the operation has no arguments
+        send()

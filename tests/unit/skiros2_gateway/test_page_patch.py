@@ -1,0 +1,50 @@
+"""The page's patches, in node: the same results as the gateway's, and nothing outside the document changes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skiros2_gateway.core.patch import apply_patch
+from support.source import ROOT
+
+PATCH_JS = ROOT / "skiros2_std_lib/skiros2_gateway/web/src/patch.js"
+PROGRAM = """
+import { applyPatch } from %s;
+const [document, patch] = JSON.parse(process.argv[1]);
+applyPatch(document, patch);
+process.stdout.write(JSON.stringify({ document, polluted: ({}).admin ?? ({}).a ?? null }));
+"""
+
+pytestmark = pytest.mark.skipif(
+    not (Path(sys.executable).parent / "node").exists(), reason="needs node: .ci/setup run gateway"
+)
+
+
+def patched(document: Any, patch: Any) -> Any:
+    program = PROGRAM % json.dumps(PATCH_JS.as_uri())
+    node = str(Path(sys.executable).parent / "node")
+    command = [node, "--input-type=module", "-e", program, json.dumps([document, patch])]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+@pytest.mark.parametrize(
+    "patch",
+    [
+        {"__proto__": {"admin": True}},
+        {"constructor": {"prototype": {"admin": True}}},
+        {"elements": {"__proto__": {"a": 1}, "toString": {"a": {"b": 2}}}},
+        {"__proto__": "text", "elements": {"hasOwnProperty": 1}},
+        {"elements": {"x": None, "y": {"z": [1, None]}}},
+    ],
+)
+def test_patch_changes_the_document_only(patch: dict[str, Any]) -> None:
+    document: dict[str, Any] = {"elements": {"x": {"y": 1}}}
+    found = patched(document, patch)
+    apply_patch(document, patch)
+    assert found == {"document": document, "polluted": None}

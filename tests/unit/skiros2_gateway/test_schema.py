@@ -1,0 +1,13 @@
+"""Requests generated from the OpenAPI document: no failure, no undocumented status, each answer as documented."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from support.schema_requests import send_generated, served_gateway
+
+
+def test_answers_to_generated_requests_are_as_documented(tmp_path: Path) -> None:
+    with served_gateway(tmp_path) as address:
+        found = send_generated(address, 4)
+        assert {200, 401, 403, 404, 422} <= found.keys(), found

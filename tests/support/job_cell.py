@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import urllib.error
 import urllib.request
 from collections import Counter
@@ -34,18 +35,29 @@ MASTERS = {
 }
 
 
+def operator_token(number: int) -> str:
+    return f"operator-{number}-0123456789abcdef"
+
+
 class JobCell:
     """Products on a shelf, two stores, a robot `/porter`, the task manager and the gateway.
 
     :param folder: for files of the nodes.
+    :param operators: further users with the role operate: `operator-0` and so on; see `operator_token`.
+    :param slow_disk: time that the gateway's disk needs for each commit (s).
     :param settings: of the gateway, beside its defaults for tests.
     """
 
-    def __init__(self, ros: Ros, folder: Path, products: int = 4, **settings: Any) -> None:
+    def __init__(
+        self, ros: Ros, folder: Path, products: int = 4, operators: int = 0, slow_disk: float = 0.0, **settings: Any
+    ) -> None:
         self.ros = ros
         self.folder = folder
-        self._carried = folder / "carried.txt"
+        self._carried, self._stopped = folder / "carried.txt", folder / "stopped.txt"
+        self._slow_disk = slow_disk
         users = [{"name": name, "role": name, "token": token} for name, token in TOKENS.items()]
+        more = [(f"operator-{number}", operator_token(number)) for number in range(operators)]
+        users += [{"name": name, "role": "operate", "token": token} for name, token in more]
         self.users = folder / "users.yaml"
         self.users.write_text(yaml.safe_dump({"users": users}))
         self.users.chmod(0o600)
@@ -66,10 +78,14 @@ class JobCell:
         #: A product that is at no place.
         self.lost_product = world.thing("skiros:Product")
         world.thing("cora:Robot", f"skiros:{ROBOT[1:]}")
-        env = {**ros.master.env, "CARRIED": str(self._carried)}
+        env = {**ros.master.env, "CARRIED": str(self._carried), "STOPPED": str(self._stopped)}
         env["PYTHONPATH"] = f"{TESTS}:{env['PYTHONPATH']}"
-        params = {"libraries_list": ["support.job_skills"], "primitive_list": ["carry_at_once"], "prefix": "skiros"}
-        ros.run("skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env)
+        skills = ["carry_at_once", "wait_for_stop"]
+        params = {"libraries_list": ["support.job_skills"], "primitive_list": skills, "prefix": "skiros"}
+        self._starts[ROBOT] = lambda: ros.run(
+            "skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env
+        )
+        self._starts[ROBOT]()
         self._starts["/tm"]()
         ros.service(f"{ROBOT}/get_skills", ResourceGetDescriptions)()
         self.gateway = self._starts["/gateway"]()
@@ -82,6 +98,11 @@ class JobCell:
 
     def start_gateway(self, name: str, **settings: Any) -> Program:
         """Starts a gateway; does not wait for it."""
+        if self._slow_disk:
+            for key, value in {**self._settings, **settings}.items():
+                self.ros.master.set_parameter(f"/{name}/{key}", value)
+            script = str(TESTS / "support/slow_disk_gateway.py")
+            return self.ros.program(sys.executable, script, str(self._slow_disk), f"__name:={name}")
         return self.ros.run("skiros2_gateway", "gateway_node", name=name, params={**self._settings, **settings})
 
     def parameter(self, name: str) -> Any:
@@ -133,6 +154,11 @@ class JobCell:
     def motions(self) -> list[float]:
         """When each carrying began (s since the epoch)."""
         return [float(begin) for _, _, begin in self._lines()]
+
+    def stopped(self) -> list[float]:
+        """When each task of `wait_for_stop` was stopped (s, monotonic)."""
+        text = self._stopped.read_text() if self._stopped.exists() else ""
+        return [float(line) for line in text.splitlines()]
 
     def _lines(self) -> list[list[str]]:
         return [line.split() for line in self._carried.read_text().splitlines()] if self._carried.exists() else []

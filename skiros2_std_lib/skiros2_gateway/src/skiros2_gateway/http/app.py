@@ -6,7 +6,8 @@ of agents are refused. A command with the cookie needs the header `X-Gateway: 1`
 send.
 
 A command with the header `X-Deadline` (s of the monotonic clock of the gateway's machine, see
-`skiros2_gateway.http.live`) is carried out before it or never. Plans need the role operate; a user may ask for two at once.
+`skiros2_gateway.http.live`) is carried out before it or never. Plans need the role operate; a user may ask for two at
+once.
 
 A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with its
 key, it is answered as the first time. A command that was refused may be sent again.

@@ -2,8 +2,8 @@
 
 - `GET /api/live`: {event, time, clock, document, styles, role, user, person, stop_port}: the document of
   `skiros2_gateway.core.live`, the id of the last patch, and {symbol, word, role} of the states: `styles.node` by
-  number, `styles.task` by name. `clock` is the monotonic clock (s) of the header `X-Deadline`; `stop_port` is the port of
-  `skiros2_gateway.stop`, -1 without one.
+  number, `styles.task` by name. `clock` is the monotonic clock (s) of the header `X-Deadline`; `stop_port` is the port
+  of `skiros2_gateway.stop`, -1 without one.
 - `GET /api/live/patches?after=ID`: server-sent events `patch` after that id (also from the header `Last-Event-ID`);
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
   are missing, so read the document again. With `beats=true` an event `beat` with the clock comes once a second.

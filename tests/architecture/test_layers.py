@@ -22,7 +22,7 @@ OUTSIDE = {
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
     "skiros2_std_reasoners": {"numpy"},
     "skiros2_perception": {"numpy", "scipy"},
-    "skiros2_bags": {"numpy", "rosbags", "matplotlib", "mcap", "rerun"},
+    "skiros2_bags": {"numpy", "rosbags", "lz4", "matplotlib", "mcap", "rerun"},
     "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl"},
     "skiros2_sim_skills": set(),
     "skiros2_contact_skills": {"numpy"},

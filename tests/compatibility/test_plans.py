@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +20,8 @@ from skiros2_skill.core.tree.node import all_nodes
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.engines import FoundPlan, Limits, Outcome, PlannerAnswer
-from skiros2_task.core.planning import TaskPlanner
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 LIBRARIES = Path(__file__).parents[1] / "libraries"
@@ -102,6 +104,72 @@ class GivenPlan:
         return PlannerAnswer(Outcome.SOLVED, (FoundPlan("given", self._plan),))
 
 
+def offer_skills(bench: SkillBench) -> str:
+    """Registers the loaded skills for the robot of the scene; returns its id."""
+    robot = bench.wmi.get_element(bench.robot.id)
+    robot.setProperty("skiros:SkillMgr", "carrier")
+    bench.wmi.update_element_properties(robot)
+    for implementation in bench.library.implementations():
+        skill = implementation.declared.toElement()
+        skill.addRelation(robot.id, "skiros:hasSkill", "-1")
+        bench.wmi.add_element(skill)
+    return str(robot.id)
+
+
+class ImpossibleUnlessAssumed(GivenPlan):
+    """A planner that has its plan only if the task has the action."""
+
+    def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
+        if any(action.name == "paint" for action in task.actions):
+            return super().solve(task, limits, cancelled)
+        return PlannerAnswer(Outcome.IMPOSSIBLE)
+
+
+@rule("wire", "Programs import names of `skiros2_task.core.pddl_interface`, often without using them",
+      better="`PddlInterface` reads the PDDL of the last goal; the import warns, once in a process")  # fmt: skip
+def test_the_pddl_module_can_be_imported(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    monkeypatch.delitem(sys.modules, "skiros2_task.core.pddl_interface", raising=False)
+    names: dict[str, Any] = {}
+    with pytest.warns(DeprecationWarning, match="TaskManagerInterface"):
+        exec("from skiros2_task.core.pddl_interface import *", names)
+    exec("import skiros2_task.core.pddl_interface as pddl", names)
+    assert caplog.text.count("for existing imports only") == 1
+    assert {"PddlInterface", "Predicate", "GroundPredicate", "ForallPredicate", "Action"} <= names.keys()
+    Archive(tmp_path).keep({"domain.pddl": "(define (domain d))", "p01.pddl": "(define (problem p))"})
+    written = names["PddlInterface"](str(tmp_path))
+    assert (written.printDomain(), written.printProblem()) == ("(define (domain d))", "(define (problem p))")
+
+
+@rule("wire", "A skill with a Required number or text without a value is planned; the client specifies the value",
+      better="if there is no other plan, and with a warning that names the values; `achieve`, which runs the plan "
+      "itself, names them and does not start")  # fmt: skip
+def test_a_required_value_is_left_to_the_client(bench: SkillBench) -> None:
+    class Paint(SkillDescription):
+        def createDescription(self) -> None:
+            self.addParam("Wall", Element("skiros:Location"), ParamTypes.Required)
+            self.addParam("Depth", float, ParamTypes.Required)
+            self.addPreCondition(self.getRelationCond("At", "skiros:at", "Robot", "Wall", True))
+            self.addPostCondition(self.getPropCond("Seen", "skiros:Seen", "Wall", "=", True, True))
+
+    bench.stand_in(Paint, label="paint")
+    robot = offer_skills(bench)
+    planner = TaskPlanner(bench.wmi, ImpossibleUnlessAssumed(PlanStep("paint", (robot, STATION))), Limits())
+
+    def plan(leave_open: bool) -> PlanningResult:
+        return planner.plan(f"(skiros:Seen {STATION})", leave_open=leave_open)
+
+    planned, refused = plan(True), plan(False)
+    assert [call.label for call in planned.calls] == ["paint"]
+    assert planned.warning.startswith("warning: the plan lacks values")
+    assert planned.message.endswith(planned.warning)
+    assert planned.plan is not None
+    assert planned.plan.missing == refused.missing == ("Paint.Depth",)
+    assert refused.verdict is Verdict.IMPOSSIBLE
+    assert "a plan needs values for: Paint.Depth" in refused.message
+
+
 @rule("wire", "A plan is the first that a planner finds", better="steps that it works without are removed from it")
 def test_a_plan_has_no_redundant_steps(bench: SkillBench) -> None:
     class Look(SkillDescription):
@@ -111,15 +179,9 @@ def test_a_plan_has_no_redundant_steps(bench: SkillBench) -> None:
             self.addPostCondition(self.getPropCond("Seen", "skiros:Seen", "Place", "=", True, True))
 
     bench.stand_in(Look, label="look")
-    robot = bench.wmi.get_element(bench.robot.id)
-    robot.setProperty("skiros:SkillMgr", "carrier")
-    bench.wmi.update_element_properties(robot)
-    for implementation in bench.library.implementations():
-        skill = implementation.declared.toElement()
-        skill.addRelation(robot.id, "skiros:hasSkill", "-1")
-        bench.wmi.add_element(skill)
-    drive = PlanStep("drive_fake", (robot.id, STATION, TABLE))
-    here, there = PlanStep("look", (robot.id, STATION)), PlanStep("look", (robot.id, TABLE))
+    robot = offer_skills(bench)
+    drive = PlanStep("drive_fake", (robot, STATION, TABLE))
+    here, there = PlanStep("look", (robot, STATION)), PlanStep("look", (robot, TABLE))
     planner = GivenPlan(here, drive, there, there)
     result = TaskPlanner(bench.wmi, planner, Limits()).plan(f"(skiros:Seen {TABLE})")
     assert [call.label for call in result.calls] == ["drive_fake", "look"]

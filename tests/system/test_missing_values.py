@@ -13,7 +13,8 @@ from skiros2_learning.core.parameter_sets import apply_result
 from skiros2_learning.core.scenario import load_scenario
 from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
-from skiros2_task.ros.task_manager_interface import TaskManagerInterface
+from skiros2_skill.ros.utils import deserialize_skill
+from skiros2_task.ros.task_manager_interface import PLAN, TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import ROOT, Ros, wait_until
 
@@ -30,7 +31,7 @@ def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: R
     libraries = ["skiros2_std_skills", "skiros2_sim_skills", "skiros2_learning.demo_skills"]
     params = {"libraries_list": libraries, "skill_list": ["push"], "prefix": "demo"}
     ros.run("skiros2_skill", "skill_manager_node", name="pusher", params=params)
-    ros.run("skiros2_task", "task_manager_node", name="tm")
+    task_manager = ros.run("skiros2_task", "task_manager_node", name="tm")
     ros.service("/pusher/get_skills", srvs.ResourceGetDescriptions)()
     wait_until(lambda: "/tm/achieve/status" in ros.master.topics(), 60.0, "the task manager")
 
@@ -42,6 +43,16 @@ def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: R
     assert (why.type, [f"Push.{p.key}" for p in why.params]) == ("skiros:Push", NAMES)
     assert {p.source for p in why.params} == {UNSET}
     assert "learn scenario --goal '(skiros:at Block Goal)' --libraries skiros2_learning.demo_skills" in refused.message
+
+    told: list[str] = []
+    tasks.plan(GOAL, feedback_cb=lambda feedback: told.append(feedback.progress_message))
+    left_open = tasks.wait_for_result()
+    assert left_open.progress_code == PLAN, left_open.progress_message
+    (push,) = deserialize_skill(left_open.progress_message).children
+    assert [push.ph.getParamValues(name.partition(".")[2]) for name in NAMES] == [[]] * 4
+    warning = f"warning: the plan lacks values, to be specified when its skills start: {', '.join(NAMES)}"
+    wait_until(lambda: warning in told, 5.0, "the warning")
+    task_manager.wait_for_line("the plan lacks values")
 
     scenario = load_scenario(ROOT / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml")
     result = Evaluation(dict.fromkeys(NAMES, 0.01), 1, {"goal": 1.0, "force": 1.0}, success_rate=1.0)

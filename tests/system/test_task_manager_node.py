@@ -133,6 +133,21 @@ def test_goal_without_a_plan_is_aborted_with_the_reason(client: Any, world: Plan
     assert answer(ask(client, bring(world)))[0] == PLAN
 
 
+def test_clients_that_plan_again_and_again_log_no_errors(
+    world: PlanningWorld, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A simple client loses a state that arrives before its `send_goal` has returned."""
+    goal = AssignTaskGoal(author="tests", goals=f"(skiros:at {world.robots[0]} {world.places[0]})")
+    for _ in range(10):
+        simple = actionlib.SimpleActionClient("tm/task_plan", AssignTaskAction)
+        assert simple.wait_for_server(rospy_duration(WAIT))
+        for _ in range(3):
+            simple.send_goal(goal)
+        assert simple.wait_for_result(rospy_duration(WAIT))
+        assert simple.get_result().progress_code == NOTHING_TO_DO
+    assert not [record for record in caplog.records if "tracking" in record.getMessage()]
+
+
 def test_planning_phases_are_published_as_feedback(client: Any, world: PlanningWorld) -> None:
     told: list[str] = []
     answer(ask(client, bring(world), on_feedback=lambda handle, feedback: told.append(feedback.progress_message)))

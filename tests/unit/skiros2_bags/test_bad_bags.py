@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rosbags.rosbag1 import Writer
 
 from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.core.run import Run
+from skiros2_bags.core.salvage import MAX_CHUNK
 from support.recorded_run import good_run, write_bag
 
 
@@ -121,3 +124,30 @@ def test_message_definitions_come_from_the_bag(tmp_path: Path) -> None:
         writer.write(own, 1, b"\x01\0\0\0a\x07\0\0\0")
     (message,) = Run.open(tmp_path / "run.bag").messages()
     assert (message.content.header.frame, message.content.value) == ("a", 7)
+
+
+@pytest.mark.parametrize("compression", [Writer.CompressionFormat.BZ2, Writer.CompressionFormat.LZ4])
+@pytest.mark.parametrize("is_cut_off", [False, True])
+def test_small_chunk_that_grows_without_end_is_not_read(tmp_path: Path, compression: Any, is_cut_off: bool) -> None:
+    file = tmp_path / "bomb.bag"
+    writer = Writer(file)
+    writer.set_compression(compression)
+    with writer:
+        definition = "string data"
+        md5 = hashlib.md5(definition.encode()).hexdigest()
+        connection = writer.add_connection("/x", "std_msgs/msg/String", msgdef=definition, md5sum=md5)
+        writer.write(connection, 1, bytes(MAX_CHUNK + 1))
+    assert file.stat().st_size < 1_000_000
+    if is_cut_off:
+        file.write_bytes(file.read_bytes()[:-10])
+    tracemalloc.start()
+    try:
+        run = Run.open(file)
+        if is_cut_off:
+            assert "chunk" in run.damage and list(run.messages()) == []
+        else:
+            with pytest.raises(BagError, match="chunk"):
+                list(run.messages())
+        assert tracemalloc.get_traced_memory()[1] < 3 * MAX_CHUNK
+    finally:
+        tracemalloc.stop()

@@ -13,7 +13,9 @@ from typing import Any
 
 import pytest
 
+from skiros2_bags.core.bag_file import BagError
 from skiros2_common.core.errors import UnknownName
+from skiros2_gateway.core import recorded_bag
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.scene_view import SceneView
@@ -215,6 +217,19 @@ def test_without_the_page_the_gateway_says_how_to_get_it(in_gateway: Run, tmp_pa
             assert (await curl(live.address, "/page/..%2fusers.yaml"))[0] == 404
 
     in_gateway(test)
+
+
+def test_bag_is_read_in_a_process_with_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorded_bag, "MAX_MEMORY", 2**20)
+    with pytest.raises(BagError, match="more than 1 MB of memory"):
+        recorded_bag.read_runs(BAG)
+    monkeypatch.undo()
+    with pytest.raises(BagError, match="does not begin"):
+        (tmp_path / "a.bag").write_bytes(b"")
+        recorded_bag.read_runs(tmp_path / "a.bag")
+    monkeypatch.setattr(recorded_bag, "_MAX_TIME", 0.01)
+    with pytest.raises(BagError, match="not read within"):
+        recorded_bag.read_scene(BAG)
 
 
 def test_viewer_gets_beats_while_nothing_changes_and_patches_at_once(in_gateway: Run) -> None:

@@ -179,6 +179,37 @@ def test_refused_release_is_retried(bench, arm, soon):
     assert bench.wmi.before == []
 
 
+def test_release_that_is_refused_for_long_is_logged_once_a_minute(bench, arm, soon, caplog, monkeypatch):
+    task = moving(bench)
+    bench.wmi.before += [refuses] * 30
+    task.preempt()
+    task.tick()
+    wait_until(lambda: lock_of(bench, arm) == ("Idle", None), what="the release")
+    assert caplog.text.count("stays locked") == 1
+    monkeypatch.setattr(devices, "LOG_PERIOD", 0.0)
+    locks_in(bench.wmi)._log_refusal(arm.id, "not now")
+    locks_in(bench.wmi)._log_refusal(arm.id, "not now")
+    assert caplog.text.count("stays locked") == 3
+
+
+def test_lock_is_refused_while_another_call_hangs(bench, arm, monkeypatch):
+    monkeypatch.setattr(devices, "_ACQUIRE_TIMEOUT", 0.05)
+    second = bench.add("rparts:ArmDevice", "second", StateProperty="Idle")
+    reached, released = threading.Event(), threading.Event()
+    bench.wmi.before.append(lambda _: (reached.set(), released.wait(20.0)))
+    locks = locks_in(bench.wmi)
+    hanging = threading.Thread(target=locks.acquire, args=(arm.id, "a", bench.wmi))
+    hanging.start()
+    try:
+        assert reached.wait(10.0)
+        with pytest.raises(Refused, match="has not answered another request"):
+            locks.acquire(second.id, "b", bench.wmi)
+    finally:
+        released.set()
+        hanging.join(10.0)
+    locks.acquire(second.id, "b", bench.wmi)
+
+
 def test_failed_release_does_not_block_other_devices(bench, arm):
     second = bench.add("rparts:ArmDevice", "second", StateProperty="Idle")
     bench.load(primitive(describe("Move", [LOCKED_ARM, SECOND_ARM]), "move", execute=lambda self: self.step()))

@@ -24,6 +24,7 @@ from skiros2_common.core.explanation import (
     Explanation,
 )
 from skiros2_common.core.world_element import Element
+from skiros2_skill.core.engine.failures import Failures
 from skiros2_skill.core.skill import ParallelFf, RetryOnFail, Selector, Serial, Skill, SkillBase, SkillWrapper
 from unit.skiros2_skill.skills import (
     CONTAINER,
@@ -333,6 +334,17 @@ def test_failures_that_differ_in_numbers_are_counted(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail(f"{next(numbers)} N are too many", 1)))
     explanation = only(bench.run(Skill("", RetryOnFail(3))(bench.node("work"))))
     assert (explanation.message, explanation.times) == ("12 N are too many", 4)
+
+
+def test_failure_whose_number_changes_in_each_tick_is_explained_once_until_it_is_read(bench, monkeypatch):
+    explained = []
+    counted = Failures._findings
+    monkeypatch.setattr(Failures, "_findings", lambda self, failure: explained.append(1) or counted(self, failure))
+    numbers = iter(range(1000))
+    bench.load(primitive(Work, "work", execute=lambda s: s.fail(f"{next(numbers)} N are too many", 1)))
+    explanation = only(bench.run(Skill("", RetryOnFail(99))(bench.node("work")), ticks=200))
+    assert (explanation.message, explanation.times) == ("99 N are too many", 100)
+    assert len(explained) == 2  # the first time, and at the end of the task
 
 
 def test_condition_on_a_changing_value_is_explained_with_the_last_value(bench):

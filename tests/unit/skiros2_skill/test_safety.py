@@ -239,6 +239,18 @@ def test_unreadable_message_is_a_stop(message: Any) -> None:
         assert one.read(message).startswith("unreadable message: ")
 
 
+@pytest.mark.parametrize("error", [KeyError("mode"), ZeroDivisionError(), RuntimeError("?"), SystemExit(1)])
+def test_message_that_raises_anything_is_a_stop(error: BaseException) -> None:
+    class Broken:
+        __slots__ = ("errors",)
+
+        def __getattr__(self, name: str) -> Any:
+            raise error
+
+    arm = source(topic="/arm", type="arm_msgs/ArmState", field="errors", kind="fault", stop_values=[True])
+    assert arm.read(Broken()).startswith(f"unreadable message: {type(error).__name__}")
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_number_that_is_not_finite_is_a_stop(value: float) -> None:
     arm = source(topic="/arm", type="arm_msgs/ArmState", field="force", kind="fault", stop_values=[1.0])
@@ -422,6 +434,17 @@ def test_stop_between_request_and_start_withdraws_the_task(robot: Robot) -> None
     assert (record.task_id, record.code, record.message) == (-1, -5, "emergency stop by /e_stop: pressed")
     assert robot.scheduler.tasks() == []
     assert robot.history.get(-1) is record
+
+
+def test_task_that_cannot_be_filled_is_not_left_behind(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def raises(*_: object) -> None:
+        raise RuntimeError("no memory")
+
+    monkeypatch.setattr("skiros2_skill.core.runtime.request._fill", raises)
+    for _ in range(3):
+        with pytest.raises(TaskRefused, match="no memory"):
+            robot.starter.make("tests", [SkillRequest("Work", "", {})])
+    assert robot.scheduler.tasks() == []
 
 
 def test_flapping_fails_tasks_once_and_is_published_once(robot: Robot) -> None:

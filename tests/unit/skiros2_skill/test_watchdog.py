@@ -9,6 +9,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import PREEMPT
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.skill import ParallelFf, Skill
+from skiros2_skill.core.tree.hook_guard import HookGuard
 from unit.skiros2_skill.skills import LOCKED_ARM, Work, describe, primitive, running_for
 
 TIMEOUT = 0.3  # s for a preempted task to end
@@ -357,6 +358,46 @@ def test_running_skill_may_exceed_hook_timeout_after_preemption(bench):
         assert len(ticks) == 101
     finally:
         one.stop(timeout=0.5)
+
+
+def test_hook_that_is_called_while_another_is_not_found_can_be_abandoned():
+    """The ticking thread begins a hook just when another thread has found that there is none to abandon."""
+
+    class Calls(list):
+        def pop(self, *index):
+            if not self and not begun:
+                begun.append(True)
+                guard.calls.append(("node", "execute"))  # as `HookGuard.call` does
+                raise IndexError
+            return super().pop(*index)
+
+    begun = []
+    guard = HookGuard()
+    guard.calls = Calls()
+    assert guard.abandon() is None
+    hung = guard.abandon()
+    assert hung is not None
+    assert (hung.node, hung.hook) == ("node", "execute")
+
+
+def test_late_worker_skips_periods_and_does_not_tick_twice_at_once(bench):
+    """A tick that takes 2.2 periods is followed by one late tick; the next one is on time again."""
+    period, starts, clock = 0.2, [], time.monotonic
+
+    def work(skill):
+        starts.append(clock())
+        if len(starts) == 2:
+            time.sleep(2.2 * period)
+        return skill.step() if len(starts) < 4 else skill.success()
+
+    bench.load(primitive(Work, "work", execute=work))
+    scheduler = Scheduler(rate=1 / period)
+    try:
+        task = started(scheduler, bench, bench.node("work"))
+        assert task.ended.wait(20.0)
+    finally:
+        scheduler.stop()
+    assert starts[3] - starts[2] > 0.4 * period
 
 
 def test_preempted_task_stops_before_the_other_tasks_are_ticked(scheduler, bench):

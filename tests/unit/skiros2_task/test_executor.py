@@ -12,7 +12,7 @@ from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
 from skiros2_task.core.execution import StepState
 from skiros2_task.core.executor import Ended, Goal, GoalExecution, GoalExecutor
-from skiros2_task.core.plan import Step
+from skiros2_task.core.plan import Plan, Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.task import PlanningTask
@@ -209,6 +209,33 @@ def test_internal_error_ends_goal_with_message(processes: EngineProcesses) -> No
         end = Request(executor, goal).end
         assert (end.verdict, end.message) == (Verdict.FAILED, "internal error: RuntimeError: a bug")
         executor.close()
+
+
+def test_error_after_planning_ends_goal_with_message(cell: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    busy = cell(1, 2, 1)
+
+    def raises(self: Plan, first: int) -> None:
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(Plan, "numbered_from", raises)
+    end = busy.achieve().end
+    assert (end.verdict, end.message) == (Verdict.FAILED, "internal error: RuntimeError: a bug")
+
+
+def test_timers_need_no_threads(cell: Make) -> None:
+    busy = cell(1, 2, 1)
+    before, over, done = threading.active_count(), threading.Event(), []
+
+    def begin() -> None:
+        for number in reversed(range(200)):
+            busy.executor._after(0.2 + 0.001 * number, lambda number=number: done.append(number))
+        busy.executor._after(0.5, over.set)
+
+    busy.executor._events.put(begin)
+    assert not over.wait(0.1)
+    assert threading.active_count() == before
+    assert over.wait(10.0)
+    assert done == list(range(200))
 
 
 @pytest.mark.parametrize("interrupts", [True, False])

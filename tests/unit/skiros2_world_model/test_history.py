@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core import history
 from skiros2_world_model.core.history import History
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel
@@ -149,3 +151,40 @@ def test_the_journal_of_a_world_model_that_does_not_run_can_be_asked(tmp_path: P
     tray = box(wm)
     journal.close()
     assert [entry.author for entry in History(tmp_path / "other.journal").changes(tray.id)] == ["mary"]
+
+
+def test_last_changes_of_an_element_are_read_without_its_whole_history(
+    mary: LocalWorldModel, paul: LocalWorldModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tray, part = box(mary), box(mary)
+    for number in range(300):
+        tray.setProperty("Count", number)
+        mary.update_element(tray)
+        mary.set_relation(tray, "skiros:contain", part, number % 2 == 0)
+        mary.update_element_properties(part)  # changes nothing
+    paul.set_relation(tray, "skiros:at", part)
+
+    def changes(**options: Any) -> list[tuple[int, str, list[str]]]:
+        entries = mary.history(tray.id, **options)
+        return [(entry.number, entry.author, history.changed_lines(entry)) for entry in entries]
+
+    every = changes()
+    rows: list[object] = []
+    read = history._rows
+
+    def counted(*arguments: object, **options: object) -> Iterator[object]:
+        for row in read(*arguments, **options):  # type: ignore[arg-type]
+            rows.append(row)
+            yield row
+
+    monkeypatch.setattr(history, "_rows", counted)
+    for limit in (1, 2, 7):
+        rows.clear()
+        assert changes(limit=limit) == every[-limit:]
+        assert len(rows) < 10 * limit + 10
+        assert changes(until=every[-2][0], limit=limit) == every[-1 - limit : -1]
+    rows.clear()
+    assert changes(author="mary", limit=2) == [entry for entry in every if entry[1] == "mary"][-2:]
+    assert len(rows) < 40
+    assert changes(limit=10_000) == every
+    assert changes(author="nobody", limit=1) == []

@@ -46,7 +46,7 @@ def test_a_scene_is_written_as_its_triples_are(nodes, relations, with_extras):
         scene.relate(*relation)
     extras = EXTRAS if with_extras else []
     triples = [*scene_triples(scene, BASE.index, BASE.prefixes), *extras]
-    text = scene_turtle(scene, extras, BASE.index, BASE.prefixes)
+    text = scene_turtle(scene, scene.relations(), extras, BASE.index, BASE.prefixes)
     assert text == turtle(triples, BASE.prefixes.namespaces())
     read = [quad.triple for quad in ox.parse(text, ox.RdfFormat.TURTLE)]
     named = {t for t in triples if not isinstance(t.subject, ox.BlankNode)}

@@ -11,7 +11,7 @@ from typing import Any
 
 import actionlib
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 log = logging.getLogger(__name__)
 
@@ -30,8 +30,49 @@ _QUEUE_SIZE = 10_000
 #: The timeout for writing the last results to the sockets (s of wall time).
 _FLUSH_TIMEOUT = 0.5
 
-#: The period of status messages where the simulated clock may be paused (s of wall time).
-_STATUS_PERIOD = 0.2
+#: The default of the parameter `actionlib_status_frequency` (status messages per second).
+_STATUS_FREQUENCY = 5.0
+
+
+class _StatusTimer:
+    """Publishes the status of an action server by the wall clock.
+
+    :param period: s; None: never.
+    """
+
+    def __init__(self, server: Any, period: float | None) -> None:
+        self._server = server
+        self._period = period
+        self._ended = threading.Event()
+        threading.Thread(target=self._run, name=f"{server.ns} status", daemon=True).start()
+
+    def shutdown(self) -> None:
+        self._ended.set()
+
+    def _run(self) -> None:
+        while not self._ended.wait(self._period):
+            self._server.publish_status_async(None)
+
+
+class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
+    """actionlib's server with a status by the wall clock: its own timer ends when a simulated clock is reset."""
+
+    def initialize(self) -> None:
+        name, queue_size = rospy.remap_name(self.ns), rospy.get_param("actionlib_server_sub_queue_size", -1)
+        received = queue_size if queue_size >= 0 else None
+        self.status_pub = rospy.Publisher(f"{name}/status", GoalStatusArray, latch=True, queue_size=50)
+        self.result_pub = rospy.Publisher(f"{name}/result", self.ActionResult, queue_size=_QUEUE_SIZE)
+        self.feedback_pub = rospy.Publisher(f"{name}/feedback", self.ActionFeedback, queue_size=_QUEUE_SIZE)
+        self.goal_sub = rospy.Subscriber(
+            f"{name}/goal", self.ActionGoal, self.internal_goal_callback, queue_size=received
+        )
+        self.cancel_sub = rospy.Subscriber(
+            f"{name}/cancel", GoalID, self.internal_cancel_callback, queue_size=received
+        )
+        self.status_list_timeout = rospy.Duration(rospy.get_param(f"{name}/status_list_timeout", 5.0))
+        parameter = rospy.search_param("actionlib_status_frequency")
+        frequency = rospy.get_param(parameter) if parameter else _STATUS_FREQUENCY
+        self.status_timer = _StatusTimer(self, 1.0 / frequency if frequency > 0.0 else None)
 
 
 class GoalServer:
@@ -39,27 +80,29 @@ class GoalServer:
     define how.
 
     actionlib calls back with a lock held that other threads need to publish feedback and results, so the callbacks only
-    queue the request. actionlib publishes the status by the ROS clock; if that is simulated, this class publishes it by
-    the wall clock, so that clients do not lose the server while the simulation is paused or restarts its clock.
+    queue the request. The status is published by the wall clock, so that clients do not lose the server while a
+    simulation is paused or restarts its clock.
 
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
     :param status_kept: how long the status lists a goal that has ended, at least (s).
+    :param delay: from the receipt of a goal to its start (s). actionlib's simple client logs an error, and may miss the
+        goal's end, if the goal changes its state before the client's `send_goal` has returned.
     """
 
-    def __init__(self, name: str, spec: Any, status_kept: float = 0.0) -> None:
+    def __init__(self, name: str, spec: Any, status_kept: float = 0.0, delay: float = 0.0) -> None:
         self._name = name
         self._status_kept = status_kept
+        #: With the earliest start of each (s, monotonic).
         self._goals_waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._cancellations: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._closed = threading.Event()
         self._thread = threading.Thread(
             target=self._serve, args=(self._goals_waiting, self._take), name=name.strip("~/"), daemon=True
         )
-        self._server = actionlib.ActionServer(
+        self._server = _ActionServer(
             name,
             spec,
-            self._goals_waiting.put,
+            lambda handle: self._goals_waiting.put((handle, time.monotonic() + delay)),
             self._cancellations.put,
             auto_start=False,
         )
@@ -100,12 +143,6 @@ class GoalServer:
         ).start()
         self._server.start()
         self._server.status_list_timeout = max(self._server.status_list_timeout, rospy.Duration(self._status_kept))
-        if not rospy.rostime.is_wallclock():
-            self._server.status_timer.shutdown()
-            threading.Thread(target=self._publish_status, name=f"{self._thread.name} status", daemon=True).start()
-        # Before the first connection.
-        self._server.result_pub.impl.set_queue_size(_QUEUE_SIZE)
-        self._server.feedback_pub.impl.set_queue_size(_QUEUE_SIZE)
 
     def close(self, timeout: float = 1.0) -> None:
         """Stops accepting goals, aborts or rejects the remaining ones, and waits until the results are sent.
@@ -126,7 +163,6 @@ class GoalServer:
         for handle in self._waiting():
             handle.set_rejected(result, message)
         self._flush()
-        self._closed.set()
         self._server.stop()
 
     # -- in the threads of the action ----------------------------------------------------------------------------
@@ -138,23 +174,21 @@ class GoalServer:
             except Exception:
                 log.exception("action %s: a request raised an error", self._name)
 
-    def _take(self, handle: Any) -> None:
+    def _take(self, waiting: tuple[Any, float]) -> None:
+        handle, earliest = waiting
+        time.sleep(max(0.0, earliest - time.monotonic()))
         if handle.get_goal_status().status == GoalStatus.RECALLING:
             message = "cancelled before its start"
             handle.set_canceled(self._unserved_result(True, message), message)
         else:
             self._begin(handle)
 
-    def _publish_status(self) -> None:
-        while not self._closed.wait(_STATUS_PERIOD):
-            self._server.publish_status_async(None)
-
     # -- the end -------------------------------------------------------------------------------------------------
 
     def _waiting(self) -> Iterable[Any]:
         while not self._goals_waiting.empty():
-            if (handle := self._goals_waiting.get()) is not None:
-                yield handle
+            if (waiting := self._goals_waiting.get()) is not None:
+                yield waiting[0]
 
     def _flush(self) -> None:
         # rospy writes in its own threads and drops queued messages when a topic is closed.

@@ -11,7 +11,7 @@ from typing import Any
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.ros.signals import RosSignals
@@ -319,15 +319,17 @@ class SkillManager(DiscoverableNode):
 
     def _on_world_change(self, change: Any) -> None:
         if self._scheduler is not None:
-            self._scheduler.on_change(change)
+            try:
+                self._scheduler.on_change(change)
+            except FOREIGN_ERRORS:  # a condition of a library
+                log.exception("waking tasks after change %s", change.snapshot_id)
         known, self._world_state = self._world_state, change.snapshot_id
-        will_executed = change.author == last_will_author(rospy.get_name())  # unreachable for a while, but alive
+        will_executed = change.author == last_will_author(rospy.get_name())  # alive, but it was unreachable
         robot_gone = change.action.startswith(msgs.WmMonitor.REMOVE) and any(
             element.id == self._registration.robot_id for element in change.elements
         )
         if will_executed or robot_gone or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
-            # The scene was replaced, or changes were missed (a restarted world model publishes only its last change).
-            # In a new thread, because this one delivers changes.
+            # Replaced, or changes were missed. In a new thread, because this one delivers changes.
             threading.Thread(target=self._register_again, name="register", daemon=True).start()
 
     def _register_again(self) -> None:

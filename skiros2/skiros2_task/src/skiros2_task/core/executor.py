@@ -16,6 +16,7 @@ from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.engines import Limits
+from skiros2_task.core.event_queue import EventQueue
 from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
@@ -166,7 +167,7 @@ class GoalExecutor:
         self._resources = Resources()
         self._executions: dict[str, GoalExecution] = {}
         self._lost: set[str] = set()
-        self._events: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._events = EventQueue()
         self._ids = count(1)
         self._thread = threading.Thread(target=self._run, name="goal executor", daemon=True)
         self._thread.start()
@@ -230,9 +231,7 @@ class GoalExecutor:
                 log.exception("executing goals")
 
     def _after(self, seconds: float, event: Callable[[], None]) -> None:
-        timer = threading.Timer(seconds, self._events.put, (event,))
-        timer.daemon = True
-        timer.start()
+        self._events.put_later(seconds, event)
 
     def _begin(self, execution: GoalExecution) -> None:
         self._executions[execution.name] = execution
@@ -256,12 +255,16 @@ class GoalExecutor:
         try:
             self._execute_each(execution, commands)
         except Exception as error:
-            message = _internal_error(error)
-            execution.cancelled.set()
-            for stop in execution.stops.values():
-                stop()
-            if execution.name in self._executions:
-                self._end(execution, End(Verdict.FAILED, message))
+            self._fail(execution, error)
+
+    def _fail(self, execution: GoalExecution, error: Exception) -> None:
+        """Ends a goal after an unexpected exception."""
+        message = _internal_error(error)
+        execution.cancelled.set()
+        for stop in execution.stops.values():
+            stop()
+        if execution.name in self._executions:
+            self._end(execution, End(Verdict.FAILED, message))
 
     def _execute_each(self, execution: GoalExecution, commands: Sequence[Command]) -> None:
         for command in commands:
@@ -377,7 +380,10 @@ class GoalExecutor:
 
     def _work(self, execution: GoalExecution) -> None:
         while (work := execution.work.get()) is not None:
-            work()
+            try:
+                work()
+            except Exception as error:
+                self._events.put(partial(self._fail, execution, error))
 
     def _read(self, execution: GoalExecution) -> None:
         start = time.monotonic()

@@ -86,6 +86,13 @@ class PlanningResult:
         return tuple(self.why.missing_values) if self.why is not None else ()
 
     @property
+    def warning(self) -> str:
+        """What a client that runs the plan has to do; "" for nothing."""
+        if self.plan is None or not self.plan.missing:
+            return ""
+        return f"warning: the plan lacks values, to be specified when its skills start: {', '.join(self.plan.missing)}"
+
+    @property
     def calls(self) -> tuple[SkillCall, ...]:
         """The skills to run, in order."""
         return self.plan.calls if self.plan is not None else ()
@@ -143,6 +150,7 @@ class TaskPlanner:
         planner: Planner | None = None,
         adapt: Callable[[PlanningTask], PlanningTask] | None = None,
         assume: bool = False,
+        leave_open: bool = False,
     ) -> PlanningResult:
         """Returns the plan for a goal, or why there is none. Blocks until the limits are reached at most.
 
@@ -155,6 +163,8 @@ class TaskPlanner:
         :param limits, planner: override those of the constructor.
         :param adapt: changes the task before planning.
         :param assume: whether parameters without a value are assumed to have one; see `Plan.missing`.
+        :param leave_open: the same, if there is no plan otherwise; the message then warns that the client has to
+            specify the values.
         :raises WmException: the world model does not answer.
         """
         report = progress or log.info
@@ -176,6 +186,8 @@ class TaskPlanner:
         possible = self._search(goal, world, cancelled, report, limits, planner, adapt)
         if possible.plan is None or not possible.plan.missing:
             return result
+        if leave_open:
+            return replace(possible, message=f"{possible.message}\n{possible.warning}")
         message = _how_to_learn(goal, possible.plan.missing, robots)
         why = result.why or NoPlan(Outcome.IMPOSSIBLE.value, result.message)
         why = replace(why, missing_values=list(possible.plan.missing))

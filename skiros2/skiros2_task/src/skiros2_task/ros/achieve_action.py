@@ -18,7 +18,7 @@ from skiros2_task.core.commands import End
 from skiros2_task.core.execution import Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planning import Verdict
-from skiros2_task.ros.plan_actions import PlanningOptions, end_goal
+from skiros2_task.ros.plan_actions import START_DELAY, PlanningOptions, end_goal
 
 log = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ class AchieveAction(GoalServer):
         self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS,
         interrupt_priority: int = INTERRUPT_PRIORITY,
     ) -> None:  # fmt: skip
-        super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT)
+        super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT, START_DELAY)
         self._executor = executor
         self._options = options
         self._max_replans = max_replans

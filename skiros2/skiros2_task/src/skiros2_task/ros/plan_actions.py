@@ -27,6 +27,9 @@ from skiros2_task.ros.task_message import Offered, task_holder
 
 log = logging.getLogger(__name__)
 
+#: From the receipt of a goal to its start (s); see `GoalServer`.
+START_DELAY = 0.05
+
 _FAILURES = (Verdict.IMPOSSIBLE, Verdict.TIMED_OUT, Verdict.FAILED)
 
 def end_goal(handle: Any, verdict: Verdict, result: object, text: str) -> None:
@@ -75,7 +78,7 @@ class _PlanningAction(GoalServer):
     """Plans each goal in its own thread. Subclasses define how, and the result."""
 
     def __init__(self, name: str, spec: Any) -> None:
-        super().__init__(name, spec)
+        super().__init__(name, spec, delay=START_DELAY)
         #: Replaced by the thread of the goals, never changed.
         self._running: tuple[tuple[Any, threading.Thread, threading.Event], ...] = ()
 
@@ -147,8 +150,17 @@ class _PlanningAction(GoalServer):
             result = self.result(planned)
         if handle.get_goal_status().status not in ACTIVE:
             return  # the server was closed meanwhile
-        log.log(logging.ERROR if planned.verdict in _FAILURES else logging.INFO, "%s", planned.message)
-        end_goal(handle, planned.verdict, result, planned.verdict.value if planned.plan else planned.message)
+        if planned.warning:
+            handle.publish_feedback(self.feedback(count + 1, planned.warning))
+        log.log(_level(planned), "%s", planned.message)
+        text = "; ".join(filter(None, (planned.verdict.value, planned.warning)))
+        end_goal(handle, planned.verdict, result, text if planned.plan else planned.message)
+
+
+def _level(result: PlanningResult) -> int:
+    if result.verdict in _FAILURES:
+        return logging.ERROR
+    return logging.WARNING if result.warning else logging.INFO
 
 
 class TaskPlanAction(_PlanningAction):
@@ -163,7 +175,8 @@ class TaskPlanAction(_PlanningAction):
         self._offered = offered
 
     def plan(self, goal: Any, cancelled: threading.Event, progress: Callable[[str], None]) -> PlanningResult:
-        return self._planner.plan(goal.goals, cancelled, progress, goal.author)
+        # Unlike the goal executor, the client may have values: it gets a plan that lacks some, with a warning.
+        return self._planner.plan(goal.goals, cancelled, progress, goal.author, leave_open=True)
 
     def feedback(self, number: int, text: str) -> object:
         return AssignTaskFeedback(number, text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 
 import pyoxigraph as ox
@@ -55,9 +55,11 @@ class Context:
         elements = (triple for record in records for triple in element_triples(record, ontology, prefixes))
         return chain(elements, (relation_triple(relation, prefixes) for relation in relations), extras)
 
-    def turtle(self) -> bytes:
-        """The current state as sorted Turtle."""
-        return scene_turtle(self.scene, self.extras, self._knowledge_base.index, self._knowledge_base.prefixes)
+    def snapshot(self) -> Callable[[], bytes]:
+        """Returns a function that formats the current state as sorted Turtle. It needs no lock."""
+        ontology, prefixes = self._knowledge_base.index, self._knowledge_base.prefixes
+        records, relations, extras = list(self.scene), list(self.scene.relations()), list(self.extras)
+        return lambda: scene_turtle(records, relations, extras, ontology, prefixes)
 
     def read(
         self, triples: Iterable[ox.Triple], checks: Checks, provenance: Provenance, adds_root: bool = True

@@ -212,12 +212,13 @@ class History:
             first -= since is None  # include the first change of the journal
             if limit and not eid:
                 first = max(first, _request_before(db, last, context, author, limit))
-            entries: list[HistoryEntry] = []
-            for number, changes in sorted(_changes(db, context, first, last, eid).items()):
-                entry = _entry(db, number, changes)
-                if entry and (not author or entry.author == author):
-                    entries.append(entry)
-        return entries[-limit:]
+            latest = limit
+            while True:
+                start = max(first, _change_before(db, context, last, eid, latest)) if limit and eid else first
+                entries = list(_entries(db, _changes(db, context, start, last, eid), author))
+                if len(entries) >= limit or start == first:
+                    return entries[-limit:]
+                latest *= 4  # some were by other authors, or changed nothing
 
     def difference(self, since: Point | None = None, until: Point | None = None, context: str = SCENE) -> HistoryEntry:
         """The difference of a context between two points; false when there is none.
@@ -306,6 +307,26 @@ def _request_before(db: sqlite3.Connection, last: int, context: str, author: str
     return int(found[0]) if found is not None else 0
 
 
+def _change_before(db: sqlite3.Connection, context: str, last: int, eid: str, limit: int) -> int:
+    """A change up to which an element's history can be skipped for its last `limit` changes; -1: none."""
+    numbers: set[int] = set()
+    names = {"context": context, "eid": eid, "last": last, "limit": limit + 1}
+    for source, until, key in (
+        ("element", "since", "id"),
+        ("past_element", "until", "id"),
+        ("relation", "since", "src"),
+        ("relation", "since", "dst"),
+        ("past_relation", "until", "src"),
+        ("past_relation", "until", "dst"),
+    ):
+        order = f"ORDER BY {'rowid' if source == 'past_element' else until} DESC LIMIT :limit"
+        where = f"context=:context AND {key}=:eid AND since<=:last"
+        for row in db.execute(f"SELECT since, {until} FROM {source} WHERE {where} {order}", names):
+            numbers.update(number for number in row if number <= last)
+    latest = sorted(numbers, reverse=True)
+    return latest[limit] if len(latest) > limit else -1
+
+
 def _check_context(db: sqlite3.Connection, context: str) -> None:
     known = "SELECT 1 FROM context WHERE name=:c UNION ALL SELECT 1 FROM request WHERE context=:c LIMIT 1"
     if context != ONTOLOGY and not db.execute(known, {"c": context}).fetchone():
@@ -334,7 +355,7 @@ def _rows(
             continue
         which = f"context=:context AND since<=:last{_OF_ELEMENT[table] if eid else ''}"
         present = "" if current else " AND since>:first"
-        past = " AND until>:first" + (_IN_ORDER if table == "element" and not eid else "")
+        past = " AND until>:first" + (_IN_ORDER if table == "element" else "")
         for source, until, more in ((table, "NULL", present), (f"past_{table}", "until", past)):
             columns = f"since, {until}, {_CONTENT[table]}, {key}"
             for row in db.execute(f"SELECT {columns} FROM {source} WHERE {which}{more}", names):
@@ -352,6 +373,14 @@ def _changes(db: sqlite3.Connection, context: str, first: int, last: int, eid: s
             changes = found.setdefault(until, {})
             changes[key] = content, changes.get(key, (None, None))[1]
     return found
+
+
+def _entries(db: sqlite3.Connection, found: dict[int, _Changes], author: str) -> Iterator[HistoryEntry]:
+    """The entries of requests by an author ("": any) that have changed something, oldest first."""
+    for number, changes in sorted(found.items()):
+        entry = _entry(db, number, changes)
+        if entry and (not author or entry.author == author):
+            yield entry
 
 
 def _entry(db: sqlite3.Connection, number: int, changes: _Changes) -> HistoryEntry:

@@ -45,6 +45,11 @@ CREATE UNIQUE INDEX statement_triple ON statement (context, triple);
 CREATE TABLE past_statement (until INTEGER, context TEXT, triple TEXT, present INTEGER, since INTEGER);
 CREATE INDEX past_statement_until ON past_statement (until);
 """
+#: Added later; a journal without them gets them.
+_MORE_INDEXES = """
+CREATE INDEX IF NOT EXISTS past_relation_src ON past_relation (context, src, until);
+CREATE INDEX IF NOT EXISTS past_relation_dst ON past_relation (context, dst, until);
+"""
 _APPLICATION = 0x534B5232  # "SKR2"
 _VERSION = 1
 
@@ -148,6 +153,7 @@ class JournalFile:
             if is_new:
                 marks = f"PRAGMA application_id={_APPLICATION}; PRAGMA user_version={_VERSION};"
                 db.executescript(f"BEGIN; {_SCHEMA} {marks} COMMIT")
+            db.executescript(_MORE_INDEXES)
         except sqlite3.Error:
             db.close()
             raise

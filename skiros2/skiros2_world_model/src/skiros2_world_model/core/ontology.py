@@ -165,7 +165,7 @@ class Ontology:
         broken = self._misfits.get(key)
         if broken is not None:
             return broken
-        broken = self._misfits[key] = []
+        broken = []
         for name in sorted(self.superproperties(relation) | {relation}):
             for side, etype, wanted in (
                 ("subject", subject_type, self._domains.get(name, ())),
@@ -176,6 +176,7 @@ class Ontology:
                     for cls in wanted
                     if self.has_class(etype) and self.has_class(cls) and not self.is_subclass(etype, cls)
                 ]
+        self._misfits[key] = broken  # complete: other threads read it at once
         return broken
 
     # -- values ------------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from skiros2_common.core.json_data import read_json
 from skiros2_common.core.property import from_text
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_parts
 from skiros2_world_model.core.prefixes import RDF, XSD, Prefixes, is_iri
+from skiros2_world_model.core.xml_entities import check_expansion
 
 RDF_TYPE = ox.NamedNode(RDF + "type")
 RDF_JSON = ox.NamedNode(RDF + "JSON")
@@ -143,6 +144,8 @@ def parse_triples(content: bytes, origin: str) -> list[ox.Triple]:
     """
     content = content.removeprefix(_BYTE_ORDER_MARK)
     is_xml = _XML_START.match(content) is not None
+    if is_xml:
+        check_expansion(content, origin)
     syntax = ox.RdfFormat.RDF_XML if is_xml else ox.RdfFormat.TURTLE
     try:
         quads = ox.parse(

@@ -20,7 +20,8 @@ def apply_change(scene: Scene, change: Change) -> ChangeSet:
     """
     scene.begin()
     if change.action == RESET:
-        scene.clear()
+        for record in list(scene):
+            scene.drop(record.id)
     if change.action in (REMOVE, REMOVE_RECURSIVE):
         for element in change.elements:
             if element.id in scene:

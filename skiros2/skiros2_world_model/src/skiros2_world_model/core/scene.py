@@ -272,6 +272,11 @@ class Scene:
                     changes.records[eid] = (changes.records[eid][0], new)
         return changes
 
+    def set_provenance(self, provenance: Provenance) -> None:
+        """Sets the provenance of every element."""
+        for eid, known in self._records.items():
+            self._records[eid] = ElementRecord(eid, known.type, known.label, known.properties, provenance)
+
     def removal(self, eid: str) -> Provenance | None:
         """The change that removed an element; None when it exists or its removal is unknown."""
         return self._removals.get(eid)
@@ -289,11 +294,6 @@ class Scene:
             self._removals[eid] = provenance
             if len(self._removals) > _MAX_REMOVALS:
                 del self._removals[next(iter(self._removals))]
-
-    def clear(self) -> None:
-        """Removes all elements and relations."""
-        for eid in list(self._records):
-            self.drop(eid)
 
     # -- the index itself --------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ import pyoxigraph as ox
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
-from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_world_model.core.changeset import ChangeSet, Relation
 from skiros2_world_model.core.checks import LEFT_OUT, Checks
 from skiros2_world_model.core.datatypes import literal_parts
 from skiros2_world_model.core.ontology import Ontology
@@ -157,8 +157,14 @@ def scene_triples(scene: Scene, ontology: Ontology, prefixes: Prefixes) -> Itera
         yield relation_triple(relation, prefixes)
 
 
-def scene_turtle(scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, prefixes: Prefixes) -> bytes:
-    """Serializes a scene and extra triples as sorted Turtle, without building all triples first."""
+def scene_turtle(
+    records: Iterable[ElementRecord],
+    relations: Iterable[Relation],
+    extras: Iterable[ox.Triple],
+    ontology: Ontology,
+    prefixes: Prefixes,
+) -> bytes:
+    """Serializes elements, relations and extra triples as sorted Turtle, without building all triples first."""
     writer = TurtleWriter(prefixes.namespaces())
     names: dict[str, str] = {}
 
@@ -169,7 +175,7 @@ def scene_turtle(scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, 
         return known
 
     def statements() -> Iterator[WrittenStatement]:
-        for record in scene:
+        for record in records:
             subject = written(record.id)
             yield subject, "a", written("owl:NamedIndividual")
             yield subject, "a", written(record.type)
@@ -179,7 +185,7 @@ def scene_turtle(scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, 
                 datatype = ontology.value_limits(record.type, key)[0]
                 for value in prop.values:
                     yield subject, written(key), writer.literal(*literal_parts(value, datatype))
-        for src, pred, dst in scene.relations():
+        for src, pred, dst in relations:
             yield written(src), writer.predicate(prefixes.iri(pred)), written(dst)
         yield from map(writer.statement, extras)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -26,8 +27,9 @@ from skiros2_world_model.core.changes import (
     Relate,
     Statement,
 )
-from skiros2_world_model.core.checks import Checks, FileChecks
+from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Context, Contexts, element_operations
+from skiros2_world_model.core.file_content import FileContent
 from skiros2_world_model.core.history import History
 from skiros2_world_model.core.journal import Journal, JournalState, first_number
 from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
@@ -36,12 +38,12 @@ from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.rdf import parse_n_triples, workspace_file, write_file
 from skiros2_world_model.core.reasoning import Reasoning
-from skiros2_world_model.core.report import Finding, Report
+from skiros2_world_model.core.report import Finding
 from skiros2_world_model.core.request import Part, Request
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.transaction import template_element
 from skiros2_world_model.core.triple_store import TripleStore
-from skiros2_world_model.core.validation import keep_refused, scene_file_triples, shape_findings
+from skiros2_world_model.core.validation import keep_refused
 
 log = logging.getLogger(__name__)
 
@@ -75,6 +77,7 @@ class WorldModel:
         self.lock = self.knowledge_base.lock
         self.reasoning = Reasoning()
         self._workspace = workspace
+        self._using_files = threading.Lock()  # one load or save at a time, most of which needs no other lock
         self.strict = strict
         self.loaded: dict[str, Path] = {}  #: by context, the last loaded file
         self._readable: set[Path] = set()  # files that were loaded or saved by this world model
@@ -281,34 +284,40 @@ class WorldModel:
         :param adds_root: adds the root to a scene without one, instead of refusing it.
         :raises SkirosError: the file is outside the workspace, missing, does not parse, or is refused.
         """
-        with self.reasoning.stopped() if context == SCENE else nullcontext(), self.lock:
-            target = self._contexts.get(context) or Context(context, self.knowledge_base)
-            path = workspace_file(self._workspace, filename or target.file)
-            checks = FileChecks(self.knowledge_base, path, self.strict)
-            provenance = self._notifier.next(author)
-            scene, extras = target.read(scene_file_triples(path), checks, provenance, adds_root)
-            if self.strict:
-                Report(str(path), shape_findings(scene, extras, self.knowledge_base, str(path))).refuse_violations()
-            if context == SCENE:
-                self.reasoning.complete(scene)
-            before = target.scene, target.extras
-            scene.inherit_removals(target.scene, provenance)
-            target.replace(scene, extras)
-            file = filename or target.file
-            try:
-                if self._journal is not None:
-                    with self._journal.request(provenance, provenance.version, f"load {file}", context) as writer:
-                        writer.replace_context(context, scene, map(str, extras), file)
-            except Exception:
-                target.replace(*before)
-                raise
-            target.file = file
-            self._contexts[context] = target
-            self.loaded[context] = path
-            self._readable.add(path)
-            self.flaws[context] = frozenset(checks.flaws)
-            pending = [PendingChange(RESET if context == SCENE else UPDATE)]
-            return self._notifier.publish(pending, provenance, context, scene)[0]
+        with self.reasoning.stopped() if context == SCENE else nullcontext(), self._using_files:
+            with self.lock:
+                target = self._contexts.get(context) or Context(context, self.knowledge_base)
+                path = workspace_file(self._workspace, filename or target.file)
+            content = FileContent(target, path, self.knowledge_base, self.strict, adds_root)
+            with self.lock:
+                if content.index is not self.ontology:  # it changed meanwhile, which is rare
+                    content = FileContent(target, path, self.knowledge_base, self.strict, adds_root)
+                return self._replace(target, content, filename or target.file, author)
+
+    def _replace(self, target: Context, content: FileContent, file: str, author: str) -> Change:
+        """Replaces a context with the content of a file. Called under the lock."""
+        context, scene, extras = target.name, content.scene, content.extras
+        provenance = self._notifier.next(author)
+        if context == SCENE:
+            self.reasoning.complete(scene)
+        scene.set_provenance(provenance)
+        before = target.scene, target.extras
+        scene.inherit_removals(target.scene, provenance)
+        target.replace(scene, extras)
+        try:
+            if self._journal is not None:
+                with self._journal.request(provenance, provenance.version, f"load {file}", context) as writer:
+                    writer.replace_context(context, scene, map(str, extras), file)
+        except Exception:
+            target.replace(*before)
+            raise
+        target.file = file
+        self._contexts[context] = target
+        self.loaded[context] = content.path
+        self._readable.add(content.path)
+        self.flaws[context] = content.flaws
+        pending = [PendingChange(RESET if context == SCENE else UPDATE)]
+        return self._notifier.publish(pending, provenance, context, scene)[0]
 
     def load_initial(self, filename: str, context: str = SCENE, blank_on_error: bool = False) -> None:
         """Loads a context at the start.
@@ -328,22 +337,27 @@ class WorldModel:
     def save(self, filename: str, context: str = SCENE) -> Path:
         """Writes a context to a file of the workspace as sorted Turtle and returns the file's path.
 
+        Must not be called under the lock.
+
         :param filename: as for `load`.
         :raises SkirosError: the file is outside the workspace or cannot be written, or the context does not exist.
         """
-        with self.lock:
-            target = self._contexts.named(context)
-            path = workspace_file(self._workspace, filename or target.file)
-            if self.knowledge_base.reads(path):
-                raise WrongValue(f"{path}: is read as an ontology or shapes; expected the name of a scene file")
-            content = target.turtle()
+        with self._using_files:
+            with self.lock:
+                target = self._contexts.named(context)
+                path = workspace_file(self._workspace, filename or target.file)
+                if self.knowledge_base.reads(path):
+                    raise WrongValue(f"{path}: is read as an ontology or shapes; expected the name of a scene file")
+                turtle = target.snapshot()
+            content = turtle()
             if path not in self._readable:
                 keep_refused(path, self.knowledge_base, self.strict)
             write_file(path, content)
-            self._readable.add(path)
-            if self._journal is not None:
-                self._journal.write_file(context, filename or target.file)
-            target.file = filename or target.file
+            with self.lock:
+                self._readable.add(path)
+                if self._journal is not None:
+                    self._journal.write_file(context, filename or target.file)
+                target.file = filename or target.file
         return path
 
     # -- listeners ---------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from skiros2_world_model.core.changes import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 from skiros2_world_model.core.world_model_abstract_interface import WmException
-from skiros2_world_model.ros.service_pool import ServicePool
+from skiros2_world_model.ros.service_pool import LONG_ANSWER, ServicePool
 
 log = logging.getLogger(__name__)
 
@@ -44,8 +44,9 @@ class OntologyInterface(OntologyAbstractInterface):
         self._query_service = ServicePool(f"{self._server}/ontology/query", srvs.WoQuery)
         self._sparql_service = ServicePool(f"{self._server}/ontology/sparql", srvs.WmSparql)
         self._modify_service = ServicePool(f"{self._server}/ontology/modify", srvs.WoModify)
-        self._file_service = ServicePool(f"{self._server}/load_and_save", srvs.WoLoadAndSave)
-        self._lock_service = ServicePool(f"{self._server}/lock", SetBool)
+        files = f"{self._server}/load_and_save"
+        self._file_service = ServicePool(files, srvs.WoLoadAndSave, answer_timeout=LONG_ANSWER)
+        self._lock_service = ServicePool(f"{self._server}/lock", SetBool, answer_timeout=None)
         self._index: Ontology | None = None
         self._index_lock = threading.Lock()
         self._ontology_changes = 0

@@ -9,12 +9,14 @@ import ast
 import functools
 import re
 import select
+import socket
 import threading
 import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import rospy
+from rospy.impl.tcpros_base import TCPROSTransport
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
@@ -50,21 +52,56 @@ def read_error(text: str) -> WmException:
 _ANSWERED = re.compile(r"^service \[.*?\] responded with an error: (.*)$", re.DOTALL)
 #: The period of attempts to reach a server that does not answer (s).
 _RETRY_PERIOD = 0.1
+#: How long connecting may take at least (s).
+_CONNECT = 1.0
 
 _PREFIX = re.compile(r"^(service cannot process request|error processing request): ", re.DOTALL)
+
+
+#: The longest that a server may need for an answer (s), and for one that reads files or much of the past. Servers
+#: limit queries themselves, to less.
+ANSWER, LONG_ANSWER = 120.0, 1800.0
+
+
+class _Socket(socket.socket):
+    """A socket that rospy cannot make wait for ever: a server that hangs keeps its connections open."""
+
+    limit: float | None = None  # s
+
+    def setblocking(self, flag: bool) -> None:
+        self.settimeout(self.limit if flag else 0.0)
+
+
+class _Transport(TCPROSTransport):  # type: ignore[misc]
+    """A connection with a limit for each wait; rospy limits only that for the connection itself."""
+
+    limit: float | None = None  # s
+
+    def write_header(self) -> None:
+        self.socket = _Socket(fileno=self.socket.detach())
+        self.set_limit(self.limit)
+        super().write_header()
+
+    def set_limit(self, limit: float | None) -> None:
+        self.limit = self.socket.limit = limit
+        self.socket.setblocking(True)
 
 
 class ServicePool:
     """Calls of one service. Each call uses a connection of its own; idle connections are reused. Thread-safe.
 
     :param name: the service; a relative name is resolved by the constructor.
-    :param timeout: how long a call waits for a server that does not answer (s).
+    :param timeout: how long a call tries to reach a server (s).
+    :param answer_timeout: how long it waits for the answer of one that was reached (s); None: for ever.
     """
 
-    def __init__(self, name: str, kind: Any, timeout: float = 5.0) -> None:
+    def __init__(
+        self, name: str, kind: Any, timeout: float = 5.0, answer_timeout: float | None = ANSWER
+    ) -> None:
         self._name = rospy.resolve_name(name)
         self._kind = kind
         self.timeout = timeout
+        self._answer_timeout = answer_timeout
         self.server = ""  # the address of the server that answered last; a restarted server has a different one
         self._idle: list[Any] = []
         self._lock = threading.Lock()
@@ -75,10 +112,13 @@ class ServicePool:
         :param repeatable: the request is sent again when the connection breaks before the answer.
         :raises WmException: the server refuses (with its text), or does not answer.
         """
-        deadline = time.monotonic() + self.timeout
+        start = time.monotonic()
+        deadline = start + self.timeout
         while True:
             proxy = self._take()
             try:
+                if proxy.transport is None:
+                    self._connect(proxy)
                 response = proxy.call(request)
             except rospy.ServiceException as error:
                 text = _refusal(str(error))
@@ -87,6 +127,9 @@ class ServicePool:
                     raise read_error(text) from None
                 was_sent = proxy.transport is not None
                 proxy.close()
+                if was_sent and self._answer_timeout and time.monotonic() - start >= self._answer_timeout:
+                    text = f"service {self._name} has not answered for {self._answer_timeout:g} s: its server hangs"
+                    raise WmException(text) from error
                 if was_sent and not repeatable:
                     raise WmException(
                         f"service {self._name} broke off: {error}; whether the request was carried out is not known"
@@ -128,6 +171,22 @@ class ServicePool:
                 return proxy
             proxy.close()
 
+    def _connect(self, proxy: Any) -> None:
+        """Connects as `ServiceProxy.call` does, but with time limits: also a server that hangs accepts connections.
+
+        :raises rospy.ServiceException: the service does not exist or cannot be reached.
+        """
+        address = proxy._get_service_uri(self._kind._request_class())
+        transport = _Transport(proxy.protocol, proxy.resolved_name)
+        transport.buff_size = proxy.buff_size
+        transport.limit = limit = max(self.timeout, _CONNECT)
+        try:
+            transport.connect(*rospy.core.parse_rosrpc_uri(address), address, timeout=limit)
+        except rospy.exceptions.TransportInitError as error:
+            raise rospy.ServiceException(f"unable to connect to service: {error}") from error
+        transport.set_limit(self._answer_timeout)
+        proxy.transport = transport
+
     def _put_back(self, proxy: Any) -> None:
         with self._lock:
             self._idle.append(proxy)
@@ -142,11 +201,11 @@ class ServicePool:
 
 def _was_closed(proxy: Any) -> bool:
     """Whether the server has closed an idle connection: then its end can be read."""
-    socket = getattr(proxy.transport, "socket", None)
-    if socket is None:
+    connection = getattr(proxy.transport, "socket", None)
+    if connection is None:
         return True
     try:
-        readable, _, _ = select.select([socket], [], [], 0)
+        readable, _, _ = select.select([connection], [], [], 0)
     except (OSError, ValueError):
         return True
     return bool(readable)

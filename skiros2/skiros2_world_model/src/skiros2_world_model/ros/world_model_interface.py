@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import rospy
 
 from skiros2_common.core.discrete_reasoner import reasoners
-from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.ros.reasoners import available_reasoners
 from skiros2_common.ros.utils import element2msg, msg2relation
@@ -26,7 +27,7 @@ from skiros2_world_model.core.world_model_client import WorldModelAbstractInterf
 from skiros2_world_model.ros.last_will import last_will_request
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
-from skiros2_world_model.ros.service_pool import ServicePool
+from skiros2_world_model.ros.service_pool import LONG_ANSWER, ServicePool
 from skiros2_world_model.ros.wire import history_request, msg2change, msg2entry, msg2shared_element, operation2msg
 
 __all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
@@ -48,8 +49,9 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self._relations_service = ServicePool(f"{self._server}/scene/query_relations", srvs.WmQueryRelations)
         self._transaction_service = ServicePool(f"{self._server}/transaction", srvs.WmTransaction)
         self._snapshot_service = ServicePool(f"{self._server}/snapshot", srvs.WmSnapshot)
-        self._history_service = ServicePool(f"{self._server}/history", srvs.WmHistory)
-        self._validation_service = ServicePool(f"{self._server}/validation", srvs.WmValidation)
+        self._history_service = ServicePool(f"{self._server}/history", srvs.WmHistory, answer_timeout=LONG_ANSWER)
+        validation = f"{self._server}/validation"
+        self._validation_service = ServicePool(validation, srvs.WmValidation, answer_timeout=LONG_ANSWER)
         self._last_will_service = ServicePool(f"{self._server}/last_will", srvs.WmLastWill)
         self._listeners: list[Callable[[Change], None]] = []
         self._monitor_cb: Callable[[msgs.WmMonitor], None] | None = None
@@ -235,9 +237,9 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             if self._replica is not None:
                 self._replica.follow(change)
             for listener in listeners:
-                listener(change)
+                _call_logged(listener, change)
         if self._monitor_cb is not None:
-            self._monitor_cb(message)
+            _call_logged(self._monitor_cb, message)
 
     # -- reading -----------------------------------------------------------------------------------------------
 
@@ -261,6 +263,14 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     ) -> list[Element]:
         request = srvs.WmGetRequest(action, context, asked, relation_filter, type_filter)
         return _given(self._get_service.call(request))
+
+
+def _call_logged(listener: Callable[[Any], None], change: Any) -> None:
+    """Calls a listener. Its exception is logged: the other listeners get the change, too."""
+    try:
+        listener(change)
+    except FOREIGN_ERRORS:
+        log.exception("a listener failed on a change of the world model")
 
 
 def _given(answer: srvs.WmGetResponse) -> list[Element]:

@@ -14,7 +14,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from skiros2_bags.core.salvage import DAMAGE, SalvageReader
+from skiros2_bags.core.salvage import DAMAGE, BoundedReader, SalvageReader
 from skiros2_common.core.errors import SkirosError
 
 
@@ -168,13 +168,13 @@ class BagFile:
     def _reader(self) -> Reader:
         if self.damage:
             return SalvageReader(self.path)
-        reader = Reader(self.path)
+        reader = BoundedReader(self.path)
         try:
             reader.open()
         except DAMAGE:
             return SalvageReader(self.path)
         reader.close()
-        return Reader(self.path)
+        return BoundedReader(self.path)
 
 
 def plain_type(name: str) -> str:

@@ -11,11 +11,14 @@ needs ROS.
 from __future__ import annotations
 
 import struct
+from bz2 import BZ2Decompressor
 from collections import defaultdict
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from lz4.frame import LZ4FrameDecompressor
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import (
@@ -24,7 +27,6 @@ from rosbags.rosbag1.reader import (
     Header,
     IndexData,
     RecordType,
-    decompressors,
     read_bytes,
     read_uint32,
 )
@@ -33,7 +35,51 @@ from rosbags.rosbag1.reader import (
 DAMAGE = (ReaderError, AssertionError, EOFError, IndexError, KeyError, OSError, RuntimeError, ValueError, struct.error)
 
 
-class SalvageReader(Reader):
+#: The largest chunk (bytes); recorders write chunks below 1 MB, and each message is within one.
+MAX_CHUNK = 64 * 1024**2
+
+
+def _bounded(name: str, make: Callable[[], Any]) -> Callable[[bytes], bytes]:
+    """Returns a function that decompresses a chunk, which may be small and grow without end.
+
+    :param make: makes a decompressor with `decompress(data, max_length)`.
+    """
+
+    def decompress(data: bytes) -> bytes:
+        content: bytes = make().decompress(data, MAX_CHUNK + 1)
+        if len(content) > MAX_CHUNK:
+            raise ReaderError(f"a {name} chunk of {len(data)} bytes has more than {MAX_CHUNK} bytes")
+        return content
+
+    return decompress
+
+
+_DECOMPRESSORS: dict[str, Callable[[bytes], bytes]] = {
+    "none": lambda data: data,
+    "bz2": _bounded("bz2", BZ2Decompressor),
+    "lz4": _bounded("lz4", LZ4FrameDecompressor),
+}
+
+
+class BoundedReader(Reader):
+    """A reader of bags with a limit on the size of chunks."""
+
+    def read_chunk(self) -> Chunk:
+        """Reads the next chunk's place."""
+        assert self.bio is not None
+        start = self.bio.tell()
+        compression = Header.read(self.bio).get_string("compression")
+        self.bio.seek(start)
+        return super().read_chunk()._replace(decompressor=_decompressor(compression))
+
+
+def _decompressor(compression: str) -> Callable[[bytes], bytes]:
+    if compression not in _DECOMPRESSORS:
+        raise ReaderError(f"Compression {compression!r} is not supported.")
+    return _DECOMPRESSORS[compression]
+
+
+class SalvageReader(BoundedReader):
     """A reader of bags without index. Messages after the first damaged record are lost.
 
     :ivar end_reason: where the complete records end (bytes), and why.
@@ -92,9 +138,7 @@ class SalvageReader(Reader):
         assert self.bio is not None
         data_start = self.bio.tell()
         compression = header.get_string("compression")
-        if compression not in decompressors:
-            raise ReaderError(f"Compression {compression!r} is not supported.")
-        chunk = Chunk(length, data_start, decompressors[compression])
+        chunk = Chunk(length, data_start, _decompressor(compression))
         content = chunk.decompressor(read_bytes(self.bio, length))
         times: list[int] = []
         counts: dict[int, int] = defaultdict(int)

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from skiros2_bags.core.run import Run
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
-from skiros2_gateway.core.goal_view import recorded_goals
+from skiros2_gateway.core.recorded_bag import read_runs, read_scene
 from skiros2_gateway.core.run_view import summary_data
 from skiros2_gateway.core.scene_history import SceneHistory, read_history
 from skiros2_gateway.core.scene_view import SceneView
-from skiros2_gateway.core.signal_view import recorded_signals
 from skiros2_runs.core.task_run import TaskRun
 
 #: Bags kept in memory.
@@ -23,7 +21,7 @@ _MAX_OPEN = 2
 
 @dataclass
 class _Bag:
-    run: Run
+    path: Path
     tasks: list[TaskRun]
     scenes: SceneHistory | None = None
 
@@ -56,15 +54,14 @@ class Bags:
             near = ", ".join(nearest(name, paths)) or "none"
             raise UnknownName(f"there is no bag {name!r} in {self._folder}; near: {near}")
         with self._reading:
-            run = Run.open(paths[name])
-            bag = _Bag(run, run.tasks())
-            others = {"goals": recorded_goals(run), "signals": recorded_signals(run)}
+            found = read_runs(paths[name])
+            bag = _Bag(paths[name], found.tasks)
             self._open.pop(name, None)
             self._open[name] = bag
             while len(self._open) > _MAX_OPEN:
                 del self._open[next(iter(self._open))]
         runs = {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(bag.tasks)}
-        return {"runs": runs, **others}
+        return {"runs": runs, "goals": found.goals, "signals": found.signals}
 
     def find_run(self, key: str) -> TaskRun:
         """Returns a run by its key.
@@ -84,7 +81,7 @@ class Bags:
         bag, _ = self._find(key)
         with self._reading:
             if bag.scenes is None:
-                bag.scenes = read_history(bag.run, view)
+                bag.scenes = read_history(read_scene(bag.path), view)
             return bag.scenes.at(time)
 
     def _find(self, key: str) -> tuple[_Bag, TaskRun]:

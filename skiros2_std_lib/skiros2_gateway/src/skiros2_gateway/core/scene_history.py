@@ -6,12 +6,9 @@ from bisect import bisect_right
 from operator import itemgetter
 from typing import Any
 
-from skiros2_bags.core.bag_file import MONITOR
-from skiros2_bags.core.run import Run
 from skiros2_gateway.core.patch import without_none
-from skiros2_gateway.core.scene_view import SceneView, frames_data
-from skiros2_world_model.core.replica import apply_change
-from skiros2_world_model.core.scene import Scene
+from skiros2_gateway.core.recorded_bag import RecordedScene
+from skiros2_gateway.core.scene_view import SceneView
 
 #: The tables of the live view that have a history.
 TABLES = ("elements", "frames", "bodies")
@@ -20,8 +17,6 @@ TABLES = ("elements", "frames", "bodies")
 _PERIOD = 0.2
 #: Entries kept; a frame takes some 400 bytes, an element some kB.
 _MAX_ENTRIES = 100_000
-
-_TF = ("/tf", "/tf_static")
 
 _time_of = itemgetter(0)
 
@@ -77,22 +72,13 @@ class SceneHistory:
         self._limit = max(self._max, 2 * self._count)
 
 
-def read_history(run: Run, view: SceneView) -> SceneHistory:
-    """Returns the history in a bag. Takes seconds for a long one.
-
-    :raises BagError: the bag cannot be read.
-    """
+def read_history(scene: RecordedScene, view: SceneView) -> SceneHistory:
+    """Returns the history of the scene in a bag. Takes seconds for a long one."""
     history = SceneHistory(max_entries=10 * _MAX_ENTRIES)
-    for name, (urdf, prefix) in run.robot_descriptions().items():
-        history.add("bodies", name, run.start, without_none(view.robot(urdf, prefix)))
-    scene = Scene()
-    for timed in run.changes() if MONITOR in run.topics.values() else ():
-        changes = apply_change(scene, timed.change)
-        ends = {eid for subject, _, target in changes.relations for eid in (subject, target)}
-        for eid in changes.records.keys() | ends:
-            element = scene.element(eid)
-            history.add("elements", eid, timed.time, without_none(view.element(element)) if element else None)
-    for message in run.messages(*_TF):
-        for name, frame in frames_data(message.content).items():
-            history.add("frames", name, message.time, frame)
+    for name, (urdf, prefix) in scene.descriptions.items():
+        history.add("bodies", name, scene.start, without_none(view.robot(urdf, prefix)))
+    for time, eid, element in scene.elements:
+        history.add("elements", eid, time, without_none(view.element(element)) if element is not None else None)
+    for time, name, frame in scene.frames:
+        history.add("frames", name, time, frame)
     return history

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 import weakref
 from typing import Any
 
@@ -30,10 +31,15 @@ DEVICE_HOLDER = "skiros:LockedBy"
 #: Time between retries of a refused release (s).
 RETRY_PERIOD = 1.0
 
+#: Time between two log lines about the same device that stays locked (s).
+LOG_PERIOD = 60.0
+
 #: How many times a write is tried when other properties of the device, such as its pose, change meanwhile.
 _ATTEMPTS = 20
 #: How long a release waits for a call of another thread (s).
 _RELEASE_TIMEOUT = 1.0
+#: How long an acquisition waits for one (s).
+_ACQUIRE_TIMEOUT = 5.0
 
 
 class Locks:
@@ -48,23 +54,27 @@ class Locks:
         self._held: dict[str, Any] = {}  # owner by device id
         self._to_free: dict[str, Any] = {}  # owner by device id, of locks to release
         self._retrying: threading.Thread | None = None
+        self._logged: dict[str, tuple[str, float]] = {}  # last refused release and its time (s), by device id
 
     def acquire(self, eid: str, owner: Any, wmi: WorldModelPort) -> None:
         """Locks an idle device.
 
-        :raises Refused: it is not idle; the text names the holder.
+        :raises Refused: it is not idle, and the text names the holder; or the world model does not answer another call.
         :raises WmException: the world model refuses or does not answer.
         """
-        with self._access:
-            try:
-                _lock(eid, wmi)
-            except Refused:
-                raise
-            except SkirosError:
-                self._to_free[eid] = owner  # the lock may have been acquired
-                self._retry_later(wmi)
-                raise
+        if not self._access.acquire(timeout=_ACQUIRE_TIMEOUT):
+            raise Refused(f"device {eid}: the world model has not answered another request for {_ACQUIRE_TIMEOUT:g} s")
+        try:
+            _lock(eid, wmi)
             self._held[eid] = owner
+        except Refused:
+            raise
+        except SkirosError:
+            self._to_free[eid] = owner  # the lock may have been acquired
+            self._retry_later(wmi)
+            raise
+        finally:
+            self._access.release()
 
     def release(self, eids: list[str], owner: Any, wmi: WorldModelPort) -> None:
         """Releases devices; failed releases are retried later."""
@@ -99,9 +109,17 @@ class Locks:
                 if eid not in self._held:
                     _unlock(eid, wmi)
             except Exception as error:
-                log.error("device %s stays locked, its release will be tried again: %s", eid, error)
+                self._log_refusal(eid, str(error))
             else:
                 self._to_free.pop(eid, None)
+                self._logged.pop(eid, None)
+
+    def _log_refusal(self, eid: str, reason: str) -> None:
+        """Logs a refused release, unless it was logged shortly before: it is tried for as long as it takes."""
+        known, now = self._logged.get(eid), time.monotonic()
+        if known is None or known[0] != reason or now - known[1] >= LOG_PERIOD:
+            self._logged[eid] = reason, now
+            log.error("device %s stays locked, its release will be tried again: %s", eid, reason)
 
     def _retry_later(self, wmi: WorldModelPort) -> None:
         if self._retrying is None:

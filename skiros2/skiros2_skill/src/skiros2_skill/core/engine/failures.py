@@ -74,9 +74,12 @@ class Failure:
 
 @dataclass
 class _Entry:
+    """:param pending: the last failure, if its message differs from the explained one in numbers."""
+
     node: SkillInterface
     explanation: Explanation
     late: bool
+    pending: Failure | None = None
 
 
 class Failures:
@@ -94,12 +97,14 @@ class Failures:
         """Records a failure; a repetition, whose message differs at most in numbers, increments the count."""
         key = (_child_indices(node), failure.label, failure.stage, failure.code, _NUMBER.sub("#", failure.message))
         known = self._entries.get(key)
-        if known is not None and known.explanation.message == failure.message:
-            explanation = known.explanation
+        if known is None:
+            entry = _Entry(node, self._explained(node, failure), failure.late)
         else:
-            explanation = self._explained(node, failure)
-        times = known.explanation.times + 1 if known is not None else 1
-        entry = _Entry(node, replace(explanation, times=times), failure.late)
+            times, pending = known.explanation.times + 1, known.pending
+            if known.explanation.message != failure.message:
+                pending = failure  # explained when somebody asks: the number may change in each tick
+            explanation = replace(known.explanation, message=failure.message, times=times)
+            entry = _Entry(node, explanation, failure.late, pending)
         with self._lock:
             self._entries.pop(key, None)
             self._entries[key] = entry
@@ -108,9 +113,18 @@ class Failures:
 
     def explanations(self) -> list[Explanation]:
         """The explanations, ordered by the last occurrence of each failure."""
+        self.settle()
         with self._lock:
             entries = list(self._entries.values())
         return [replace(entry.explanation, node=entry.node._id) for entry in entries]
+
+    def settle(self) -> None:
+        """Explains the last failures in full, while the nodes still have the values that they failed with."""
+        with self._lock:
+            pending = [(entry, entry.pending) for entry in self._entries.values() if entry.pending is not None]
+        for entry, failure in pending:
+            explanation = self._explained(entry.node, failure)
+            entry.explanation, entry.pending = replace(explanation, times=entry.explanation.times), None
 
     def cause(self) -> tuple[SkillInterface, Explanation] | None:
         """The node that made the root fail, and the explanation; None when no node failed."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import (
+    FOREIGN_ERRORS,
     OutOfLimits,
     Refused,
     RobotStopped,
@@ -362,9 +363,13 @@ class TaskStarter:
         self._check_stop(nodes)
         robot = self._robot()
         task = self._scheduler.new_task(self._wmi, author)
-        task.allowed_when_stopped = _allowed_when_stopped(nodes)
-        _fill(task.root, robot, nodes)
-        self._history.begin(task)
+        try:
+            task.allowed_when_stopped = _allowed_when_stopped(nodes)
+            _fill(task.root, robot, nodes)
+            self._history.begin(task)
+        except FOREIGN_ERRORS:
+            self._scheduler.discard(task)
+            raise
         return task
 
     def _check_stop(self, nodes: Sequence[SkillWrapper]) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError
 from skiros2_common.core.property import format_value
 from skiros2_skill.core.runtime.history import one_line
 from skiros2_skill.core.runtime.safety import Safety, SourceRules
@@ -54,8 +54,8 @@ class Source:
         """Returns why the robot is stopped; "" if it is not. A message that cannot be read is a stop. One thread."""
         try:
             return self._read_diagnostics(message) if self.type == DIAGNOSTICS else self._read_field(message)
-        except (AttributeError, TypeError, ValueError, IndexError) as error:
-            return one_line(f"unreadable message: {error}")
+        except FOREIGN_ERRORS as error:  # any: a stop that is not understood is a stop
+            return one_line(f"unreadable message: {type(error).__name__}: {error}")
 
     def _read_field(self, message: Any) -> str:
         leaves = _leaves(self.path, value_at(message, self.path))

@@ -298,6 +298,7 @@ class Task:
         return self._handlers.tick(self._executor.tick(self.root))
 
     def _close(self, state: State) -> None:
+        self._executor.failures.settle()
         for node in self.nodes():
             if isinstance(node, SkillWrapper):
                 if node.locked:  # the tick has raised after locking, before the start

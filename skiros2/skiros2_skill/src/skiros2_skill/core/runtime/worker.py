@@ -135,7 +135,7 @@ class Worker:
             now = time.monotonic()
             if now >= self._due and self.tasks:
                 late = (now - self._due) // self._settings.period
-                self._due += max(1.0, late) * self._settings.period
+                self._due += (late + 1.0) * self._settings.period
                 batch = list(self.tasks.values())
                 for scheduled in batch:
                     scheduled.woken, scheduled.wakes = True, 0

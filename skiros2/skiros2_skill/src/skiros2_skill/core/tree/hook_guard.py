@@ -78,9 +78,11 @@ class HookGuard:
 
         Called by another thread, which alone may use the tree afterwards.
         """
-        calls, self.calls = self.calls, []
         try:
-            return _hung(calls.pop())
+            hung = _hung(self.calls.pop())
         except IndexError:
-            self.calls = calls
             return None
+        # The abandoned thread finds its own list empty; whoever ticks from now on has another one. It is replaced after
+        # the pop: an empty list that is put back would hide the hook that the ticking thread calls meanwhile.
+        self.calls = []
+        return hung

@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-long compiled-tests lint docs bench bench-insertion bench-learning bench-gateway lock clean
+.PHONY: help setup build demo test test-long compiled-tests lint audit docs bench bench-insertion bench-learning bench-gateway lock clean
 
 python := .venv/bin/python3
 
@@ -42,6 +42,11 @@ compiled-tests: setup
 lint: setup  ## check style and types
 	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .
 	@echo "mypy" && $(python) -m mypy --no-error-summary
+
+# Exit status: 0 none is known, 1 there are some, 2 not checked: no service of advisories answers.
+audit: setup  ## look for known vulnerabilities of the pinned packages (pip-audit, npm audit); needs a network, and says if there is none
+	@python3 -m venv build/audit && build/audit/bin/pip install --quiet pip-audit==2.10.1 || echo "pip-audit is missing"
+	@exec .ci/audit
 
 docs:  ## build the documentation's site with a generated reference in build/docs/site; fails on broken links and missing entries
 	@.ci/setup run planner sim learning gateway dev docs

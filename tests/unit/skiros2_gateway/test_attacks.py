@@ -219,6 +219,21 @@ def test_silent_connections_leave_room_for_requests(in_gateway: Run) -> None:
     in_gateway(test)
 
 
+def test_silent_connections_of_many_addresses_leave_room_for_requests(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service, limits=Limits(of_address=20, total=50)) as address:
+            url = urlsplit(address)
+            opened = [
+                await asyncio.open_connection(url.hostname, url.port, local_addr=(f"127.0.1.{number}", 0))
+                for number in range(1, 100)
+            ]
+            assert (await curl(address, "/api/health"))[0] == 200
+            for _, writer in opened:
+                writer.close()
+
+    in_gateway(test)
+
+
 def test_requests_of_one_address_leave_room_for_others(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with served(gateway.service, limits=Limits(of_address=20)) as address:

@@ -171,6 +171,22 @@ class ElementContent:
         self._last_update = fresh._last_update
         self._local_relations = local
 
+    def complete(self, present: Self) -> None:
+        """Makes an element that was not read from a world model one that was: its own content becomes its `changes`.
+
+        :param present: the element as it is in the world model.
+        """
+        base = present.view()
+        for key, prop in self._props.items():
+            base._put(base._key_of(key) or key, prop)
+        known = {relation_key(r) for r in base._rels}
+        added = [r for r in self._rels if relation_key(r) not in known]
+        if added:
+            base._own_relations().extend(added)
+        base._label = self._label or base._label
+        base._local_relations = self._local_relations
+        self.__dict__.update(base.__dict__)
+
     def view(self) -> Self:
         """A new element that shares this one's content, copied on write; its `changes` start from here."""
         return self.shared(self._type, self._label, self._id, self._props, self._rels, self._version)

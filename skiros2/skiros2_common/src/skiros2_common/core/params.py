@@ -21,6 +21,15 @@ log = logging.getLogger(__name__)
 
 ParamTypes = Enum("ParamTypes", "Required Optional Inferred")
 
+
+class Origin(Enum):
+    """Where a value comes from. A start keeps given values; it may replace the others by inference."""
+
+    GIVEN = "given"  # by a caller, `specify` or a default
+    INFERRED = "inferred"
+    ASSIGNED = "assigned"  # by the code of a skill: another element than before
+
+
 #: The codes of parameter types in messages and in the world model.
 PARAM_TYPE_CODES = {ParamTypes.Required: 0, ParamTypes.Optional: 1, ParamTypes.Inferred: 2}
 
@@ -36,7 +45,7 @@ class Param(Property):
     """
 
     __slots__ = (
-        "_description", "_last_update", "assigned", "defaults", "is_inferred", "limits", "paramType", "set_by",
+        "_description", "_last_update", "assigned", "defaults", "limits", "origin", "paramType", "set_by",
         "shared_snapshot",
     )  # fmt: skip
 
@@ -52,9 +61,9 @@ class Param(Property):
         self.limits = limits
         #: Set to True by each setter; the caller resets it.
         self.assigned = False
-        #: On a blackboard: the label of the node that set the values, and whether it inferred them.
+        #: On a blackboard: the label of the node that set the values, and their origin.
         self.set_by = ""
-        self.is_inferred = False
+        self.origin = Origin.GIVEN
         #: A copy of the value list from the last check for changes in place; None while nobody else holds the list.
         self.shared_snapshot: list[Any] | None = None
 
@@ -172,7 +181,7 @@ class Param(Property):
         copy.limits = self.limits
         copy.assigned = False
         copy.set_by = ""
-        copy.is_inferred = False
+        copy.origin = Origin.GIVEN
         copy.shared_snapshot = None
         return copy
 

@@ -184,7 +184,7 @@ def encodeElement(encoder: Any, obj: Element) -> dict[str, Any]:
 
 
 def decodeElement(json_string: Any) -> Element:
-    """An element from its JSON form (a dict or a text).
+    """An element from its JSON form (a dict or a text), as one that was read: its `changes` start from here.
 
     :raises WrongValue: a field is missing or has the wrong type.
     :raises UnknownName: the type name of a property is unknown.
@@ -200,6 +200,7 @@ def decodeElement(json_string: Any) -> Element:
         r = _loaded(r, "relation")
         src, pred, dst = (_field(r, name, str, f"relation of {element!r}") for name in ("src", "type", "dst"))
         element.addRelation(src, pred, dst, bool(r.get("state", True)), bool(r.get("abstract", False)))
+    element = element.view()
     try:
         element._last_update = as_type(e.get("last_update") or 0.0, float)
     except WrongType as error:

@@ -28,8 +28,8 @@ _PAUSE = 1.0
 class Limits:
     """Limits on connections.
 
-    :param of_address: connections of one address. One more takes the place of the oldest that has sent no request.
-    :param total: connections of all addresses.
+    :param of_address: connections of one address. One more takes the place of its oldest that has sent no request.
+    :param total: connections of all addresses. One more takes the place of one that has sent no request.
     :param head: time from the first byte, or the begin of the connection, to the end of a request's head (s).
     """
 
@@ -113,16 +113,18 @@ class HttpServer:
 
     def _has_room(self, host: str) -> bool:
         """Returns whether a connection may be added; closes one that was silent so far if that makes room."""
-        of_host = self._connections.get(host, [])
-        total = sum(map(len, self._connections.values()))
-        if len(of_host) < self._limits.of_address and total < self._limits.total:
+        groups = list(self._connections.values())
+        if len(self._connections.get(host, [])) >= self._limits.of_address:
+            groups = [self._connections[host]]
+        elif sum(map(len, groups)) < self._limits.total:
             return True
-        silent = next((each for each in of_host if not each.has_request), None)
-        if silent is None or silent.task is None:
-            return False
-        of_host.remove(silent)
-        silent.task.cancel()
-        return True
+        for group in groups:
+            for each in group:
+                if not each.has_request and each.task is not None:
+                    group.remove(each)
+                    each.task.cancel()
+                    return True
+        return False
 
     async def _serve(self, sock: socket.socket, host: str, connection: _Connection) -> None:
         tls = self._config.ssl

@@ -40,6 +40,8 @@ UNKNOWN_JOB, INVALID_STATE, NOT_ACCEPTED = 1, 2, 4
 
 _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
 
+#: The most connections, and the longest time from the begin of one to its login (s).
+_MAX_CONNECTIONS, _LOGIN_TIMEOUT = 100, 10.0
 #: How long changes of jobs are gathered before the lists are written (s).
 _LIST_PERIOD = 0.1
 
@@ -115,6 +117,7 @@ class OpcuaServer:
         """
         settings, server = self._settings, self._server
         await server.init()
+        server.iserver.max_connections, server.iserver.max_pending_activation_seconds = _MAX_CONNECTIONS, _LOGIN_TIMEOUT
         port = settings.opcua_port or _free_port(settings.host)
         self.address = f"opc.tcp://{_host(settings.host)}:{port}/skiros2/"
         server.set_endpoint(self.address)

@@ -8,12 +8,11 @@ itself: all of them see changes in place.
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from skiros2_common.core.condition import ConditionBase
-from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongType
+from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName, WrongType
 from skiros2_common.core.explanation import (
     CHANGED,
     DEFAULT,
@@ -26,10 +25,9 @@ from skiros2_common.core.explanation import (
     Provenance,
 )
 from skiros2_common.core.names import nearest
-from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.params import Origin, Param, ParamHandler, ParamTypes
 from skiros2_common.core.property import format_value
-from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_common.core.world_model_port import Revisions, WorldModelPort
+from skiros2_common.core.world_element import Element
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -43,8 +41,8 @@ class Slot:
     """
 
     __slots__ = (
-        "candidate", "default_ids", "ignored", "inferred", "is_element", "key", "param", "placeholder", "provenance",
-        "pushed_by", "shared",
+        "candidate", "default_ids", "ids", "ignored", "is_element", "key", "origin", "param", "placeholder",
+        "provenance", "pushed_by", "shared", "suggested",
     )  # fmt: skip
 
     def __init__(self, param: Param, key: str, provenance: str) -> None:
@@ -54,7 +52,11 @@ class Slot:
         self.provenance = provenance
         #: The label of the node that has pushed the values.
         self.pushed_by = ""
-        self.inferred = False
+        self.origin = Origin.GIVEN
+        #: Of the elements when they were bound: an assignment of the same ones keeps the origin.
+        self.ids: list[Any] = []
+        #: The elements that a plan suggests for this start, which inference tries first.
+        self.suggested: list[Element] = []
         default = param.defaults
         #: The ids of a default that is kept unless the blackboard has elements with the same ids; () for a default
         #: that is always kept; None when there is none to keep.
@@ -69,10 +71,30 @@ class Slot:
             self.placeholder = param.current
         #: The list that was last pulled or pushed.
         self.shared: list[Any] | None = None
-        #: The list that was last not pulled because of the default.
+        #: A list that is not pulled, because elements in it are gone.
         self.ignored: list[Any] | None = None
-        #: An inferred value on the blackboard, which inference tries first.
+        #: An element on the blackboard that was not given, which inference tries first.
         self.candidate: list[Any] | None = None
+
+    def bind(self, origin: Origin) -> None:
+        """Notes the origin of the present values."""
+        self.origin = origin
+        if self.is_element:
+            self.ids = _ids(self.param.current)
+
+    def note_change(self) -> None:
+        """Notes that the skill's code has changed the values: other elements are `ASSIGNED`."""
+        if self.is_element and self.ids != _ids(self.param.current):
+            self.bind(Origin.ASSIGNED)
+
+    def is_given_again(self, entry: Param) -> bool:
+        """Whether the blackboard has the given elements of this slot as the outcome of a skill."""
+        return self.origin is Origin.GIVEN is not entry.origin and self.ids == _ids(entry.current)
+
+    def drop(self, gone: list[Any]) -> None:
+        """Removes elements that are gone. The list that has them is not pulled again."""
+        self.ignored, self.shared = self.param.current, None
+        self.param.current = [v for v in self.param.current if v not in gone]
 
     @property
     def is_at_placeholder(self) -> bool:
@@ -95,6 +117,11 @@ class Blackboard:
     def __contains__(self, key: str) -> bool:
         return key in self._entries
 
+    def origin(self, key: str) -> Origin:
+        """The origin of the values of a key."""
+        entry = self._entries.get(key)
+        return entry.origin if entry is not None else Origin.GIVEN
+
     def values(self, key: str) -> list[Any]:
         """The values of a key; [] when the blackboard does not have it."""
         entry = self._entries.get(key)
@@ -107,25 +134,28 @@ class Blackboard:
     def pull(self, node: SkillWrapper, slots: list[Slot], is_start: bool = False) -> bool:
         """Copies values from the blackboard to the parameters of a node. Returns whether a parameter has changed.
 
-        A parameter with a default keeps it, unless the default is an abstract element or elements with the same ids. An
-        inferred value is pulled by an Optional parameter and, while the node runs, by one without a value; for others
-        it is a candidate.
+        A parameter with a default keeps it, unless the default is an abstract element or elements with the same ids. At
+        a start, an element that was not given is only a candidate for a parameter that can be inferred, and a key with
+        a suggested element is not pulled. While the node runs, an inferred element does not replace another one.
         """
         entries = self._entries
         changed = False
         for slot in slots:
             entry = entries.get(slot.key)
-            if entry is None:
+            if entry is None or (is_start and slot.suggested):
                 continue
             values, param = entry.current, slot.param
             if values is param.current or values is slot.ignored or values is slot.shared or not values:
                 continue
             if slot.default_ids is not None and slot.default_ids != [v.id for v in values if isinstance(v, Element)]:
-                slot.ignored = values
                 continue
-            if entry.is_inferred and param.paramType is not ParamTypes.Optional and (is_start or param.is_bound()):
-                slot.candidate = values
-                continue
+            if slot.is_element and entry.origin is not Origin.GIVEN and param.paramType is not ParamTypes.Optional:
+                if not is_start:
+                    if entry.origin is Origin.INFERRED and param.is_bound() and _ids(values) != _ids(param.current):
+                        continue
+                elif len(values) == 1 and _ids(values)[0]:
+                    slot.candidate = values
+                    continue
             slot.shared = values
             try:
                 param.current = param.checked(values)
@@ -134,7 +164,7 @@ class Blackboard:
                 continue
             if param.shared_snapshot is not None:
                 param.shared_snapshot = list(param.current)
-            slot.inferred = entry.is_inferred
+            slot.bind(entry.origin if slot.default_ids is None else Origin.GIVEN)
             pushed = PULLED if is_start or not node.children else CHANGED
             slot.provenance, slot.pushed_by = pushed if entry.set_by else GIVEN, entry.set_by
             changed = True
@@ -161,7 +191,6 @@ class Blackboard:
             if changed:
                 param.assigned = False
                 slot.placeholder = None
-                slot.inferred = False
                 slot.provenance, slot.pushed_by = CHANGED, ""
             if param.shared_snapshot is not None and not is_same(values, param.shared_snapshot):
                 param.shared_snapshot = list(values)
@@ -169,7 +198,9 @@ class Blackboard:
             if slot.placeholder is not None and values is slot.placeholder and values and values[0].id:
                 slot.placeholder = None  # the skill has added the element to the world model
                 changed = True
-            if not (changed or everything):
+            if changed:
+                slot.note_change()
+            elif not everything:
                 continue
             entry = entries.get(slot.key)
             if not values:
@@ -177,16 +208,20 @@ class Blackboard:
                     del entries[slot.key]
                     pushed.append(slot.key)
             elif entry is not None and entry.current is values:
-                if changed:
-                    entry.is_inferred, entry.set_by = slot.inferred, node._label
+                if changed or slot.is_given_again(entry):
+                    entry.origin, entry.set_by = slot.origin, node._label
                     pushed.append(slot.key)
             elif changed or not (slot.is_at_placeholder or (entry is not None and entry.current is slot.shared)):
                 entries[slot.key] = entry = param.with_values(values)
                 entry.key = slot.key
-                entry.is_inferred, entry.set_by = slot.inferred, node._label
+                entry.origin, entry.set_by = slot.origin, node._label
                 slot.shared = values
                 pushed.append(slot.key)
         return pushed
+
+
+def _ids(elements: list[Any]) -> list[Any]:
+    return [getattr(element, "id", None) for element in elements]
 
 
 def has_changed_in_place(lent: Iterable[Param]) -> bool:
@@ -253,6 +288,10 @@ def add_slots(node: SkillWrapper, slots: list[Slot]) -> None:
     node.element_slots = [slot for slot in slots if slot.is_element]
 
 
+def _view(value: Any) -> Any:
+    return value.view() if isinstance(value, Element) else value
+
+
 # -- provenance, for explanations ------------------------------------------------------------------------------------
 
 
@@ -281,114 +320,6 @@ def format_values(values: Sequence[Any]) -> str:
     named = [repr(v) if isinstance(v, Element) else format_value(v) for v in values[:MAX_EXAMPLES]]
     more = f" and {len(values) - MAX_EXAMPLES} more" if len(values) > MAX_EXAMPLES else ""
     return ", ".join(named) + more
-
-
-# -- elements ------------------------------------------------------------------------------------------------------
-
-
-def refresh_elements(slots: list[Slot], wmi: WorldModelPort, revisions: Revisions | None) -> list[str]:
-    """Reads elements that have changed in the world model again, keeping local changes; removed elements are dropped.
-
-    :param slots: those of element type.
-    :param revisions: of the world model's elements; None: not known.
-    :returns: the ids of the dropped elements.
-    """
-    dropped = []
-    for slot in slots:
-        values = slot.param.current
-        is_complete = True
-        for index, value in enumerate(values):
-            eid = value.id
-            if not eid:
-                is_complete = is_complete and value.version < 0
-                continue
-            revision = revisions.element(eid) if revisions is not None else None
-            if revision is not None and revision.version == value.version:
-                continue
-            found = wmi.find_element(eid)
-            if found is None:
-                dropped.append(eid)
-                is_complete = False
-            elif found.version != value.version or found.version < 0:
-                changes = value.changes() if value.may_be_changed else None
-                values[index] = apply_changes(found, changes) if changes else found
-        if not is_complete:
-            slot.param.current = [v for v in values if v.id not in dropped and not is_removed(v)]
-            slot.shared = None
-        if slot.param.shared_snapshot is not None:
-            slot.param.shared_snapshot = list(slot.param.current)
-    return dropped
-
-
-def is_removed(element: Element) -> bool:
-    """Whether an element was read from the world model and removed since, which clears its id."""
-    return not element.id and element.version >= 0
-
-
-def apply_changes(element: Element, changes: ElementChanges) -> Element:
-    """Applies local changes to an element that was read again. Returns the element."""
-    for key, prop in changes.properties.items():
-        element.setProperty(key, prop.dataType())
-        element.setProperty(key, list(prop.current))
-    for key in changes.removed_properties:
-        if element.hasProperty(key):
-            element.removeProperty(key)
-    element.removeRelations(changes.removed_relations)
-    for r in changes.added_relations:
-        element.addRelation(r["src"], r["type"], r["dst"], r["state"], r["abstract"])
-    if changes.label is not None:
-        element.label = changes.label
-    if changes.type is not None:
-        element.type = changes.type
-    return element
-
-
-def removal_text(eid: str, wmi: WorldModelPort) -> str:
-    """States that an element is missing and, if the world model knows, who removed it and when."""
-    try:
-        removed = wmi.removal_of(eid) if hasattr(wmi, "removal_of") else None
-    except SkirosError:
-        removed = None
-    if removed is None:
-        return f"element {eid} is not in the scene any more"
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(removed.stamp))
-    return f"element {eid} was removed by {removed.author or 'an unknown author'} at {when}"
-
-
-def assigned_elements(slots: list[Slot]) -> list[Element]:
-    """The changed elements with an id in assigned parameters, which are written after an `execute`."""
-    found: dict[int, Element] = {}
-    for slot in slots:
-        values = slot.param.current
-        if slot.param.assigned and values and values[0].id:
-            found.update((id(e), e) for e in values if e.id and _has_changes(e))
-    return list(found.values())
-
-
-def unwritten_elements(slots: list[Slot]) -> Iterator[Element]:
-    """The elements with changes in place, which are not written."""
-    for slot in slots:
-        for element in slot.param.current:
-            if element.id and element.may_be_changed and element.changes():
-                yield element
-
-
-def discard_changes(slots: list[Slot], wmi: WorldModelPort) -> None:
-    """Discards a skill's local changes of elements by reading them again."""
-    for slot in slots:
-        values = slot.param.current
-        for index, element in enumerate(values):
-            if element.id and element.may_be_changed:
-                values[index] = wmi.find_element(element.id) or element
-
-
-def _has_changes(element: Element) -> bool:
-    changes = element.changes()
-    return changes is None or bool(changes) or bool(element.local_relations)
-
-
-def _view(value: Any) -> Any:
-    return value.view() if isinstance(value, Element) else value
 
 
 # -- remaps without a target ---------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
 from skiros2_common.core.source_location import format_error
-from skiros2_skill.core.engine.blackboard import discard_changes
+from skiros2_skill.core.engine.elements import discard_changes
 from skiros2_skill.core.engine.failures import (
     EXECUTE_RAISED,
     POST_FAILED,

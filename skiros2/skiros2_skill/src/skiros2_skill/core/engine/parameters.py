@@ -14,8 +14,8 @@ from skiros2_common.core.revision import local_revision
 from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import Revisions, WorldModelPort
-from skiros2_skill.core.engine.blackboard import (
-    Blackboard,
+from skiros2_skill.core.engine.blackboard import Blackboard
+from skiros2_skill.core.engine.elements import (
     assigned_elements,
     discard_changes,
     is_removed,
@@ -258,8 +258,7 @@ class Parameters:
             values = slot.param.current
             existing = [e for e in values if (revisions.element(e.id) is not None if e.id else not is_removed(e))]
             if len(existing) < len(values):
-                slot.param.current = existing
-                slot.shared = None
+                slot.drop([e for e in values if e not in existing])
 
     def revisions(self, node: SkillWrapper) -> Revisions | None:
         """The world model's revisions; if it has changed, the nodes that read the changed elements are marked.
@@ -299,6 +298,10 @@ class Parameters:
         elements = assigned_elements(node.element_slots)
         if elements:
             try:
+                for element in elements:
+                    present = self._wmi.find_element(element.id) if element.changes() is None else None
+                    if present is not None:  # the skill has built the element itself
+                        element.complete(present)
                 self._wmi.update_elements(elements)
             except SkirosError as error:
                 discard_changes(node.element_slots, self._wmi)

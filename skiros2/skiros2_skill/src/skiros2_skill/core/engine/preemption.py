@@ -18,7 +18,7 @@ from skiros2_common.core.preempt_handler import PreemptHandler
 from skiros2_common.core.source_location import format_error_line
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_skill.core.engine.blackboard import refresh_elements
+from skiros2_skill.core.engine.elements import refresh_elements
 from skiros2_skill.core.engine.executor import Executor, preempt_all
 from skiros2_skill.core.engine.failures import Failure
 from skiros2_skill.core.engine.hooks import PREEMPTED

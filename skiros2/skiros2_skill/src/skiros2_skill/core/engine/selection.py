@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -15,29 +16,33 @@ from skiros2_common.core.explanation import (
     LEARNED,
     PARAMETER,
     PRE,
+    SPECIFIED,
     START,
     UNSET,
 )
 from skiros2_common.core.limits import NO_LIMITS
 from skiros2_common.core.names import ANY_TYPE
-from skiros2_common.core.params import ParamHandler, ParamTypes
+from skiros2_common.core.params import Origin, ParamHandler, ParamTypes
 from skiros2_common.core.source_location import format_error
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import Revisions, WorldModelPort
 from skiros2_skill.core.engine.blackboard import (
     Blackboard,
     Slot,
+    format_values,
     make_slots,
     provenance_of,
-    refresh_elements,
     unprovided_remap,
 )
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
+from skiros2_skill.core.engine.elements import missing_text, read_again, refresh_elements
 from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, check_conditions
 from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
 from skiros2_skill.core.engine.learned_parameters import learned_values
 from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+log = logging.getLogger(__name__)
 
 #: Gives an implementation with its parameters to a node. Returns the failure; None on success.
 Take = Callable[[SkillWrapper, Implementation, ParamHandler, list[Slot], WorldModelPort], Failure | None]
@@ -139,16 +144,26 @@ def _find_params(
     :param stype: type of the skill.
     :raises SkirosError: a parameter cannot be set, or a pre-condition is unsatisfied.
     """
-    blackboard.pull(node, slots, is_start=True)
     elements = [slot for slot in slots if slot.is_element]
-    given = [(slot, slot.param.current) for slot in elements if slot.shared is None]
+    if node.suggested_values:
+        _suggest(node, elements, wmi)
+    blackboard.pull(node, slots, is_start=True)
+    given = [(slot, slot.param.current) for slot in elements if slot.shared is None or _is_needed(slot)]
     if refresh_elements(elements, wmi, revisions):
         for slot, values in given:
-            if len(slot.param.current) < len(values):
-                raise Rejected(PARAMETER, f"parameter {slot.param.key!r} is {values[0]!r}, which is not in the scene")
+            missing = [v for v in values if v not in slot.param.current]
+            if missing and (slot.shared is None or not slot.param.current):
+                raise Rejected(PARAMETER, f"parameter {slot.param.key!r} {missing_text(missing[0], wmi)}")
+    for slot in elements:
+        if slot.candidate is not None and read_again(slot.candidate, wmi, revisions):
+            if slot.param.paramTypeIs(ParamTypes.Required):
+                raise Rejected(PARAMETER, f"parameter {slot.param.key!r} {missing_text(slot.candidate[0], wmi)}")
+            slot.candidate = None
     unset = [s for s in elements if s.param.paramType is not ParamTypes.Optional and not s.param.is_bound()]
     if unset:
         _infer(node, unset, params, conditions, wmi, blackboard)
+    for slot in elements:
+        slot.bind(slot.origin)
     _take_learned(slots, stype, wmi)
     outside = out_of_limits(params)
     if outside:
@@ -199,25 +214,51 @@ def _infer(
         why = unprovided_remap(node, slot, blackboard) if slot.param.paramTypeIs(ParamTypes.Required) else ""
         if why:
             raise Rejected(PARAMETER, why)
-    suggested = {slot.param.key: _suggested_elements(node, slot, wmi) for slot in slots}
-    search = infer(params, conditions, wmi, blackboard.ids(), {key: found for key, found in suggested.items() if found})
+    first = {slot.param.key: slot.suggested or slot.candidate for slot in slots}
+    search = infer(params, conditions, wmi, blackboard.ids(), {key: found for key, found in first.items() if found})
     if search is not None:
         candidates = filter_candidates(search)
         text = f"Pre-condition failed: {failure_text(search, candidates)}"
         raise Rejected(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
     for slot in slots:
-        if slot.param.is_bound():
-            slot.inferred = True
-            slot.provenance = INFERRED
-            known = slot.candidate
-            if known is not None and len(known) == 1 and known[0].id == slot.param.current[0].id:
-                slot.param.current = slot.shared = known  # all nodes share one list
+        if not slot.param.is_bound():
+            continue
+        slot.provenance = INFERRED
+        slot.origin = Origin.INFERRED
+        known = slot.candidate
+        if known is not None and known[0].id == slot.param.current[0].id:
+            slot.param.current = slot.shared = known  # all nodes share one list
+            slot.origin = blackboard.origin(slot.key)
+        rejected = [e for e in first[slot.param.key] or () if e.id != slot.param.current[0].id]
+        if rejected:
+            log.info(
+                "%s: %s is %r; the pre-conditions do not hold with %s",
+                node.printState(), slot.param.key, slot.param.current[0], format_values(rejected),
+            )  # fmt: skip
 
 
-def _suggested_elements(node: SkillWrapper, slot: Slot, wmi: WorldModelPort) -> list[Element]:
-    """The elements that inference tries first: suggested by the plan, and inferred by another node."""
-    named = [*node.suggested_values.get(node.name_above(slot.param.key), ()), *(slot.candidate or ())[:1]]
-    return [e for e in named if e.id and wmi.find_element(e.id) is not None]
+def _suggest(node: SkillWrapper, slots: Sequence[Slot], wmi: WorldModelPort) -> None:
+    """Finds the elements that a plan suggests for parameters without a value. An Optional parameter is set to them."""
+    for slot in slots:
+        named = [e for e in node.suggested_values.get(node.name_above(slot.param.key), ()) if e.id]
+        if slot.param.is_bound() or not named:
+            continue
+        found = [(e, wmi.find_element(e.id)) for e in named]
+        missing = [e for e, present in found if present is None]
+        if missing:
+            log.warning(
+                "%s: %s of the plan is %s, which is not in the scene any more",
+                node.printState(), slot.param.key, format_values(missing),
+            )  # fmt: skip
+        slot.suggested = [present for _, present in found if present is not None]
+        if slot.suggested and slot.param.paramTypeIs(ParamTypes.Optional):
+            slot.param.current = slot.suggested
+            slot.provenance = SPECIFIED
+
+
+def _is_needed(slot: Slot) -> bool:
+    """Whether a skill cannot start without the value of a slot that was pulled from the blackboard."""
+    return slot.origin is Origin.GIVEN and not slot.param.paramTypeIs(ParamTypes.Optional)
 
 
 def _class_mismatches(

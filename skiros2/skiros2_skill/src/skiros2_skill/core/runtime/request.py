@@ -20,7 +20,7 @@ from skiros2_common.core.errors import (
 )
 from skiros2_common.core.explanation import GIVEN, PARAMETER, START, STOP, Explanation, Provenance
 from skiros2_common.core.names import full_name, nearest
-from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.params import Origin, Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import format_values
@@ -402,7 +402,8 @@ class TaskStarter:
         found = {
             slot.key: Element(slot.param.value.type, slot.param.value.label, slot.param.value.id)
             for slot in first.slots
-            if slot.is_element and slot.param.is_bound() and (slot.inferred or slot.shared is not None)
+            if slot.is_element and slot.param.is_bound()
+            if slot.origin is not Origin.GIVEN or slot.shared is not None
         }
         return StartPreview(first.implementation.label, found)
 

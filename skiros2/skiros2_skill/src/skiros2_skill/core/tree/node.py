@@ -44,8 +44,9 @@ class NodeParams(SkillCore):
         key = next((key for key, above in self.remaps.items() if above == initial_key), initial_key)
         if record or key in self.remaps:
             self.remaps[key] = target_key
-        if initial_key in self.specified_values:
-            self.specified_values[target_key] = self.specified_values.pop(initial_key)
+        for values in (self.specified_values, self.suggested_values):
+            if initial_key in values:
+                values[target_key] = values.pop(initial_key)
 
     def get_remap(self, key: str) -> str:
         """The name of a key of this node in its parent."""

@@ -1,0 +1,282 @@
+"""The values of a skill that starts: which one wins, and elements as they are. Compatibility, section 2."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from compatibility.rules import rule
+from compatibility.test_blackboard import compound, message, primitive, tells
+from libraries.value_skills import use
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.world_element import Element
+from skiros2_common.ros.utils import ParamsEncoder, decodeElement
+from skiros2_skill.core.runtime.request import JsonValues, SkillRequest, make_nodes
+from skiros2_skill.ros.utils import SkillHolder, deserialize_skill
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from support.value_table import CHANGES, WAYS, Outcome, check, furnish, seen_by
+
+LIBRARIES = Path(__file__).parents[1] / "libraries"
+
+
+@rule("blackboard", "An element is read when the skill starts, whichever way it came",
+      better="a write changes only what the skill has changed since then")  # fmt: skip
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("way", WAYS)
+def test_a_skill_starts_with_the_element_as_it_is(skill_bench, monkeypatch, way, change):
+    monkeypatch.syspath_prepend(LIBRARIES)
+    skill_bench.import_libraries("value_skills")
+    editor = LocalWorldModel("editor", skill_bench.wmi.model)
+    stage = furnish(editor)
+    calls = [(skill, "", params) for skill, params in WAYS[way](editor.get_element(stage.part))]
+    task = skill_bench.commands(*calls)
+    task.tick(3)
+    assert any(node.progress_msg == "waiting" for node in task.nodes()), task.why
+    CHANGES[change](editor, stage)
+    gate = editor.get_element(stage.gate)
+    gate.setProperty("skiros:Weight", 1.0)
+    editor.update_element(gate)
+    state = task.run().state
+    messages = [(node.label, node.progress_msg) for node in task.nodes()]
+    outcome = Outcome(state is State.Success, seen_by(messages), task.why)
+    check(way, change, stage, outcome, editor)
+
+
+# -- which value wins --------------------------------------------------------------------------------------------------
+
+
+def product(key="Object", kind=ParamTypes.Inferred):
+    return (key, Element("skiros:Product"), kind)
+
+
+def closed(description):
+    return description.getPropCond("Closed", "skiros:CadModel", "Object", "=", "closed", True)
+
+
+def closing(word):
+    """An `execute` that assigns the element in place, with a new value of a property, as many libraries do."""
+
+    def execute(skill):
+        element = skill.params["Object"].value
+        element.setProperty("skiros:CadModel", word)
+        skill.params["Object"].value = element
+        return skill.success()
+
+    return execute
+
+
+@pytest.fixture
+def doors(skill_bench):
+    """Two closed doors, and a compound that opens one: its child assigns the element."""
+    for label in ("fridge", "pantry"):
+        skill_bench.add("skiros:Product", label, CadModel="closed")
+    skill_bench.load(
+        primitive("Turn", product(kind=ParamTypes.Required), execute=closing("open")),
+        compound("Open", lambda self, skill: skill(self.skill("Turn")), product(), pre=[closed]),
+    )
+    return skill_bench
+
+
+def planned(bench, skill, element, kind=ParamTypes.Inferred, key="Object"):
+    """A step of a plan, as it is read from the plan's text."""
+    node = bench.node(skill)
+    step = SkillHolder("", skill, skill, {key: Param(key, "", element, kind)})
+    node.specifyParamsDefault(deserialize_skill(step.toJson()).ph)
+    return node
+
+
+def states(bench):
+    return {label: bench.element(label).value_of("skiros:CadModel") for label in ("fridge", "pantry")}
+
+
+@rule("blackboard", "Two steps of a plan that name two elements use these two, whatever a child has assigned")
+def test_steps_of_a_plan_use_the_elements_that_it_names(doors):
+    task = doors.run(*(planned(doors, "Open", doors.element(label)) for label in ("pantry", "fridge")))
+    assert task.state is State.Success, task.why
+    assert states(doors) == {"fridge": "open", "pantry": "open"}
+
+
+@rule("blackboard", "An element that a plan names for an Inferred parameter takes precedence over the blackboard")
+def test_a_suggested_element_takes_precedence_over_one_on_the_blackboard_that_fits_too(doors):
+    doors.load(primitive("Look", product(), execute=tells("Object")))
+    fridge, pantry = doors.element("fridge"), doors.element("pantry")
+    task = doors.run(planned(doors, "Look", pantry), planned(doors, "Look", fridge))
+    assert [node.progress_msg for node in task.root.children] == [f"['{pantry.id}']", f"['{fridge.id}']"]
+
+
+@rule("blackboard", "A planned element with which the pre-conditions do not hold is used all the same",
+      differs="another one is searched, and a log line names both")  # fmt: skip
+def test_the_search_continues_when_the_suggested_element_does_not_fit(doors, caplog):
+    pantry = doors.element("pantry")
+    pantry.setProperty("skiros:CadModel", "broken")
+    doors.wmi.update_element(pantry)
+    with caplog.at_level("INFO"):
+        task = doors.run(planned(doors, "Open", pantry))
+    assert task.state is State.Success, task.why
+    assert states(doors) == {"fridge": "open", "pantry": "broken"}
+    assert "the pre-conditions do not hold with" in caplog.text and repr(pantry) in caplog.text
+
+
+@rule("blackboard", "A planned element that is gone leaves an Inferred parameter without a value",
+      better="another one is searched, with a warning")  # fmt: skip
+def test_the_search_continues_when_the_suggested_element_is_gone(doors, caplog):
+    node = planned(doors, "Open", doors.element("pantry"))
+    doors.wmi.remove_element(doors.element("pantry").id)
+    assert doors.run(node).state is State.Success
+    assert doors.element("fridge").value_of("skiros:CadModel") == "open"
+    assert "which is not in the scene any more" in caplog.text
+
+
+@rule("blackboard", "A planned value follows a later remap")
+def test_a_suggestion_follows_a_remap(doors):
+    node = planned(doors, "Open", doors.element("pantry"))
+    node.remap("Object", "Door")
+    assert doors.run(node).state is State.Success
+    assert states(doors) == {"fridge": "closed", "pantry": "open"}
+
+
+@rule("blackboard", "A value that a task gives is kept, also for an Inferred parameter: no other element is searched")
+def test_a_given_value_is_kept_although_the_preconditions_do_not_hold(doors):
+    pantry = doors.element("pantry")
+    pantry.setProperty("skiros:CadModel", "broken")
+    doors.wmi.update_element(pantry)
+    assert doors.command("Open", Object=pantry).run().state is State.Failure
+    assert states(doors) == {"fridge": "closed", "pantry": "broken"}
+
+
+@rule("blackboard", "A given element stays given when a child assigns it again")
+def test_a_given_element_that_a_child_assigns_again_stays_given(doors):
+    task = doors.run(doors.node("Turn", Object=doors.element("pantry")), doors.node("Open"))
+    assert task.state is State.Failure, "the pantry is open already, and nobody asked for the fridge"
+    assert states(doors) == {"fridge": "closed", "pantry": "open"}
+
+
+@rule("blackboard", "An inferred element that a skill assigns again is a candidate of the next skill",
+      better="so a sequence of the same skill treats one element after the other")  # fmt: skip
+def test_an_inferred_element_that_a_child_assigns_again_is_a_candidate(doors):
+    task = doors.run(doors.node("Open"), doors.node("Open"))
+    assert task.state is State.Success, task.why
+    assert states(doors) == {"fridge": "open", "pantry": "open"}
+
+
+@rule("blackboard", "An element that a skill assigns is used by the next skill with that key",
+      better="if its pre-conditions hold with it; otherwise another one is searched")  # fmt: skip
+@pytest.mark.parametrize("assign", ["in place", "by name"])
+def test_an_assigned_element_is_the_first_candidate_of_the_next_skill(doors, assign):
+    def execute(skill):
+        pantry = doors.element("pantry")
+        if assign == "in place":
+            skill.params["Object"].value = pantry
+        else:
+            skill.params.specify("Object", pantry)
+        return skill.success()
+
+    doors.load(primitive("Find", product(kind=ParamTypes.Optional), execute=execute))
+    assert doors.run(doors.node("Find"), doors.node("Open")).state is State.Success
+    assert states(doors) == {"fridge": "closed", "pantry": "open"}
+    assert doors.run(doors.node("Find"), doors.node("Open")).state is State.Success
+    assert states(doors) == {"fridge": "open", "pantry": "open"}
+
+
+@rule("blackboard", "Several elements that a skill has assigned reach the next skill as one list")
+def test_several_assigned_elements_are_passed_on_whole(doors):
+    def execute(skill):
+        skill.params["Object"].values = [doors.element("pantry"), doors.element("fridge")]
+        return skill.success()
+
+    doors.load(
+        primitive("FindAll", product(kind=ParamTypes.Optional), execute=execute),
+        primitive("Tell", product(kind=ParamTypes.Required), execute=tells("Object")),
+    )
+    task = doors.run(doors.node("FindAll"), doors.node("Tell"))
+    assert message(task, "Tell") == str([doors.element(label).id for label in ("pantry", "fridge")])
+
+
+# -- writes ------------------------------------------------------------------------------------------------------------
+
+
+@rule("element", "An element from a plan's text is written whole",
+      better="only what was changed since it was read")  # fmt: skip
+def test_a_write_of_a_decoded_element_changes_only_what_its_author_has_changed(doors):
+    text = json.dumps(doors.element("pantry"), cls=ParamsEncoder)
+    fresh = doors.element("pantry")
+    fresh.setProperty("skiros:Weight", 7.0)
+    fresh.setProperty("skiros:CadModel", "broken")
+    doors.wmi.update_element(fresh)
+    decoded = decodeElement(text)
+    decoded.setProperty("skiros:Value", "mine")
+    doors.wmi.update_element(decoded)
+    pantry = doors.element("pantry")
+    assert [pantry.value_of(f"skiros:{key}") for key in ("Weight", "CadModel", "Value")] == [7.0, "broken", "mine"]
+
+
+@rule("blackboard", "An element that a skill builds itself, with the id of an existing one, is written whole",
+      better="only what the skill has set")  # fmt: skip
+def test_an_element_that_a_skill_has_built_itself_changes_only_what_it_has_set(doors):
+    pantry = doors.element("pantry")
+
+    def execute(skill):
+        mine = Element("skiros:Product", "", pantry.id)
+        mine.setProperty("skiros:Weight", 3.0)
+        skill.params["Object"].value = mine
+        return skill.success()
+
+    doors.load(primitive("Weigh", product(kind=ParamTypes.Optional), execute=execute))
+    assert doors.run(doors.node("Weigh")).state is State.Success
+    after = doors.element("pantry")
+    assert (after.value_of("skiros:Weight"), after.value_of("skiros:CadModel")) == (3.0, "closed")
+    assert after.getRelations("", "skiros:contain", "-1") == pantry.getRelations("", "skiros:contain", "-1")
+
+
+# -- ways that only the process itself has --------------------------------------------------------------------------
+
+
+def by_default(bench, part):
+    """A skill whose declaration has the element as a default."""
+    bench.load(primitive("Defaulted", ("Object", part, ParamTypes.Required), execute=use))
+    return bench.node("Defaulted")
+
+
+def by_id(bench, part):
+    """A request in JSON, which names the element by its id."""
+    bench.load(primitive("Named", product(kind=ParamTypes.Required), execute=use))
+    (node,) = make_nodes([SkillRequest("Named", "", {"Object": JsonValues([part.id])})], bench.library, bench.wmi)
+    return node
+
+
+@rule("blackboard", "An element that is a default, or that a request names by its id, is read when the skill starts")
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("way", [by_default, by_id])
+def test_a_default_and_an_id_name_the_element_as_it_is(skill_bench, monkeypatch, way, change):
+    monkeypatch.syspath_prepend(LIBRARIES)
+    skill_bench.import_libraries("value_skills")
+    editor = LocalWorldModel("editor", skill_bench.wmi.model)
+    stage = furnish(editor)
+    node = way(skill_bench, editor.get_element(stage.part))
+    CHANGES[change](editor, stage)
+    task = skill_bench.run(node)
+    seen = seen_by([(f"use_{node.label}", node.progress_msg)])
+    check("a command", change, stage, Outcome(task.state is State.Success, seen, task.why), editor)
+
+
+@rule("more", "A learned value replaces a default: each start takes the present one; a given value wins")
+def test_learned_values_are_read_at_each_start(skill_bench):
+    speed = ("Speed", 0.1, ParamTypes.Required)
+    skill_bench.load(primitive("Push", speed, execute=lambda s: s.success(str(s.params["Speed"].value))))
+
+    def learn(value):
+        found = skill_bench.add("skiros:ParameterSet", "learned", SkillType="skiros:Push")
+        part = skill_bench.add("skiros:Parameter", "Speed", found, "skiros:hasParam", Value=value)
+        return found, part
+
+    said = [message(skill_bench.run(skill_bench.node("Push")), "Push")]
+    _, part = learn(0.2)
+    said.append(message(skill_bench.run(skill_bench.node("Push")), "Push"))
+    part.setProperty("skiros:Value", 0.3)
+    skill_bench.wmi.update_element(part)
+    said.append(message(skill_bench.run(skill_bench.node("Push")), "Push"))
+    said.append(message(skill_bench.run(skill_bench.node("Push", Speed=0.9)), "Push"))
+    assert said == ["0.1", "0.2", "0.3", "0.9"]

@@ -21,7 +21,8 @@ from support.programs import ProcessId, Program
 from support.ros import Ros, wait_until
 
 TESTS = Path(__file__).resolve().parents[1]
-TOKENS = {name: f"{name}-0123456789abcdef" for name in ("view", "operate", "maintain")}
+TOKENS = {name: f"{name}-0123456789abcdef" for name in ("agent", "view", "operate", "approve", "maintain")}
+PERSONS = ("approve", "maintain")
 ROBOT = "/porter"
 
 MASTERS = {
@@ -55,7 +56,7 @@ class JobCell:
         self.folder = folder
         self._carried, self._stopped = folder / "carried.txt", folder / "stopped.txt"
         self._slow_disk = slow_disk
-        users = [{"name": name, "role": name, "token": token} for name, token in TOKENS.items()]
+        users = [{"name": n, "role": n, "token": token, "person": n in PERSONS} for n, token in TOKENS.items()]
         more = [(f"operator-{number}", operator_token(number)) for number in range(operators)]
         users += [{"name": name, "role": "operate", "token": token} for name, token in more]
         self.users = folder / "users.yaml"
@@ -154,6 +155,14 @@ class JobCell:
     def motions(self) -> list[float]:
         """When each carrying began (s since the epoch)."""
         return [float(begin) for _, _, begin in self._lines()]
+
+    def stop_process(self) -> int:
+        """The process of the gateway's stop port."""
+        gateway = self.ros.master.node_pid("/gateway")
+        for child in Path(f"/proc/{gateway}/task/{gateway}/children").read_text().split():
+            if b"skiros2_gateway.stop.main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
+        raise AssertionError("the gateway has no process for stops")
 
     def stopped(self) -> list[float]:
         """When each task of `wait_for_stop` was stopped (s, monotonic)."""

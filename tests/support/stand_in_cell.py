@@ -84,7 +84,7 @@ class StandInCell:
         content = {"label": "", "properties": {}, "relations": []}
         return {"revision": 1, "elements": [{"id": e, "type": cls, **content} for e, cls in self.elements.items()]}
 
-    async def query(self, text: str) -> dict[str, Any]:
+    async def query(self, text: str, user: str) -> dict[str, Any]:
         return {"columns": ["x"], "rows": [[eid] for eid in self.elements]}
 
     async def skills(self) -> dict[str, list[dict[str, Any]]]:

@@ -17,6 +17,7 @@ class StandInStepRunner:
 
     :param seconds: the duration of a step.
     :param on_change: called after the world has been changed.
+    :ivar after_effects: called after the effects of a step, before its end.
     """
 
     def __init__(self, world: PlanningWorld, seconds: float = 0.02) -> None:
@@ -26,6 +27,7 @@ class StandInStepRunner:
         self._stopping: set[int] = set()
         self._change = threading.Condition()
         self.on_change: Callable[[], None] = lambda: None
+        self.after_effects: Callable[[], None] = lambda: None
         self.started: list[tuple[float, Step]] = []  # with the start time (s, monotonic)
         self.max_parallel = 0  # the largest number of steps that ran at the same time
         self._running: dict[int, tuple[Step, Ended]] = {}
@@ -83,6 +85,7 @@ class StandInStepRunner:
             except AssertionError as error:
                 self._end(key, False, str(error))
                 return
+        self.after_effects()
         self._end(key, True, "done")
         self.on_change()
 

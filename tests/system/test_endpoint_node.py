@@ -59,12 +59,12 @@ def test_mistakes_in_the_parameters_end_the_node(start, params, said):
     assert said.format(port=port) in node.output
 
 
-def test_query_is_abandoned_after_its_timeout(ros: Ros, start):
+def test_query_ends_after_its_timeout(ros: Ros, start):
     start(query_seconds=0.3, query_rows=1000)
     wm = WorldModelInterface("tester")
     query = ros.service("/wm/ontology/query", srvs.WoQuery)
     pairs = "{ ?a ?b ?c . ?d ?e ?f . ?g a owl:Class FILTER(?b != ?e) }"
-    with pytest.raises(rospy.ServiceException, match=r"abandoned after 0\.3 s"):
+    with pytest.raises(rospy.ServiceException, match=r"ended after 0\.3 s"):
         query(query_string=f"SELECT (COUNT(*) AS ?n) {pairs}")
     eid = wm.add_element(Element("skiros:LargeBox", "box")).id
     with pytest.raises(rospy.ServiceException, match="more than 1000 rows; expected a LIMIT"):

@@ -8,16 +8,11 @@ import signal
 import ssl
 import urllib.error
 import urllib.request
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
-import httpx2
 import pytest
 from asyncua import Client, ua
-from mcp import Client as McpClient
-from mcp.client.streamable_http import streamable_http_client
 from rospy.impl.registration import get_topic_manager
 
 from skiros2_gateway.core.events import EventStream
@@ -27,6 +22,7 @@ from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import UNKNOWN_JOB
 from skiros2_gateway.ros.ros_cell import RosCell
+from support.agent import connected_agent
 from support.certificates import make_certificate
 from support.job_cell import ROBOT, TOKENS, JobCell
 from support.programs import PATIENCE
@@ -97,7 +93,7 @@ def test_plans_leave_no_subscriptions_behind(cell: JobCell) -> None:
 
 
 def test_stop_port_comes_back_when_its_process_is_killed(cell: JobCell) -> None:
-    address, gateway = cell.parameter("/gateway/stop_address"), cell.ros.master.node_pid("/gateway")
+    address = cell.parameter("/gateway/stop_address")
 
     def stop(role: str = "operate") -> int:
         headers = {"Authorization": f"Bearer {TOKENS[role]}", "Content-Type": "application/json"}
@@ -112,8 +108,7 @@ def test_stop_port_comes_back_when_its_process_is_killed(cell: JobCell) -> None:
 
     wait_until(lambda: stop() == 200, what="the stop port")
     assert stop("view") == 401
-    (child,) = Path(f"/proc/{gateway}/task/{gateway}/children").read_text().split()
-    os.kill(int(child), signal.SIGKILL)
+    os.kill(cell.stop_process(), signal.SIGKILL)
     wait_until(lambda: stop() == 200, what="the stop port after a kill")
     audit = wait_until(lambda: _stops(cell), what="entries of the audit log")
     assert {entry["user"] for entry in audit} == {"operate"}
@@ -124,24 +119,9 @@ def _stops(cell: JobCell) -> list[dict[str, Any]]:
     return [entry for entry in entries if (entry["action"], entry["outcome"]) == ("stop robots", "done")]
 
 
-@asynccontextmanager
-async def connected(cell: JobCell) -> AsyncIterator[Callable[..., Awaitable[Any]]]:
-    """Connects an agent. Yields a function that calls a tool and returns its data."""
-    headers = {"Authorization": f"Bearer {TOKENS['operate']}"}
-    async with (
-        httpx2.AsyncClient(headers=headers, timeout=PATIENCE) as http,
-        McpClient(streamable_http_client(f"{cell.rest.address}/mcp", http_client=http)) as client,
-    ):
-
-        async def call(tool: str, **arguments: Any) -> Any:
-            return (await client.call_tool(tool, arguments)).structured_content
-
-        yield call
-
-
 def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
     async def agent() -> list[Any]:
-        async with connected(cell) as call:
+        async with connected_agent(cell) as call:
             values = {"Object": cell.products[1], "To": cell.stores[0]}
             start = {"robot": ROBOT, "skill": "carry_at_once", "parameters": values}
             order = cell.order("of-agent", 1)
@@ -173,11 +153,11 @@ def test_agent_runs_a_skill_and_proposes_what_a_failed_job_lacks(cell: JobCell) 
 
     def approve() -> dict[str, Any]:
         (approval,) = wait_until(lambda: cell.rest.get("/api/approvals")["approvals"], what="a request for an approval")
-        assert cell.rest.post(f"/api/approvals/{approval['number']}/approve", {}, "maintain")[0] == 200
+        assert cell.rest.post(f"/api/approvals/{approval['id']}/approve", {}, "approve")[0] == 200
         return dict(approval["what"])
 
     async def agent() -> tuple[Any, Any, Any, Any]:
-        async with connected(cell) as call:
+        async with connected_agent(cell) as call:
             started = await call("execute", **skill)
             while (run := await call("explain", robot=ROBOT, task=started["task"]))["state"] == "running":
                 await asyncio.sleep(0.05)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import shutil
 import signal
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,8 @@ import pytest
 
 from skiros2_skill.client.description import Step
 from skiros2_skill.client.manager import ManagerClient
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support.agent import connected_agent
 from support.forwarder import Forwarder
 from support.job_cell import ROBOT, TOKENS, JobCell
 from support.programs import PATIENCE
@@ -36,7 +40,7 @@ pytestmark = [
 def cell(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobCell]:
     ros = Ros(ros_master)
     try:
-        cell = JobCell(ros, tmp_path_factory.mktemp("page"))
+        cell = JobCell(ros, tmp_path_factory.mktemp("page"), agents="ask")
         _wait_until_connected(cell)
         yield cell
     finally:
@@ -127,6 +131,80 @@ def test_job_is_started_by_clicks_and_shown_also_after_a_restart(
     assert sum(cell.carried().values()) == 2
 
 
+def _tool(cell: JobCell, name: str, arguments: dict[str, Any]) -> Future[Any]:
+    """Calls an agent's tool in a thread of its own."""
+
+    async def call() -> Any:
+        async with connected_agent(cell) as tool:
+            return await tool(name, **arguments)
+
+    pool = ThreadPoolExecutor(1)
+    future = pool.submit(asyncio.run, call())
+    pool.shutdown(wait=False)
+    return future
+
+
+def _wait_for_approvals(cell: JobCell, number: int) -> None:
+    wait_until(lambda: len(cell.rest.get("/api/approvals")["approvals"]) == number, what=f"{number} approvals")
+
+
+def test_person_reads_and_approves_the_plan_that_then_runs(page: Any, cell: JobCell) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["approve"])
+    order = {**cell.order("asked", 2), "reason": "the store runs out of it"}
+    execution = _tool(cell, "execute", order)
+    page.click("#approvals")
+    asked = page.locator(".approval")
+    for text in ("carry_at_once", "the store runs out of it", ROBOT[1:], "agent", "Expected changes", "+ "):
+        expect(asked).to_contain_text(text)
+    page.click("[data-action=approve]")
+    expect(asked).to_have_count(0)
+    expect(page.locator("#approvals")).to_be_hidden()
+    assert execution.result(60.0)["job"] == "asked"
+    response = cell.wait_for(["asked"])["asked"]["response"]
+    assert response["outcome"] == "succeeded"
+
+
+def test_approved_plan_that_does_not_work_any_more_is_refused_with_what_has_changed(cell: JobCell) -> None:
+    product, other = cell.products[3], cell.stores[1]
+    execution = _tool(cell, "execute", cell.order("late", 3))
+    _wait_for_approvals(cell, 1)
+    (approval,) = cell.rest.get("/api/approvals")["approvals"]
+    wm = WorldModelInterface("tests")
+    wm.set_relation(cell.shelf, "skiros:contain", product, False)
+    wm.set_relation(other, "skiros:contain", product, True)
+    before = cell.carried()
+    assert cell.rest.post(f"/api/approvals/{approval['id']}/approve", {}, "approve")[0] == 200
+    assert execution.result(60.0)["job"] == "late"
+    response = cell.wait_for(["late"])["late"]["response"]
+    assert (response["outcome"], response["steps"]) == ("failed", [])
+    assert "the given plan does not work any more" in response["message"] and product in response["message"]
+    assert cell.carried() == before
+
+
+def test_viewer_reads_and_does_not_answer_and_a_rejected_plan_does_not_run(page: Any, cell: JobCell) -> None:
+    _log_in(page, TOKENS["view"])
+    execution = _tool(cell, "execute", {**cell.order("rejected", 1, 1), "reason": "<b>bold</b>"})
+    page.click("#approvals")
+    playwright.expect(page.locator(".approval")).to_contain_text("<b>bold</b>")
+    playwright.expect(page.locator("[data-action=approve]")).to_be_hidden()
+    (approval,) = cell.rest.get("/api/approvals")["approvals"]
+    assert cell.rest.post(f"/api/approvals/{approval['id']}/reject", {}, "approve")[0] == 200
+    playwright.expect(page.locator(".approval")).to_have_count(0)
+    assert "approve has rejected it" in execution.result(60.0)["detail"]
+    assert "rejected" not in cell.jobs()
+
+
+def test_ended_session_shows_the_login(page: Any, cell: JobCell) -> None:
+    _log_in(page, TOKENS["operate"])
+    playwright.expect(page.locator("#connection")).to_have_text("live")
+    for session in cell.rest.get("/api/sessions")["sessions"]:
+        assert cell.rest.request("DELETE", f"/api/sessions/{session['id']}", None, "maintain")[0] == 200
+    page.reload()
+    playwright.expect(page.locator("#token")).to_be_visible()
+    assert page.evaluate("fetch('/api/state').then((answer) => answer.status)") == 401
+
+
 def test_viewer_has_no_commands(page: Any) -> None:
     _log_in(page, "a guess of a token")
     playwright.expect(page.locator("dialog .problems")).not_to_be_empty()
@@ -168,12 +246,6 @@ def _hung(*pids: int) -> Iterator[None]:
             os.kill(pid, signal.SIGCONT)
 
 
-def _stop_process(cell: JobCell) -> int:
-    gateway = cell.ros.master.node_pid("/gateway")
-    (child,) = [int(pid) for pid in Path(f"/proc/{gateway}/task/{gateway}/children").read_text().split()]
-    return child
-
-
 def test_gateway_that_hangs_shows_no_data_and_stop_works(
     page: Any, cell: JobCell, robot: ManagerClient, tmp_path: Path
 ) -> None:
@@ -199,7 +271,7 @@ def test_stop_without_an_answer_shows_an_error_and_is_not_carried_out_later(
     _log_in(page, TOKENS["operate"])
     expect(page.locator("#connection")).to_have_text("live")
     _move(robot)
-    with _hung(cell.ros.master.node_pid("/gateway"), _stop_process(cell)):
+    with _hung(cell.ros.master.node_pid("/gateway"), cell.stop_process()):
         page.click("#stop-all")
         expect(page.locator(".notice.failure")).to_have_text(re.compile("^Stop was not confirmed: "))
     expect(page.locator("#connection")).to_have_text("live")

@@ -125,6 +125,7 @@ def test_request_whose_client_has_timed_out_is_withdrawn(in_gateway: Run, mode: 
                     await call
                 await waiting(gateway, 0)  # although the client is still connected
                 assert not gateway.cell.sent
+                await client.call_tool("history", {})  # the answer to the first call has come, too
 
     in_gateway(test)
 

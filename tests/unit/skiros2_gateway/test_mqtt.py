@@ -107,6 +107,20 @@ def test_job_comes_in_and_its_state_and_response_go_out(in_gateway: Run, port: i
     in_gateway(test)
 
 
+def test_command_with_a_key_is_carried_out_once(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "keys") as (_, subscriber):
+            await gateway.put("a", start=False)
+            for _ in range(2):
+                await command(port, "keys", "start", {"id": "a", "key": "k"})
+                assert (await subscriber.until("keys/job/answer"))["ok"]
+            assert [entry["method"] for entry in gateway.store.history("a")].count("Start") == 1
+            await command(port, "keys", "abort", {"id": "a", "key": "k"})
+            assert (await subscriber.until("keys/job/answer"))["error"]["code"] == "conflict"
+
+    in_gateway(test)
+
+
 def test_command_without_the_role_or_with_mistakes_is_refused(in_gateway: Run, port: int) -> None:
     async def test(gateway: Any) -> None:
         async with connected(gateway, port, "two") as (_, subscriber):
@@ -123,6 +137,7 @@ def test_command_without_the_role_or_with_mistakes_is_refused(in_gateway: Run, p
                 ("store", message("store", {"order": ORDER, "time": math.nan}), "unauthenticated"),
                 ("store", message("store", {"order": ORDER}, "view"), "denied"),
                 ("store", message("store", {"order": {"id": ""}}), "rejected"),
+                ("store", message("store", {"order": ORDER}, "agent"), "denied"),
                 ("jump", message("jump", {}), "unknown_name"),
                 ("start", message("start", {"id": "b"}), "unknown_name"),
                 ("start", "{", "rejected"),
@@ -223,6 +238,26 @@ def test_event_that_cannot_be_published_costs_no_other(in_gateway: Run, port: in
             gateway.events.publish("world", data)
             await gateway.put("a")
             await subscriber.until(f"{prefix}/job/a/state", lambda state: state["state"] == "AllowedToStart")
+
+    in_gateway(test)
+
+
+def test_bridge_continues_after_an_internal_error(in_gateway: Run, port: int, caplog: pytest.LogCaptureFixture) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "again") as (_, subscriber):
+            await subscriber.until("again/world/Tray-1")
+            world = gateway.cell.world
+
+            async def broken() -> Any:
+                gateway.cell.world = world
+                raise RuntimeError("something unforeseen")
+
+            gateway.cell.world = broken
+            gateway.events.publish("reset", {})
+            await subscriber.until("again/world/Tray-1")
+            await gateway.put("a")
+            await subscriber.until("again/job/a/state")
+            assert "something unforeseen" in caplog.text
 
     in_gateway(test)
 

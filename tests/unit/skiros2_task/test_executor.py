@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,7 +18,8 @@ from skiros2_task.core.plan import Plan, Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.task import PlanningTask
-from support.planning_world import PlanningWorld, transport_world
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from support.planning_world import REQUIRED, PlanningWorld, prop, skill, transport_world
 from support.stand_in_step_runner import StandInStepRunner
 
 
@@ -56,6 +59,13 @@ class Request:
     def _on_end(self, execution: GoalExecution, end: End) -> None:
         self._end = end
         self._over.set()
+
+    def wait_for(self, condition: Callable[[], object], timeout: float = 10.0) -> bool:
+        """Waits for a condition on the execution, which ends the wait as well."""
+        deadline = time.monotonic() + timeout
+        while not condition() and not self._over.wait(0.01) and time.monotonic() < deadline:
+            pass
+        return bool(condition())
 
     @property
     def end(self) -> End:
@@ -267,3 +277,68 @@ def test_goal_with_higher_priority_waits_for_the_end_of_the_steps_that_it_interr
 def _span(request: Request) -> tuple[float, float]:
     records = request.execution.started
     return min(r.started or 0.0 for r in records), max(r.ended or 0.0 for r in records)
+
+
+PAINT = skill(
+    "Paint",
+    [("Wall", "skiros:Location", REQUIRED)],
+    pre=[prop("Wall", "skiros:Clean", "=", True)],
+    post=[prop("Wall", "skiros:Painted", "=", True)],
+)
+
+
+@pytest.fixture
+def walls(processes: EngineProcesses) -> Iterator[tuple[PlanningWorld, StandInStepRunner, GoalExecutor]]:
+    """Two clean walls, and a robot that paints."""
+    world = PlanningWorld()
+    world.robot("alpha", PAINT)
+    world.places = [world.thing("skiros:Location", Clean=True, Painted=False) for _ in range(2)]
+    runner = StandInStepRunner(world)
+    executor = GoalExecutor(TaskPlanner(world.wm, engine_planner(processes), Limits(30.0)), runner)
+    world.wm.add_listener(executor.world_changed)
+    yield world, runner, executor
+    executor.close()
+
+
+def soil(world: PlanningWorld, wall: str, author: str) -> None:
+    wm = LocalWorldModel(author, world.wm.model)
+    element = wm.get_element(wall)
+    element.setProperty("skiros:Clean", False)
+    wm.update_element_properties(element)
+
+
+Walls = tuple[PlanningWorld, StandInStepRunner, GoalExecutor]
+
+
+@pytest.mark.parametrize(("author", "blamed"), [("/alpha", True), ("a person", False)])
+def test_failure_names_the_step_that_changed_an_undeclared_property(walls: Walls, author: str, blamed: bool) -> None:
+    world, runner, executor = walls
+
+    def soil_the_other_wall() -> None:
+        _, first = runner.started[0]
+        (wall,) = (element.id for key, element in first.call.arguments if key == "Wall")
+        soil(world, next(place for place in world.places if place != wall), author)
+
+    runner.after_effects = soil_the_other_wall
+    goal = ", ".join(f"(skiros:Painted {wall})" for wall in world.places)
+    end = Request(executor, Goal(goal)).end
+    assert end.verdict is Verdict.IMPOSSIBLE
+    assert ("step 1, skiros:Paint (paint) by /alpha" in end.message) == blamed
+    assert ("the description of skiros:Paint does not declare it" in end.message) == blamed
+    (step,) = [line for line in end.message.splitlines() if line.startswith("step 1")] or [""]
+    assert bool(re.search(r"made \(skiros:Clean skiros:Location-\d+\) false at \d\d:\d\d:\d\d;", step)) == blamed
+
+
+def test_failure_names_no_change_that_a_step_has_restored(walls: Walls) -> None:
+    world, runner, executor = walls
+    runner.seconds = 1.0
+    request = Request(executor, Goal(f"(skiros:Painted {world.places[0]}), (skiros:Clean {world.places[1]})"))
+    runner.wait_for_starts(1)
+    soil(world, world.places[1], "/alpha")
+    assert request.wait_for(lambda: str(request.execution.undeclared))
+    wm = LocalWorldModel("/alpha", world.wm.model)
+    element = wm.get_element(world.places[1])
+    element.setProperty("skiros:Clean", True)
+    wm.update_element_properties(element)
+    assert request.end.verdict is Verdict.PLANNED
+    assert not str(request.execution.undeclared)

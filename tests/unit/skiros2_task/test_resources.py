@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skiros2_task.core.executor import Resources
+from skiros2_task.core.resources import Resources
 
 
 def request(resources: Resources, owner: str, wanted: str, priority: int = 0, in_use: str = "") -> list[str]:

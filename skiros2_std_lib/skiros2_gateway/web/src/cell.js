@@ -57,6 +57,7 @@ export class Cell extends EventTarget {
   connection = "connecting";
   role = "";
   user = "";
+  person = false;
   styles = {};
   stopPort = -1;
   #stream = new Stream((kind, data) => this.#take(kind, data));
@@ -80,7 +81,12 @@ export class Cell extends EventTarget {
   }
 
   get mayCommand() {
-    return this.role === "operate" || this.role === "maintain";
+    return ["operate", "approve", "maintain"].includes(this.role);
+  }
+
+  // Whether the user may answer what agents ask for. The gateway checks it.
+  get mayApprove() {
+    return this.person && (this.role === "approve" || this.role === "maintain");
   }
 
   // The name of an element for people: its label, or its id.
@@ -109,7 +115,7 @@ export class Cell extends EventTarget {
       }
       return;
     }
-    ({ document: this.document, role: this.role, user: this.user, styles: this.styles, stop_port: this.stopPort } = answer);
+    ({ document: this.document, role: this.role, user: this.user, person: this.person, styles: this.styles, stop_port: this.stopPort } = answer);
     clockOffset = -Infinity; // another gateway has another clock
     this.#hear(answer.clock);
     this.#offset = answer.time - Date.now() / 1000;

@@ -188,7 +188,7 @@ class LocalSystem:
         engine = engine_planner(self._processes)
         self.planner = TaskPlanner(planning, engine, Limits(_PLANNING_TIME), running=self._running)
         self._executor = GoalExecutor(self.planner, self)
-        planning.add_listener(lambda change: self._executor.world_changed())
+        planning.add_listener(self._executor.world_changed)
 
     def __enter__(self) -> LocalSystem:
         return self

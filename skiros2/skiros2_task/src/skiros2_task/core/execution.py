@@ -117,6 +117,11 @@ class ExecutionStateMachine:
         return max(self.records, default=0) + 1
 
     @property
+    def facts(self) -> Facts:
+        """The facts that are expected of the world now."""
+        return self._facts
+
+    @property
     def running(self) -> tuple[Step, ...]:
         return tuple(r.step for r in self.records.values() if r.state is StepState.RUNNING)
 

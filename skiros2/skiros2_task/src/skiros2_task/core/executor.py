@@ -7,7 +7,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 from typing import Protocol
@@ -18,10 +18,13 @@ from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld,
 from skiros2_task.core.engines import Limits
 from skiros2_task.core.event_queue import EventQueue
 from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
+from skiros2_task.core.given_plan import GivenPlan
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.resources import Resources
 from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.undeclared import AuthoredChange, UndeclaredChanges
 
 log = logging.getLogger(__name__)
 
@@ -53,13 +56,13 @@ class Goal:
     :param priority: of goals that need the same robot, the one with the highest priority gets it first.
     :param interrupts: whether it stops the steps of goals with a lower priority that use the robots of its plan.
     :param limits, planner: for each planning; None: those of the `TaskPlanner`.
-    :param max_replans: how often a broken plan is replaced at most.
+    :param max_replans: how often a broken plan is replaced at most; 0 for a given plan.
     """
 
     text: str
     priority: int = 0
     limits: Limits | None = None
-    planner: Planner | None = None
+    planner: Planner | GivenPlan | None = None
     max_replans: int = 5
     interrupts: bool = False
 
@@ -77,6 +80,7 @@ class GoalExecution:
     on_change: Callable[[GoalExecution], None]
     on_end: Callable[[GoalExecution, End], None]
     machine: ExecutionStateMachine
+    undeclared: UndeclaredChanges
     cancelled: threading.Event = field(default_factory=threading.Event)
     stops: dict[int, Callable[[], None]] = field(default_factory=dict)  # stop functions of running steps, by number
     work: queue.SimpleQueue[Callable[[], None] | None] = field(default_factory=queue.SimpleQueue)
@@ -89,73 +93,6 @@ class GoalExecution:
         """The started steps, in the order of their starts."""
         records = [r for r in self.machine.records.values() if r.started is not None]
         return sorted(records, key=lambda record: (record.started, record.step.number))
-
-
-@dataclass
-class _Holding:
-    """The resources that a goal holds and requests.
-
-    :param turn: orders the claims of one priority, first come, first served.
-    """
-
-    priority: int
-    turn: int
-    held: frozenset[str] = frozenset()
-    requested: frozenset[str] = frozenset()
-
-
-class Resources:
-    """Robots and devices, by name, each held by at most one goal.
-
-    A goal is granted everything it requests at once, or waits. While it waits, it releases what it does not use, so
-    goals cannot deadlock. Of goals that request the same resource, the one with the highest priority gets it first.
-    """
-
-    def __init__(self) -> None:
-        self._claims: dict[str, _Holding] = {}
-        self._turns = count()
-
-    def request(self, owner: str, priority: int, requested: frozenset[str], in_use: frozenset[str]) -> list[str]:
-        """Replaces the request of a goal.
-
-        :param in_use: the resources that the goal is using, which it keeps while it waits.
-        :returns: the goals that now hold everything they request: this one, unless it has to wait, and others that
-            waited.
-        """
-        claim = self._claims.setdefault(owner, _Holding(priority, next(self._turns)))
-        claim.requested = requested | in_use
-        claim.held &= claim.requested if claim.requested <= claim.held else in_use
-        had_all = claim.requested <= claim.held
-        granted = self._grant()
-        return [owner, *granted] if had_all else granted
-
-    def release(self, owner: str) -> list[str]:
-        """Releases all resources of a goal. Returns the waiting goals that are granted theirs."""
-        self._claims.pop(owner, None)
-        return self._grant()
-
-    def held_by_others(self, owner: str) -> frozenset[str]:
-        """Returns the resources that other goals hold."""
-        return frozenset(name for other, c in self._claims.items() if other != owner for name in c.held)
-
-    def lower_holders(self, owner: str) -> dict[str, frozenset[str]]:
-        """Returns what a goal waits for and goals with a lower priority hold, by goal."""
-        waiting = self._claims[owner]
-        missing = waiting.requested - waiting.held
-        lower = {name: c.held & missing for name, c in self._claims.items() if c.priority < waiting.priority}
-        return {name: held for name, held in lower.items() if held}
-
-    def _grant(self) -> list[str]:
-        """Grants requests by priority. A resource that a goal waits for is not granted to a goal of lower priority."""
-        granted = []
-        taken = {name for claim in self._claims.values() for name in claim.held}
-        for owner, claim in sorted(self._claims.items(), key=lambda item: (-item[1].priority, item[1].turn)):
-            missing = claim.requested - claim.held
-            if missing and not missing & taken:
-                claim.held = claim.requested
-                granted.append(owner)
-            taken |= missing
-        return granted
 
 
 class GoalExecutor:
@@ -182,7 +119,8 @@ class GoalExecutor:
     ) -> GoalExecution:
         """Starts to execute a goal. Does not block."""
         machine = ExecutionStateMachine(time.monotonic, goal.max_replans)
-        execution = GoalExecution(f"goal {next(self._ids)}", goal, on_change, on_end, machine)
+        undeclared = UndeclaredChanges(time.monotonic)
+        execution = GoalExecution(f"goal {next(self._ids)}", goal, on_change, on_end, machine, undeclared)
         threading.Thread(target=self._work, args=(execution,), name=execution.name, daemon=True).start()
         self._events.put(lambda: self._begin(execution))
         return execution
@@ -194,9 +132,12 @@ class GoalExecutor:
         for stop in list(execution.stops.values()):
             stop()
 
-    def world_changed(self) -> None:
-        """Reports that the world model has changed."""
-        self._events.put(self._read_for_all)
+    def world_changed(self, change: AuthoredChange | None = None) -> None:
+        """Reports that the world model has changed.
+
+        :param change: with its author, to find undeclared changes of steps; None: unknown.
+        """
+        self._events.put(lambda: self._read_for_all(change))
 
     def robot_lost(self, manager: str) -> None:
         """Reports that a robot's manager has disappeared and its steps have ended."""
@@ -296,7 +237,22 @@ class GoalExecutor:
         first = execution.machine.first_number
         execution.work.put(lambda: self._make_plan(execution, command, busy, first))
 
-    def _no_plan(self, execution: GoalExecution, result: PlanningResult) -> None:
+    def _compare(self, execution: GoalExecution, task: PlanningTask | None) -> None:
+        """Logs facts that steps have changed without declaring it.
+
+        :param task: the goal's task for the current world; None if it cannot be read.
+        """
+        if task is not None:
+            machine = execution.machine
+            for change in execution.undeclared.compare(machine.facts, task.init, machine.records.values()):
+                log.info("%s: %s", execution.name, change)
+
+    def _planned(self, execution: GoalExecution, task: PlanningTask, steps: Sequence[Step]) -> None:
+        self._compare(execution, task)
+        self._execute(execution, execution.machine.planned(task, steps))
+
+    def _no_plan(self, execution: GoalExecution, task: PlanningTask | None, result: PlanningResult) -> None:
+        self._compare(execution, task)
         # Goals that wait for others to end do not wait for each other.
         others = (other.machine.phase for other in self._executions.values() if other is not execution)
         busy = any(phase is not Phase.BLOCKED for phase in others)
@@ -331,6 +287,9 @@ class GoalExecutor:
         self._execute(execution, execution.machine.ended(step.number, succeeded, message, explanations))
 
     def _end(self, execution: GoalExecution, end: End) -> None:
+        undeclared = str(execution.undeclared)
+        if undeclared and end.verdict not in (*_GOOD, Verdict.CANCELLED):
+            end = replace(end, message=f"{end.message}\n{undeclared}")
         log.log(logging.INFO if end.verdict in _GOOD else logging.WARNING, "%s: %s", execution.name, end.message)
         del self._executions[execution.name]
         execution.cancelled.set()
@@ -343,8 +302,10 @@ class GoalExecutor:
 
     # -- reading the world model -------------------------------------------------------------------------------
 
-    def _read_for_all(self) -> None:
+    def _read_for_all(self, change: AuthoredChange | None) -> None:
         for execution in self._executions.values():
+            if change is not None:
+                execution.undeclared.add(change)
             execution.world_changed = True
             self._schedule_read(execution)
 
@@ -367,6 +328,7 @@ class GoalExecutor:
         execution.reading = False
         execution.next_read = time.monotonic() + max(_READ_PERIOD, seconds / _READ_SHARE)
         if isinstance(task, PlanningTask):
+            self._compare(execution, task)
             self._execute(execution, execution.machine.world(task))
             self._schedule_read(execution)
         elif isinstance(task, WrongValue):
@@ -404,11 +366,11 @@ class GoalExecutor:
             if result.verdict in _GOOD or result.verdict is Verdict.CANCELLED:
                 break
         if task is None or result.task is None or result.verdict not in _GOOD:  # None: the goal cannot be read
-            self._events.put(lambda: self._no_plan(execution, result))
+            self._events.put(lambda: self._no_plan(execution, task, result))
             return
         steps = result.plan.numbered_from(first) if result.plan is not None else ()
         world = task
-        self._events.put(lambda: self._execute(execution, execution.machine.planned(world, steps)))
+        self._events.put(lambda: self._planned(execution, world, steps))
 
     def _result(
         self, execution: GoalExecution, running: Iterable[Step], avoided: frozenset[tuple[str, str]]

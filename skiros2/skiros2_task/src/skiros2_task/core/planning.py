@@ -19,6 +19,7 @@ from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Ou
 from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan, unusable_skills
 from skiros2_task.core.explain_plan import explain_plan
 from skiros2_task.core.formula import FALSE, Formula
+from skiros2_task.core.given_plan import GivenPlan, plan_data
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.plan import Plan, SkillCall, make_plan
 from skiros2_task.core.planners import Planner
@@ -107,7 +108,7 @@ def report_of(result: PlanningResult, simulate: Callable[[Plan], Preview]) -> di
     return {
         "state": result.verdict.state,
         "message": plan.summary if plan else result.message,
-        "plan": json.dumps([step.to_dict() for step in plan.steps] if plan else []),
+        "plan": json.dumps(plan_data(plan) if plan else []),
         "makespan": plan.makespan if plan else 0.0,
         "why": explain_plan(plan).to_json() if plan else result.why.to_json() if result.why else "",
         "preview": simulate(plan).to_json() if plan else "",
@@ -147,7 +148,7 @@ class TaskPlanner:
         progress: Callable[[str], None] | None = None,
         asked_by: str = "",
         limits: Limits | None = None,
-        planner: Planner | None = None,
+        planner: Planner | GivenPlan | None = None,
         adapt: Callable[[PlanningTask], PlanningTask] | None = None,
         assume: bool = False,
         leave_open: bool = False,
@@ -160,7 +161,8 @@ class TaskPlanner:
         :param progress: called with progress messages.
         :param asked_by: the node name of the client, with or without slash. The plan for a skill manager is for its
             robot only.
-        :param limits, planner: override those of the constructor.
+        :param limits, planner: override those of the constructor. A given plan is returned as it is, or the reason why
+            it does not work.
         :param adapt: changes the task before planning.
         :param assume: whether parameters without a value are assumed to have one; see `Plan.missing`.
         :param leave_open: the same, if there is no plan otherwise; the message then warns that the client has to
@@ -200,7 +202,7 @@ class TaskPlanner:
         cancelled: threading.Event | None,
         report: Callable[[str], None],
         limits: Limits | None,
-        planner: Planner | None,
+        planner: Planner | GivenPlan | None,
         adapt: Callable[[PlanningTask], PlanningTask] | None,
     ) -> PlanningResult:
         """Plans with the robots of a snapshot; see `plan`."""
@@ -215,6 +217,8 @@ class TaskPlanner:
         if task.satisfied:
             done = PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already", task=task)
             return self._store(goal, task, done)
+        if isinstance(planner, GivenPlan):
+            return self._store(goal, task, self._given(planner, task, world))
         reason = _why_impossible(task, world)
         if reason:
             return self._store(goal, task, _without_plan(Outcome.IMPOSSIBLE, reason, task, world, cancelled))
@@ -237,6 +241,13 @@ class TaskPlanner:
         world = WorldView(self.wm, self._running)
         world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
         return world
+
+    def _given(self, given: GivenPlan, task: PlanningTask, world: WorldView) -> PlanningResult:
+        try:
+            plan = given.plan(task, self._durations, world.objects)
+        except WrongValue as error:
+            return PlanningResult(Verdict.FAILED, str(error), task.notes, task)
+        return PlanningResult(Verdict.PLANNED, "\n".join(map(str, plan.calls)), task.notes, task, plan)
 
     def _result(
         self, answer: PlannerAnswer, task: PlanningTask, world: WorldView, cancelled: threading.Event | None

@@ -48,7 +48,7 @@ def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> S
     Steps are given to other robots that have the skill, in another order, where that shortens the plan and it still
     works.
     """
-    as_planned = _as_early_as_possible(task, order, durations)
+    as_planned = as_early_as_possible(task, order, durations)
     plan = RobotAssigner(task, order, durations).assign(as_planned.makespan)
     if plan is None:
         return as_planned
@@ -57,11 +57,12 @@ def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> S
     except WrongValue as reason:
         log.debug("robot assignment discarded: %s", reason)
         return as_planned
-    assigned = _as_early_as_possible(task, other, durations)
+    assigned = as_early_as_possible(task, other, durations)
     return assigned if assigned.makespan < as_planned.makespan else as_planned
 
 
-def _as_early_as_possible(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:
+def as_early_as_possible(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:
+    """Returns the schedule with the robots of an order, each step as early as the order lets it."""
     steps: list[Scheduled] = []
     for index, (step, before) in enumerate(zip(order.steps, order.predecessors(), strict=True)):
         start = max((steps[i].end for i in before), default=0.0)

@@ -17,9 +17,6 @@ from skiros2_world_model.core.world_model_abstract_interface import WorldModelPo
 TEMPLATE = "skiros:Template"
 TEMPLATE_RELATION = "skiros:hasTemplate"
 
-#: The context of the ontologies without the scene.
-_ONTOLOGY = "ontology"
-
 #: Classes of the scene whose elements are no objects of planning.
 _NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition", "skiros:ParameterSet")
 
@@ -88,12 +85,7 @@ class WorldView:
         found = {
             key for e in self.objects.values() for key in e.available_properties if isinstance(e.value_of(key), bool)
         }
-        rows = self._wm.query_ontology(
-            "SELECT ?x WHERE { ?x <http://www.w3.org/2000/01/rdf-schema#range> "
-            "<http://www.w3.org/2001/XMLSchema#boolean> }",
-            context=_ONTOLOGY,
-        )
-        return found | set(rows)
+        return found | set(self._wm.properties_of_range("xsd:boolean"))
 
     def texts(self) -> set[tuple[str, str]]:
         """Returns the (property, value) pairs of objects with text values."""
@@ -107,12 +99,7 @@ class WorldView:
         }
 
     def _named(self, kind: str) -> set[str]:
-        rows = self._wm.query_ontology(
-            f"SELECT ?x WHERE {{ ?x <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> "
-            f"<http://www.w3.org/2002/07/owl#{kind}> }}",
-            context=_ONTOLOGY,
-        )
-        return {name for name in rows if ":" in name and not name.startswith("_:")}
+        return {name for name in self._wm.declared_names(f"owl:{kind}") if ":" in name}
 
     # -- objects -----------------------------------------------------------------------------------------------
 

@@ -17,6 +17,7 @@ from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
 from skiros2_task.core.execution import Phase, StepRecord, StepState
 from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.given_plan import GivenPlan
 from skiros2_task.core.planning import Verdict
 from skiros2_task.ros.plan_actions import START_DELAY, PlanningOptions, end_goal
 
@@ -85,12 +86,14 @@ class AchieveAction(GoalServer):
         """
         :raises WrongValue: a field has an invalid value.
         """
+        planner = self._options.planner(message.wish)
+        max_replans = message.max_replans if message.max_replans >= 0 else self._max_replans
         return Goal(
             text=message.goals,
             priority=message.priority,
             limits=self._options.limits(message.seconds),
-            planner=self._options.planner(message.wish),
-            max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
+            planner=planner,
+            max_replans=0 if isinstance(planner, GivenPlan) else max_replans,
             interrupts=message.priority >= self._interrupt_priority,
         )
 

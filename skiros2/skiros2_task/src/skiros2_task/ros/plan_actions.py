@@ -18,6 +18,7 @@ from skiros2_msgs.msg import (
     MakePlanResult,
 )
 from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.given_plan import GivenPlan, is_given_plan, read_given_plan
 from skiros2_task.core.plan import Plan
 from skiros2_task.core.planners import Planner, Quality, planner_named
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict, report_of
@@ -63,11 +64,13 @@ class PlanningOptions:
             raise WrongValue(f"seconds is {seconds}, expected a planning time, or 0")
         return Limits(seconds) if seconds else None
 
-    def planner(self, quality: str) -> Planner | None:
-        """Returns the planner for a quality; None for "".
+    def planner(self, quality: str) -> Planner | GivenPlan | None:
+        """Returns the planner for a quality, or the given plan in its place; None for "".
 
-        :raises WrongValue: the quality is unknown.
+        :raises WrongValue: the quality is unknown, or the plan cannot be read.
         """
+        if is_given_plan(quality):
+            return read_given_plan(quality)
         known = [each.value for each in Quality]
         if quality and quality not in known:
             raise WrongValue(f"quality {quality!r} is unknown, expected one of: {', '.join(known)}")

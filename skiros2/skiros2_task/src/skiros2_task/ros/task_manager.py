@@ -49,7 +49,7 @@ def main() -> None:
         planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, step_runner.robots)
         executor = GoalExecutor(planner, step_runner)
         step_runner.subscribe(executor.robot_found, executor.robot_lost)
-        wm.add_listener(lambda _: executor.world_changed())
+        wm.add_listener(executor.world_changed)
         options = PlanningOptions(processes)
         actions = (
             TaskPlanAction(planner, step_runner.offered),

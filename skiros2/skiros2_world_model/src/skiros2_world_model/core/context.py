@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
 
 import pyoxigraph as ox
 
@@ -19,7 +18,7 @@ from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.queries import containment_cycle, format_cycle
 from skiros2_world_model.core.rdf import parse_n_triples, python_value
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
-from skiros2_world_model.core.scene_rdf import GraphSync, SceneContent, element_triples, relation_triple, scene_turtle
+from skiros2_world_model.core.scene_rdf import GraphSync, SceneContent, scene_triples, scene_turtle
 from skiros2_world_model.core.transaction import template_element
 
 _BLANK_SCENE = "skiros:blank_scene"
@@ -50,10 +49,7 @@ class Context:
 
     def triples(self) -> Iterator[ox.Triple]:
         """The triples of the current state, generated lazily. Iterating needs no lock."""
-        ontology, prefixes = self._knowledge_base.index, self._knowledge_base.prefixes
-        records, relations, extras = list(self.scene), list(self.scene.relations()), list(self.extras)
-        elements = (triple for record in records for triple in element_triples(record, ontology, prefixes))
-        return chain(elements, (relation_triple(relation, prefixes) for relation in relations), extras)
+        return scene_triples(self.scene, self._knowledge_base.index, self._knowledge_base.prefixes, list(self.extras))
 
     def snapshot(self) -> Callable[[], bytes]:
         """Returns a function that formats the current state as sorted Turtle. It needs no lock."""

@@ -9,7 +9,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 import uuid
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 
 import pyoxigraph as ox
@@ -17,15 +17,14 @@ import pyoxigraph as ox
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, TimedOut, WrongValue
 from skiros2_world_model.core.changes import ONTOLOGY
 from skiros2_world_model.core.prefixes import OWL, RDF, RDFS
+from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.triple_store import (
     QUERY_ROWS,
     QUERY_SECONDS,
     TRIPLE,
     Answer,
-    OxigraphStore,
     Term,
     check_count,
-    check_query,
     graph_of,
 )
 
@@ -167,7 +166,7 @@ class EndpointStore:
         self._url = query_url
         self._connection = EndpointConnection(query_url, update_url or query_url, seconds)
         self._rows = rows
-        self._ontologies = OxigraphStore(seconds, rows)
+        self._ontologies = WorkerStore(seconds, rows)
         self._name = str(uuid.uuid4())
         self._sending = threading.Lock()  # held while the endpoint is written to
         self._lock = threading.RLock()  # guards the fields below; never held while waiting for the endpoint
@@ -206,9 +205,10 @@ class EndpointStore:
             self._write("INSERT", context, given)
 
     def extend(self, context: str, triples: Iterable[ox.Triple]) -> None:
-        self.update(context, (), list(triples))
+        self.update(context, (), triples)
 
-    def update(self, context: str, removed: Collection[ox.Triple], added: Collection[ox.Triple]) -> None:
+    def update(self, context: str, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> None:
+        removed, added = list(removed), list(added)
         with self._lock:
             if context == ONTOLOGY:
                 self._ontologies.update(context, removed, added)
@@ -218,9 +218,9 @@ class EndpointStore:
     def rewrite(
         self,
         context: str,
-        subjects: Collection[ox.NamedNode],
-        removed: Collection[ox.Triple],
-        added: Collection[ox.Triple],
+        subjects: Iterable[ox.NamedNode],
+        removed: Iterable[ox.Triple],
+        added: Iterable[ox.Triple],
     ) -> None:
         graph = graph_of(context)
         with self._lock:
@@ -237,10 +237,14 @@ class EndpointStore:
     def has(self, context: str, triple: ox.Triple) -> bool:
         return self._ontologies.has(context, triple)
 
+    def sync(self) -> None:
+        """A query sends the changes before it."""
+
     def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> Answer:
         if context == ONTOLOGY:
+            self._ontologies.sync()
             return self._ontologies.query(query, context, namespaces)
-        check_query(query, namespaces)
+        self._ontologies.check(query, namespaces)
         self._send()
         declared = "".join(f"PREFIX {prefix}: <{iri}>\n" for prefix, iri in namespaces.items())
         answer = self._ask(declared + query, graph_of(context).value if context else "")

@@ -14,10 +14,12 @@ import pyoxigraph as ox
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
 from skiros2_world_model.core.changes import ONTOLOGY, Statement
-from skiros2_world_model.core.ontology import NamedTriple, Ontology
+from skiros2_world_model.core.ontology import ALIVE_QUERY, STRUCTURE_QUERY, NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
+from skiros2_world_model.core.query_budget import QueryBudgets
+from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.rdf import RDF_TYPE, parse_term, python_value, read_triples, term_json, term_text
-from skiros2_world_model.core.triple_store import Answer, OxigraphStore, TripleStore
+from skiros2_world_model.core.triple_store import Answer, StoreLost, TripleStore
 
 log = logging.getLogger(__name__)
 
@@ -64,7 +66,7 @@ class KnowledgeBase:
     :param ontologies: folder of the package's ontologies (`.ttl` files).
     :param workspace: folder of the user's ontologies: all files in it and its subfolders whose names contain `.owl`. In
         both folders, files whose names contain `.shapes.` hold shapes.
-    :param store: the triple store that answers queries; None: one in memory.
+    :param store: the triple store that answers queries; None: a `WorkerStore`.
     :param skip_broken: logs and skips a file of the workspace that does not parse.
     :raises ConfigurationError: a folder is missing, or a file does not parse (the text names file and line).
     """
@@ -77,7 +79,8 @@ class KnowledgeBase:
         skip_broken: bool = False,
     ) -> None:
         self.prefixes = Prefixes()
-        self.store = OxigraphStore() if store is None else store
+        self.store = WorkerStore() if store is None else store
+        self.budgets = QueryBudgets()
         self.lock = threading.RLock()
         self._index: Ontology | None = None
         #: The files with shapes for validation.
@@ -160,39 +163,64 @@ class KnowledgeBase:
         return ox.Triple(s, p, o)
 
     def query(
-        self, query: str, context: str = "", cut_prefix: bool = True, flush: Callable[[], None] = lambda: None
+        self,
+        query: str,
+        context: str = "",
+        cut_prefix: bool = True,
+        flush: Callable[[], None] = lambda: None,
+        caller: str = "",
     ) -> list[str]:
         """Answers a SPARQL query with a text for each row; in rows of several columns a space follows each value.
 
         :param context: the context to query; "": all.
         :param cut_prefix: returns `prefix:name` and plain values instead of N3.
         :param flush: writes pending changes to the store. Called under the lock; the query runs without it.
+        :param caller: whose budget the query uses; "": none.
         :raises WrongValue: the query cannot be answered.
         :raises TimedOut: the query takes too long.
-        :raises Refused: the store is not available.
+        :raises Refused: the store is not available, or the caller's budget is used up.
         """
-        rows = self._answer(query, context, flush).rows
+        rows = self._answer(query, context, flush, caller).rows
         texts = ([term_text(term, self.prefixes, cut_prefix) for term in row] for row in rows)
         return [row[0] if len(row) == 1 else "".join(f"{text} " for text in row) for row in texts]
 
-    def query_json(self, query: str, context: str = "", flush: Callable[[], None] = lambda: None) -> str:
+    def query_json(
+        self, query: str, context: str = "", flush: Callable[[], None] = lambda: None, caller: str = ""
+    ) -> str:
         """Answers a SPARQL query in the SPARQL JSON format; see `query`."""
-        names, rows = self._answer(query, context, flush)
+        names, rows = self._answer(query, context, flush, caller)
         if not names:
             return json.dumps({"head": {}, "boolean": rows[0][0].value == "true"})
         bindings = [{n: term_json(t) for n, t in zip(names, row, strict=True) if t is not None} for row in rows]
         return json.dumps({"head": {"vars": names}, "results": {"bindings": bindings}})
 
-    def _answer(self, query: str, context: str, flush: Callable[[], None]) -> Answer:
-        generation = None
-        while generation != self.store.generation:  # the store lost its content meanwhile: flush again
-            if context != ONTOLOGY:
-                self.store.prepare()
-            with self.lock:
-                flush()
-                generation = self.store.generation
-            answer = self.store.query(query, context, self.prefixes.namespaces())
-        return answer
+    def _answer(self, query: str, context: str, flush: Callable[[], None], caller: str) -> Answer:
+        if context == ONTOLOGY and query in (STRUCTURE_QUERY, ALIVE_QUERY):
+            return self._answer_of_clients(query)
+        for attempt in (1, 2, 3):
+            try:
+                if context != ONTOLOGY:
+                    self.store.prepare()
+                with self.lock:
+                    generation = self.store.generation
+                    flush()
+                self.store.sync()
+                with self.budgets.query(caller):
+                    answer = self.store.query(query, context, self.prefixes.namespaces())
+                if generation == self.store.generation:
+                    return answer
+            except StoreLost:
+                if attempt == 3:
+                    raise
+        raise StoreLost("SPARQL: the graphs were lost again and again while they were queried; try again")
+
+    def _answer_of_clients(self, query: str) -> Answer:
+        """The answers that every client needs, whatever happens to the processes for queries."""
+        if query == ALIVE_QUERY:
+            return Answer([], [(ox.Literal(True),)])
+        triples = self.store.triples(ONTOLOGY)
+        rows = [(t.subject, t.predicate, t.object) for t in triples if not isinstance(t.object, ox.Literal)]
+        return Answer(["s", "p", "o"], rows)
 
     # -- loading -----------------------------------------------------------------------------------------------
 

@@ -18,7 +18,10 @@ from skiros2_world_model.core.prefixes import STANDARD, prefix_of
 NamedTriple = tuple[str, str, Any]
 
 #: Selects what a client needs of the ontologies: all triples except those with literals.
+#: It is answered from memory, without SPARQL.
 STRUCTURE_QUERY = "SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isLiteral(?o)) }"
+#: Answered with yes by a server that is there, similarly.
+ALIVE_QUERY = "ASK {}"
 
 _META = ("rdf:", "rdfs:", "owl:", "xsd:")
 _CLASS_TYPES = ("owl:Class", "rdfs:Class", "owl:class")

@@ -27,6 +27,16 @@ def _named(name: str, default_prefix: str) -> str:
     return name if is_iri(name) else full_name(name, default_prefix)
 
 
+def table(text: str) -> tuple[list[str], list[list[Any]]]:
+    """The names of the columns and the rows of an answer in the SPARQL JSON format; see `query_table`."""
+    answer = json.loads(text)
+    if "boolean" in answer:
+        return [], [[answer["boolean"]]]
+    names, prefixes = answer["head"]["vars"], Prefixes()
+    bindings = answer["results"]["bindings"]
+    return names, [[_cell(row.get(name), prefixes) for name in names] for row in bindings]
+
+
 def _cell(term: dict[str, str] | None, prefixes: Prefixes) -> Any:
     """The name or Python value of a term in the SPARQL JSON format."""
     if term is None:
@@ -178,12 +188,7 @@ class OntologyAbstractInterface(ABC):
         :param context: as for `query_ontology`.
         :raises WmException: the query cannot be answered.
         """
-        answer = json.loads(self._query_json(self._prologue() + query, context))
-        if "boolean" in answer:
-            return [], [[answer["boolean"]]]
-        names, prefixes = answer["head"]["vars"], Prefixes()
-        bindings = answer["results"]["bindings"]
-        return names, [[_cell(row.get(name), prefixes) for name in names] for row in bindings]
+        return table(self._query_json(self._prologue() + query, context))
 
     def get_individuals(self, parent_class: str, recursive: bool = True) -> list[str]:
         """The individuals of a class in the ontologies (templates) and the elements of the scene, sorted.
@@ -208,6 +213,20 @@ class OntologyAbstractInterface(ABC):
     def get_types(self, uri: str) -> list[str]:
         """The names of all elements, individuals, classes or properties of a type, sorted."""
         return sorted(self.query_ontology(f"SELECT DISTINCT ?x WHERE {{ ?x a {self._sparql(uri)} }}"))
+
+    def declared_names(self, kind: str) -> list[str]:
+        """The classes and properties that the ontologies declare with a type such as `owl:ObjectProperty`, sorted.
+
+        From memory.
+        """
+        ontology, wanted = self._ontology, self._name(kind)
+        names = {*ontology.classes(), *ontology.relations(), *ontology.data_properties()}
+        return sorted(name for name in names if wanted in ontology.types(name))
+
+    def properties_of_range(self, datatype: str) -> list[str]:
+        """The data properties with a range such as `xsd:boolean`, sorted; from memory."""
+        ontology, wanted = self._ontology, self._name(datatype)
+        return [name for name in ontology.data_properties() if ontology.datatype(name) == wanted]
 
     def get_triples(self, subj: str | None = None, pred: str | None = None, obj: str | None = None) -> list[str]:
         """The triples of all contexts that match a subject, predicate and object, as texts.

@@ -149,12 +149,13 @@ def relation_triple(relation: tuple[str, str, str], prefixes: Prefixes) -> ox.Tr
     return ox.Triple(src, pred, dst)
 
 
-def scene_triples(scene: Scene, ontology: Ontology, prefixes: Prefixes) -> Iterator[ox.Triple]:
-    """All triples of a scene."""
-    for record in scene:
-        yield from element_triples(record, ontology, prefixes)
-    for relation in scene.relations():
-        yield relation_triple(relation, prefixes)
+def scene_triples(
+    scene: Scene, ontology: Ontology, prefixes: Prefixes, extras: Iterable[ox.Triple] = ()
+) -> Iterator[ox.Triple]:
+    """All triples of the current state of a scene and extra triples, generated lazily. Iterating needs no lock."""
+    records, relations = list(scene), list(scene.relations())
+    elements = (triple for record in records for triple in element_triples(record, ontology, prefixes))
+    return chain(elements, (relation_triple(relation, prefixes) for relation in relations), extras)
 
 
 def scene_turtle(
@@ -204,11 +205,14 @@ class GraphSync:
         self._generation = store.generation
 
     def flush(self, scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, prefixes: Prefixes) -> None:
-        """Writes all pending changes of the scene to the store. The caller holds the lock of the scene."""
+        """Writes all pending changes of the scene to the store. The caller holds the lock of the scene.
+
+        The store gets iterables over a snapshot, and makes the triples of it without the lock.
+        """
         unsynced = scene.unsynced
         if unsynced is None or self._generation != self._store.generation:
             self._generation = self._store.generation
-            self._store.replace(self._context, chain(scene_triples(scene, ontology, prefixes), extras))
+            self._store.replace(self._context, scene_triples(scene, ontology, prefixes, list(extras)))
         elif unsynced:
             self._update(unsynced, set(extras), ontology, prefixes)
         scene.unsynced = ChangeSet()  # only after success, so that a failed flush is repeated
@@ -216,12 +220,20 @@ class GraphSync:
     def _update(
         self, unsynced: ChangeSet, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes
     ) -> None:
-        subjects = {ox.NamedNode(prefixes.iri(eid)) for eid in unsynced.records}
-        removed: set[ox.Triple] = set()
-        added = {triple for triple in extras if triple.subject in subjects}
-        for _, record in unsynced.records.values():
-            if record is not None:
-                added.update(element_triples(record, ontology, prefixes))
-        for relation, is_added in unsynced.relations.items():
-            (added if is_added else removed).add(relation_triple(relation, prefixes))
-        self._store.rewrite(self._context, subjects, removed - added - extras, added)
+        def subjects() -> Iterator[ox.NamedNode]:
+            return (ox.NamedNode(prefixes.iri(eid)) for eid in unsynced.records)
+
+        def relations(wanted: bool) -> Iterator[ox.Triple]:
+            return (relation_triple(r, prefixes) for r, added in unsynced.relations.items() if added == wanted)
+
+        def added() -> Iterator[ox.Triple]:
+            for _, record in unsynced.records.values():
+                if record is not None:
+                    yield from element_triples(record, ontology, prefixes)
+            yield from relations(True)
+            if extras:  # what the lines above remove of them
+                changed = set(subjects())
+                yield from (triple for triple in extras if triple.subject in changed)
+                yield from extras.intersection(relations(False))
+
+        self._store.rewrite(self._context, subjects(), relations(False), added())

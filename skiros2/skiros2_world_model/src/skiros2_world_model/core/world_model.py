@@ -56,7 +56,7 @@ class WorldModel:
     :param strict: refuses names that the ontologies do not declare.
     :param journal: records every change; the world model recovers from it if the journal says so. None: no journal.
     :param initial: contexts and the files to load them from, when the world model does not recover.
-    :param store: the triple store that answers queries; None: one in memory.
+    :param store: the triple store that answers queries; None: a `WorkerStore`.
     :param knowledge_base: the ontologies, in place of those of the folders; its store has no context.
     :param blank_on_error: logs and skips an initial file, or an ontology of the workspace, that is refused.
     :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
@@ -165,17 +165,18 @@ class WorldModel:
             raise Refused("the world model has no journal, so its history is unknown")
         return History(self._journal.path)
 
-    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
+    def query(self, query: str, context: str = "", cut_prefix: bool = True, caller: str = "") -> list[str]:
         """Answers a SPARQL query with a text for each row.
 
         :param context: the context to query; "": all, `ontology`: only the ontologies.
+        :param caller: whose budget the query uses; "": none.
         :raises WrongValue: the query cannot be answered.
         """
-        return self.knowledge_base.query(query, context, cut_prefix, lambda: self._flush(context))
+        return self.knowledge_base.query(query, context, cut_prefix, lambda: self._flush(context), caller)
 
-    def query_json(self, query: str, context: str = "") -> str:
+    def query_json(self, query: str, context: str = "", caller: str = "") -> str:
         """Answers a SPARQL query in the SPARQL JSON format; see `query`."""
-        return self.knowledge_base.query_json(query, context, lambda: self._flush(context))
+        return self.knowledge_base.query_json(query, context, lambda: self._flush(context), caller)
 
     def _flush(self, context: str) -> None:
         for name in [context] if context else self._contexts:

@@ -15,8 +15,8 @@ from skiros2_common.ros.utils import makeStatementMsg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import ONTOLOGY, Statement
-from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
-from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
+from skiros2_world_model.core.ontology import ALIVE_QUERY, STRUCTURE_QUERY, Ontology
+from skiros2_world_model.core.ontology_client import OntologyAbstractInterface, table
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.ros.service_pool import LONG_ANSWER, ServicePool
 
@@ -115,7 +115,7 @@ class OntologyInterface(OntologyAbstractInterface):
         local_revision.advance()
 
     def _fetch_ontology(self) -> Ontology:
-        _, rows = self.query_table(STRUCTURE_QUERY, ONTOLOGY)
+        _, rows = table(self._query_json(STRUCTURE_QUERY, ONTOLOGY))
         return Ontology((subj, pred, obj) for subj, pred, obj in rows)
 
     def _files(self, action: str, filename: str, context: str) -> bool:
@@ -125,7 +125,7 @@ class OntologyInterface(OntologyAbstractInterface):
         waited = 0.0
         while not rospy.is_shutdown():
             try:
-                self._query("ASK {}", True, ONTOLOGY)
+                self._query(ALIVE_QUERY, True, ONTOLOGY)
                 return
             except WmException:
                 waited += self._query_service.timeout

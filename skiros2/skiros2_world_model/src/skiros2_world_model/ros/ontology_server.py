@@ -20,8 +20,10 @@ from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Statement
 from skiros2_world_model.core.journal import KILLED, Journal
 from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
-from skiros2_world_model.core.triple_store import QUERY_ROWS, QUERY_SECONDS, OxigraphStore, TripleStore
-from skiros2_world_model.ros.service_pool import service_handler
+from skiros2_world_model.core.query_budget import BUDGET_SECONDS, QueryBudgets
+from skiros2_world_model.core.query_store import WorkerStore
+from skiros2_world_model.core.triple_store import QUERY_BYTES, QUERY_MEMORY, QUERY_ROWS, QUERY_SECONDS, TripleStore
+from skiros2_world_model.ros.service_pool import ON_BEHALF_OF, service_handler
 
 log = logging.getLogger(__name__)
 
@@ -83,10 +85,10 @@ def _number(name: str, default: float) -> float:
 
 
 def triple_store() -> TripleStore:
-    """Creates the triple store of this node: in memory, or the endpoint `~sparql_endpoint`.
+    """Creates the triple store of this node: in processes of its own, or the endpoint `~sparql_endpoint`.
 
     Parameters: `~sparql_endpoint`, `~sparql_update_endpoint` (URLs; default: none, and the same), `~query_seconds`,
-    `~query_rows`.
+    `~query_rows`, `~query_answer_megabytes`, `~query_megabytes`.
 
     :raises ConfigurationError: a parameter is invalid, or the endpoint is not available.
     """
@@ -99,7 +101,17 @@ def triple_store() -> TripleStore:
     if update_url:
         given, missing = map(rospy.resolve_name, ("~sparql_update_endpoint", "~sparql_endpoint"))
         raise ConfigurationError(f"parameter {given} is {update_url!r}, but {missing} is not set")
-    return OxigraphStore(seconds, rows)
+    size = _positive("~query_answer_megabytes", QUERY_BYTES / _MEGABYTE)
+    memory = _positive("~query_megabytes", QUERY_MEMORY / _MEGABYTE)
+    return WorkerStore(seconds, rows, int(size * _MEGABYTE), int(memory * _MEGABYTE))
+
+
+def query_budgets() -> QueryBudgets:
+    """The budgets of this node's callers: `~query_budget` (s).
+
+    :raises ConfigurationError: the parameter is invalid.
+    """
+    return QueryBudgets(_positive("~query_budget", BUDGET_SECONDS))
 
 
 def _text(name: str) -> str:
@@ -120,8 +132,8 @@ _OWNER_CHECK_PERIOD = 1.0
 class Ontologies(Protocol):
     """A world model, or a knowledge base with only the ontologies."""
 
-    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]: ...
-    def query_json(self, query: str, context: str = "") -> str: ...
+    def query(self, query: str, context: str = "", cut_prefix: bool = True, *, caller: str = "") -> list[str]: ...
+    def query_json(self, query: str, context: str = "", *, caller: str = "") -> str: ...
     def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> object: ...
 
 
@@ -143,10 +155,13 @@ class OntologyServices:
         ]
 
     def _on_query(self, request: srvs.WoQueryRequest) -> srvs.WoQueryResponse:
-        return srvs.WoQueryResponse(self._ontologies.query(request.query_string, request.context, request.cut_prefix))
+        text, context = request.query_string, request.context
+        answer = self._ontologies.query(text, context, request.cut_prefix, caller=_caller(request))
+        return srvs.WoQueryResponse(answer)
 
     def _on_sparql(self, request: srvs.WmSparqlRequest) -> srvs.WmSparqlResponse:
-        return srvs.WmSparqlResponse(self._ontologies.query_json(request.query, request.context))
+        answer = self._ontologies.query_json(request.query, request.context, caller=_caller(request))
+        return srvs.WmSparqlResponse(answer)
 
     def _on_modify(self, request: srvs.WoModifyRequest) -> srvs.WoModifyResponse:
         statements = [
@@ -175,12 +190,19 @@ class OntologyServices:
         return SetBoolResponse(True, "")
 
 
+def _caller(request: Any) -> str:
+    """The node that calls a service, and the user for whom it says to call."""
+    header = request._connection_header
+    return f"{header.get('callerid', 'unknown')} {header.get(ON_BEHALF_OF, '')}".strip()
+
+
 def serve_ontologies() -> None:
     """Runs the ontology server node until its shutdown.
 
     :raises ConfigurationError: a folder is missing, or an ontology does not parse.
     """
     knowledge_base = KnowledgeBase(ontology_folder(), workspace_folder(), triple_store())
+    knowledge_base.budgets = query_budgets()
     _services = OntologyServices(knowledge_base, AdvisoryLock())
     log.info("ontologies are served")
     spin()

@@ -24,6 +24,9 @@ from skiros2_world_model.core.world_model_abstract_interface import WmException,
 _Request = TypeVar("_Request")
 _Response = TypeVar("_Response")
 
+#: The field of a connection's header with the user for whom the node calls.
+ON_BEHALF_OF = "on_behalf_of"
+
 _WITH_CODE = re.compile(r"(.*) \[(\w+)(?: (\d+):(\d+))?\]", re.DOTALL)
 
 
@@ -93,13 +96,15 @@ class ServicePool:
     :param name: the service; a relative name is resolved by the constructor.
     :param timeout: how long a call tries to reach a server (s).
     :param answer_timeout: how long it waits for the answer of one that was reached (s); None: for ever.
+    :param user: the user for whom this node calls; "": itself.
     """
 
     def __init__(
-        self, name: str, kind: Any, timeout: float = 5.0, answer_timeout: float | None = ANSWER
+        self, name: str, kind: Any, timeout: float = 5.0, answer_timeout: float | None = ANSWER, user: str = ""
     ) -> None:
         self._name = rospy.resolve_name(name)
         self._kind = kind
+        self._headers = {ON_BEHALF_OF: user} if user else None
         self.timeout = timeout
         self._answer_timeout = answer_timeout
         self.server = ""  # the address of the server that answered last; a restarted server has a different one
@@ -166,7 +171,7 @@ class ServicePool:
             with self._lock:
                 proxy = self._idle.pop() if self._idle else None
             if proxy is None:
-                return rospy.ServiceProxy(self._name, self._kind, persistent=True)
+                return rospy.ServiceProxy(self._name, self._kind, persistent=True, headers=self._headers)
             if not _was_closed(proxy):
                 return proxy
             proxy.close()

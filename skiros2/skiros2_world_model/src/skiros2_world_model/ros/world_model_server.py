@@ -34,6 +34,7 @@ from skiros2_world_model.ros.ontology_server import (
     OntologyServices,
     ontology_folder,
     open_journal,
+    query_budgets,
     triple_store,
     workspace_folder,
 )
@@ -289,6 +290,7 @@ def serve_world_model() -> None:
     journal = open_journal(workspace_folder(), initial)
     folders = ontology_folder(), workspace_folder()
     model = WorldModel(*folders, strict, journal, initial, triple_store(), blank_on_error=True)
+    model.knowledge_base.budgets = query_budgets()
     running = Reasoners(model, text_list("~reasoners_pkgs"))
     _server = WorldModelServer(model)
     _last_wills = LastWillService(LastWillStore(model, journal))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from skiros2_gateway.core.edits import PropertyEdit, RelationEdit
 from skiros2_gateway.core.job import Order, read_order
@@ -18,6 +18,18 @@ _JSON_TYPES = {
 
 #: A field of what moves robots.
 KEY: Any = Field("", description="idempotency key, chosen by the client: a call that is repeated with it is done once")
+
+
+def _readable(text: str) -> str:
+    """
+    :raises ValueError: characters may be invisible, or change the order of others.
+    """
+    if not all(character.isprintable() or character == "\n" for character in text):
+        raise ValueError("expected printable characters: a person reads them")
+    return text
+
+
+Reason = Annotated[str, AfterValidator(_readable)]
 
 
 class Arguments(BaseModel):
@@ -91,7 +103,7 @@ class Execute(ActionArguments):
     """A goal or work master to be carried out as a job, or a skill to be run."""
 
     id: str = Field("", description="id of the job; the same id and content again is the same job")
-    reason: str = Field("", max_length=2000, description="why, for the person who approves it")
+    reason: Reason = Field("", max_length=2000, description="why, for the person who approves it")
     key: str = KEY
     priority: int = 0
     robots: tuple[str, ...] = Field((), description="node names of the robots that the job may use; empty: all")
@@ -129,7 +141,7 @@ class RunArguments(Arguments):
 class Propose(RunArguments):
     """What a failed job or task lacks: facts of the world model, or values of parameters."""
 
-    reason: str = Field(min_length=1, max_length=2000, description="for the person who approves it")
+    reason: Reason = Field(min_length=1, max_length=2000, description="for the person who approves it")
     properties: tuple[PropertyEdit, ...] = Field((), max_length=100)
     relations: tuple[RelationEdit, ...] = Field((), max_length=100)
     parameters: dict[str, Any] = Field({}, description="values that replace those of the failed run; needs retry")

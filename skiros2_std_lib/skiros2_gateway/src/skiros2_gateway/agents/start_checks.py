@@ -10,6 +10,7 @@ from skiros2_common.core.explanation import Explanation
 from skiros2_gateway.core.approvals import Request
 from skiros2_gateway.core.job import Order
 from skiros2_gateway.core.job_control import JobControl
+from skiros2_task.core.preview import Preview
 
 #: The states of a plan that may be executed.
 _VALID = ("planned", "nothing_to_do")
@@ -30,7 +31,9 @@ async def valid_plan(control: JobControl, order: Order, reason: str = "") -> Req
     if others := [robot for robot in robots if allowed and robot not in allowed]:
         raise Refused(f"the plan uses {', '.join(others)}, allowed are {', '.join(allowed)}")
     runs = {"order": order.model_dump(mode="json"), "goal": goal, "plan": plan["plan"]}
-    return Request(runs, {"preview": plan["preview"]}, robots, reason)
+    preview = Preview.from_dict(plan["preview"]) if plan["preview"] else Preview([], True)
+    changes = [change.line(preview.labels) for step in preview.steps for change in step.changes]
+    return Request(runs, {"changes": changes, "preview": plan["preview"]}, robots, reason)
 
 
 async def valid_start(

@@ -116,10 +116,10 @@ class Tools:
             ],
         }
 
-    async def _world(self, _: Caller, arguments: QueryWorld) -> Any:
+    async def _world(self, caller: Caller, arguments: QueryWorld) -> Any:
         cell = self._service.control.cell
         if arguments.sparql:
-            return await cell.query(arguments.sparql)
+            return await cell.query(arguments.sparql, caller.user)
         elements = (await cell.world())["elements"]
         if arguments.id and arguments.id not in (known := [element["id"] for element in elements]):
             raise UnknownName(f"there is no element {arguments.id!r}; near: {', '.join(nearest(arguments.id, known))}")

@@ -146,8 +146,12 @@ class Cell(Protocol):
     async def world(self) -> dict[str, Any]:
         """Returns the world model as JSON data, see `skiros2_gateway.http.app`."""
 
-    async def query(self, text: str) -> dict[str, Any]:
-        """Returns `columns` and `rows` of a SPARQL query."""
+    async def query(self, text: str, user: str) -> dict[str, Any]:
+        """Returns `columns` and `rows` of a SPARQL query; it uses the budget of the user.
+
+        :raises Rejected: the query cannot be answered, or is not allowed.
+        :raises TooMany: the user's budget is used up.
+        """
 
     async def skills(self) -> dict[str, list[dict[str, Any]]]:
         """Returns the skills of each robot as JSON data."""

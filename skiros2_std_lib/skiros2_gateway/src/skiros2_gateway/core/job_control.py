@@ -323,16 +323,7 @@ class JobControl:
         task.add_done_callback(self._tasks.discard)
 
     async def _collected(self, job: Job) -> None:
-        response, order = job.response, job.order
-        sources = {}
-        if order.work_master in self.masters.all:
-            sources = self.masters.get(order.work_master).quality_sources(order.parameters)
-        started = response.started or response.ended or job.changed
-        try:
-            found = await self.cell.collect(response.robots, started, response.ended or self._clock(), sources)
-        except Exception as error:  # the job has ended, whatever the cell does
-            log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
-            found = Collected(notes=[f"the changes are unknown: {error}"])
+        found = await _read_changes(self.cell, self.masters, job, self._clock())
         job = self._jobs.open(job.id) or job  # it may have been cleared meanwhile
         response = job.response
         response.changes, response.quality = found.changes, found.quality
@@ -342,6 +333,20 @@ class JobControl:
             job.change(State.ENDED, Substate.CLOSED, self._clock())
         self._note(job, GATEWAY, "collected")
         self.events.publish("response", {"job": job.id, **asdict(response)})
+
+
+async def _read_changes(cell: Cell, masters: WorkMasters, job: Job, now: float) -> Collected:
+    """Returns what an ended job has changed, and its quality data."""
+    response, order = job.response, job.order
+    sources = {}
+    if order.work_master in masters.all:
+        sources = masters.get(order.work_master).quality_sources(order.parameters)
+    started = response.started or response.ended or job.changed
+    try:
+        return await cell.collect(response.robots, started, response.ended or now, sources)
+    except Exception as error:  # the job has ended, whatever the cell does
+        log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
+        return Collected(notes=[f"the changes are unknown: {error}"])
 
 
 def _goal_of(job: Job) -> Goal:

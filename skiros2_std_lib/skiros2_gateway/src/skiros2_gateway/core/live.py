@@ -5,6 +5,7 @@ The document is JSON data; its members are tables, objects by key:
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
 - `goals`: {goal, phase, message, start, plan, steps}; see `goal_view`.
 - `jobs` as in the event `job`, without plan, steps and changes.
+- `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_gateway.core.scene_view`.
 - `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
@@ -49,7 +50,7 @@ _MAX_TREES, _MAX_GOALS, _MAX_JOBS = 6, 20, 50
 #: The parts of a job's response in the document; `goals` has its plan and steps.
 _RESPONSE = ("started", "ended", "outcome", "message", "robots", "quality")
 
-_TABLES = ("runs", "trees", "goals", "jobs", "cell", "elements", "frames", "bodies", "signals")
+_TABLES = ("runs", "trees", "goals", "jobs", "approvals", "cell", "elements", "frames", "bodies", "signals")
 
 
 class LiveCell(Protocol):
@@ -106,12 +107,15 @@ class LiveView:
             after = service.events.last_id
             for job in service.store.jobs(limit=_MAX_JOBS):
                 self.put_job(job.to_dict())
+            self.replace("approvals", {each.id: _approval(each.to_dict()) for each in service.approvals.open})
             self.replace("cell", service.control.cell.state())
-            async for event in service.events.follow(after, ("job", "cell")):
+            async for event in service.events.follow(after, ("job", "approval", "cell")):
                 if event.kind == "reset":
                     break
                 if event.kind == "job":
                     self.put_job(event.data)
+                elif event.kind == "approval":
+                    self.put("approvals", event.data["id"], _approval(event.data))
                 else:
                     self.replace("cell", event.data)
 
@@ -242,6 +246,13 @@ class LiveView:
     def _schedule(self) -> None:
         if self._timer is None:
             self._timer = self._loop.call_at(max(self._loop.time(), self._last_flush + PERIOD), self.flush)
+
+
+def _approval(data: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Returns what a person needs to answer a request; None once it has ended."""
+    if "ended" in data:
+        return None
+    return {**data, "what": {key: value for key, value in data["what"].items() if key not in ("preview", "failure")}}
 
 
 def _conflicts(patch: Mapping[str, Any], later: Mapping[str, Any]) -> bool:

@@ -218,7 +218,7 @@ def work_masters_of(elements: Iterable[Element]) -> tuple[list[WorkMaster], list
                 raise ConfigurationError(f"another element defines a work master {master.id!r}")
         except ValidationError as error:
             problems.append(f"{element!r}: " + "; ".join(str(problem) for problem in problems_of(error)))
-        except (ConfigurationError, yaml.YAMLError) as error:
+        except (ConfigurationError, yaml.YAMLError, RecursionError) as error:  # the last of deep nesting
             problems.append(f"{element!r}: {error}")
         else:
             masters[master.id] = master

@@ -334,7 +334,7 @@ async def plan(caller: CallerArg, service: ServiceArg, body: _Goal) -> dict[str,
 async def query(caller: CallerArg, service: ServiceArg, body: _Query) -> dict[str, Any]:
     """Answers a SPARQL query: {columns, rows}."""
     service.view(caller)
-    return await service.control.cell.query(body.query)
+    return await service.control.cell.query(body.query, caller.user)
 
 
 @_router.get("/audit", responses=answers(models.Audit))

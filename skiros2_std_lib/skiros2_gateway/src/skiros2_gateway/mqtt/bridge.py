@@ -4,8 +4,8 @@ Topics below the prefix (`skiros2` by default):
 
 - `job/in/METHOD`: a command as JSON, signed as in `skiros2_gateway.mqtt.signature`: {order, comment} for store,
   store_and_start and update, {id, comment} for start, revoke_start, pause, resume, stop, abort, cancel and clear.
-  `request`, if given, is repeated in the answer. A retained command is refused: a broker would send it again after
-  each connection.
+  `request`, if given, is repeated in the answer; a command with the same `key` (a text) is carried out once. A retained
+  command is refused: a broker would send it again after each connection.
 - `job/answer`: {request, id, ok} and `job` (its state), or `error` (the problem details as of REST).
 - `job/ID/state`, retained: {state, substate, changed}; `job/ID/response`, retained: the complete response. Both are
   removed when the job is cleared.
@@ -27,6 +27,7 @@ import re
 import socket
 import ssl
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,8 @@ _PAUSE = 1.0
 #: Characters of an id that would change the meaning of a topic, or that MQTT forbids.
 _NOT_IN_TOPICS = re.compile(r"[%#+/\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 _ORDERS = {"store": Method.STORE, "store_and_start": Method.STORE_AND_START, "update": Method.UPDATE}
+#: The fields of a command that say what is done.
+_FIELDS = ("id", "order", "comment")
 _METHODS = {m.name.lower(): m for m in Method if m.name.lower() not in _ORDERS}
 
 
@@ -130,8 +133,9 @@ class MqttBridge:
             message = self._read(payload, is_retained)
             data = _json_object(str(message["command"])) if "command" in message else message
             caller = self._authenticate(method, message, data)
-            job = await self._apply(caller, method, data)
-            answer: dict[str, Any] = {"ok": True, "job": {"state": job.state, "substate": job.substate}, "id": job.id}
+            key, wanted = str(data.get("key", "")), [method, *(data.get(field) for field in _FIELDS)]
+            work = partial(self._apply, caller, method, data)
+            answer: dict[str, Any] = await self._service.keys.once(caller.user, key, wanted, work)
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             answer = {"ok": False, "error": {"code": error.code, "detail": str(error), "problems": problems}}
@@ -168,16 +172,19 @@ class MqttBridge:
         self._freshness.check(signature, data.get("time"))
         return caller
 
-    async def _apply(self, caller: Caller, method: str, data: dict[str, Any]) -> Any:
+    async def _apply(self, caller: Caller, method: str, data: dict[str, Any]) -> dict[str, Any]:
+        """Carries out a command. Returns its answer."""
         comment = str(data.get("comment", ""))
         if method == "update":
-            return await self._service.update(caller, data.get("order"), comment)
-        if method in _ORDERS:
+            job = await self._service.update(caller, data.get("order"), comment)
+        elif method in _ORDERS:
             start = _ORDERS[method] is Method.STORE_AND_START
-            return (await self._service.put(caller, data.get("order"), comment, start=start))[0]
-        if method in _METHODS:
-            return self._service.apply(caller, _METHODS[method], str(data.get("id", "")), comment)
-        raise UnknownName(f"there is no method {method!r}; there are: {', '.join([*_ORDERS, *_METHODS])}")
+            job, _ = await self._service.put(caller, data.get("order"), comment, start=start)
+        elif method in _METHODS:
+            job = self._service.apply(caller, _METHODS[method], str(data.get("id", "")), comment)
+        else:
+            raise UnknownName(f"there is no method {method!r}; there are: {', '.join([*_ORDERS, *_METHODS])}")
+        return {"ok": True, "job": {"state": job.state, "substate": job.substate}, "id": job.id}
 
     # -- out ---------------------------------------------------------------------------------------------------
 

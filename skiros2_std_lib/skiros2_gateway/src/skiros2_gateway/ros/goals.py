@@ -105,7 +105,8 @@ class AchieveGoals:
         message = msgs.AchieveActionGoal()
         message.header.stamp = message.goal_id.stamp = rospy.Time.now()
         message.goal_id.id = goal.id
-        message.goal = msgs.AchieveGoal(rospy.get_name(), goal.text, goal.quality, 0.0, goal.priority, -1)
+        wish = goal.quality if goal.plan is None else json.dumps(goal.plan)
+        message.goal = msgs.AchieveGoal(rospy.get_name(), goal.text, wish, 0.0, goal.priority, -1)
         self._client.pub_goal.publish(message)
 
     def follow(self, goal_id: str) -> None:

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-import contextvars
 import functools
 import json
 import logging
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import rospy
 
-from skiros2_common.core.errors import Refused, SkirosError, TimedOut, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
 from skiros2_gateway.core.connection import connect
-from skiros2_gateway.core.deadline import check_deadline, remaining, set_deadline
+from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.core.edits import EditPreview, Edits, apply_edits, preview_edits
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.goal_check import goal_problems
@@ -28,7 +25,9 @@ from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
 from skiros2_gateway.core.work_masters import WorkMasters
+from skiros2_gateway.ros.blocking_calls import BlockingCalls
 from skiros2_gateway.ros.goals import AchieveGoals
+from skiros2_gateway.ros.queries import UserQueries
 from skiros2_gateway.ros.robot_stops import RobotStops
 from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
@@ -44,10 +43,6 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: How long calls of the platform's services may take (s).
-_TIMEOUT = 10.0
-#: Calls at once, and those for plans, which take long.
-_THREADS, _PLAN_THREADS = 16, 4
 
 
 class RosCell:
@@ -65,10 +60,12 @@ class RosCell:
         self._events = events
         self._masters = masters
         self._capacity = capacity
-        self._threads = ThreadPoolExecutor(_THREADS, "cell")
-        self._planners = ThreadPoolExecutor(_PLAN_THREADS, "plan")
+        self._calls = BlockingCalls()
+        #: Runs a blocking call; see `BlockingCalls`.
+        self.in_thread = self._calls.run
         #: Stops, pauses and resumes tasks; shares no thread and no connection.
         self.stops = RobotStops()
+        self._queries = UserQueries()
         self._wm: WorldModelInterface | None = None
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
         self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
@@ -78,7 +75,7 @@ class RosCell:
         self._skill_runs = SkillRuns()
         self._planners: list[TaskManagerInterface] = []  # those without a request: each has subscriptions
         self._closed = threading.Event()
-        self._threads.submit(self._connect)
+        threading.Thread(target=self._connect, name="world model", daemon=True).start()
 
     def _connect(self) -> None:
         """Connects to the world model. In a thread of its own: no job starts before."""
@@ -101,8 +98,8 @@ class RosCell:
         self._goals.close()
         self._robots.close()
         self.stops.close()
-        for threads in (self._threads, self._planners):
-            threads.shutdown(wait=False, cancel_futures=True)
+        self._calls.close()
+        self._queries.close()
 
     # -- goals -------------------------------------------------------------------------------------------------
 
@@ -131,7 +128,7 @@ class RosCell:
         return problems + await self.in_thread(goal_problems, self._world_model, connected, goal, elements)
 
     def start(self, goal: Goal) -> None:
-        if goal.robots:
+        if goal.robots and goal.plan is None:  # a given plan was checked before
             self._spawn(self._start_restricted(goal))
         else:
             self._goals.send(goal)
@@ -230,9 +227,8 @@ class RosCell:
 
         return await self.in_thread(read)
 
-    async def query(self, text: str) -> dict[str, Any]:
-        columns, rows = await self.in_thread(lambda: self._world_model.query_table(text))
-        return {"columns": columns, "rows": [[str(value) for value in row] for row in rows]}
+    async def query(self, text: str, user: str) -> dict[str, Any]:
+        return await self._queries.ask(user, text)
 
     async def skills(self) -> dict[str, list[dict[str, Any]]]:
         def read() -> dict[str, list[dict[str, Any]]]:
@@ -277,7 +273,7 @@ class RosCell:
             finally:
                 self._planners.append(client)
 
-        result: MakePlanResult = await self.in_thread(make, timeout=120.0, threads=self._planners)
+        result: MakePlanResult = await self._calls.plan(make)
         return {
             "state": result.state,
             "message": result.message,
@@ -329,33 +325,6 @@ class RosCell:
         task = self._loop.create_task(coroutine)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-    async def in_thread(
-        self,
-        call: Callable[..., T],
-        *arguments: Any,
-        timeout: float = _TIMEOUT,
-        threads: ThreadPoolExecutor | None = None,
-    ) -> T:
-        """Runs a blocking call, whose thread has the deadline; see `skiros2_gateway.core.deadline`.
-
-        :raises TimedOut: it takes longer. It continues in its thread, unless it still waits for one.
-        """
-        timeout = max(0.0, min(timeout, remaining()))
-        context = contextvars.copy_context()
-        context.run(set_deadline, time.monotonic() + timeout)
-
-        def run() -> T:
-            check_deadline()
-            return call(*arguments)
-
-        future = self._loop.run_in_executor(threads or self._threads, context.run, run)
-        try:
-            return await asyncio.wait_for(asyncio.shield(future), timeout)
-        except TimeoutError:
-            raise TimedOut(f"the cell has not answered within {timeout:g} s") from None
-        except rospy.ServiceException as error:
-            raise Refused(str(error)) from error
 
     def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
         if not self._loop.is_closed():

@@ -107,7 +107,10 @@ class JobControl:
 
         :raises Conflict: another order has the same id.
         """
-        return self._known(order)
+        known = self._jobs.find(order.id)
+        if known is not None and known.order.digest != order.digest:
+            raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
+        return known
 
     async def put(
         self, order: Order, author: str, comment: str = "", *, start: bool, approved: dict[str, Any] | None = None
@@ -122,15 +125,14 @@ class JobControl:
         :raises Conflict: another order has the same id.
         :raises StoreFailed: the order is not stored.
         """
-        known = self._known(order)
+        known = self.find(order)
         goal = await self.check(order) if known is None else ""
-        known = known or self._known(order)  # the same order may have come while this one was checked
+        known = known or self.find(order)  # the same order may have come while this one was checked
         if known is not None:
             return known, False
         check_deadline()
-        now = self._clock()
+        now, robots = self._clock(), self.masters.robots_of(order)
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
-        robots = self.masters.robots_of(order)
         job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots, approved=approved)
         job.substate = job.substate_before_start(now)
         self._jobs.save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
@@ -310,12 +312,6 @@ class JobControl:
         if self._timer is not None:
             self._timer.cancel()
         self._timer = asyncio.get_running_loop().call_later(_RETRY, self._dispatch)
-
-    def _known(self, order: Order) -> Job | None:
-        known = self._jobs.find(order.id)
-        if known is not None and known.order.digest != order.digest:
-            raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
-        return known
 
     def _collect(self, job: Job) -> None:
         task = asyncio.get_running_loop().create_task(self._collected(job))

@@ -26,6 +26,9 @@ LONG: dict[str, str] = {
     "skiros2/skiros2_task/src/skiros2_task/core/execution.py:ExecutionStateMachine": (
         "one state machine: each event depends on the phase and on all steps"
     ),
+    "skiros2/skiros2_task/src/skiros2_task/core/executor.py:GoalExecutor": (
+        "one thread owns the state of all goals: each event may change what others are granted"
+    ),
 }
 
 
@@ -35,8 +38,8 @@ CONTRACT_NAMES = {
     "_setProgress", "_setState", "_type", "_wmi",
 }  # fmt: skip
 FOREIGN_NAMES = {
-    "_actions", "_chain", "_connection_header", "_exit", "_getframe", "_option_string_actions", "_SubParsersAction",
-    "_tcpros_server",
+    "_actions", "_chain", "_connection_header", "_exit", "_generate_id", "_getframe", "_option_string_actions",
+    "_SubParsersAction", "_tcpros_server",
 }  # fmt: skip
 #: Folders in which modules still access private names of others.
 PRIVATE_ACCESS_REMAINS = (

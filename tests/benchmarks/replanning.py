@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 from benchmarks.measurement import Measurement, paired
 from skiros2_task.core.engines import EngineProcesses, Limits
-from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.executor import GoalExecutor
+from skiros2_task.core.goal_execution import Goal, GoalExecution
 from skiros2_task.core.planners import Planner, planner_named
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from support.planning_world import PlanningWorld, transport_world

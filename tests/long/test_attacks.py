@@ -27,7 +27,7 @@ from unit.skiros2_gateway.test_opcua import Mes
 
 pytestmark = pytest.mark.timeout(3600)
 
-COUNT = 20_000 * int(os.environ.get("FUZZ", "1"))
+COUNT = int(20_000 * float(os.environ.get("FUZZ", "1")))
 
 
 def run(folder: Path, test: Callable[[Any], Any]) -> None:
@@ -42,7 +42,7 @@ def test_generated_requests_are_answered_as_documented(tmp_path: Path) -> None:
     with served_gateway(tmp_path) as address:
         each = COUNT // (2 * len(operations_of(address))) + 1
         found = send_generated(address, each, number=11)
-        assert {200, 201, 401, 403, 404, 422} <= found.keys(), found
+        assert {200, 401, 403, 404, 422} <= found.keys(), found
         print(f"generated requests: {sum(found.values())}: {dict(sorted(found.items()))}")
 
 

@@ -7,7 +7,7 @@ import sys
 import urllib.error
 import urllib.request
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +44,15 @@ class JobCell:
     """Products on a shelf, two stores, a robot `/porter`, the task manager and the gateway.
 
     :param folder: for files of the nodes.
+    :param skill: of `support.job_skills`.
     :param operators: further users with the role operate: `operator-0` and so on; see `operator_token`.
     :param slow_disk: time that the gateway's disk needs for each commit (s).
     :param settings: of the gateway, beside its defaults for tests.
     """
 
     def __init__(
-        self, ros: Ros, folder: Path, products: int = 4, operators: int = 0, slow_disk: float = 0.0, **settings: Any
+        self, ros: Ros, folder: Path, products: int = 4, skill: str = "carry_at_once", operators: int = 0,
+        slow_disk: float = 0.0, **settings: Any,
     ) -> None:
         self.ros = ros
         self.folder = folder
@@ -71,27 +73,28 @@ class JobCell:
             "/wm": self._start_world_model,
             "/tm": lambda: ros.run("skiros2_task", "task_manager_node", name="tm"),
             "/gateway": lambda: self.start_gateway("gateway"),
+            ROBOT: lambda: self._start_robot(skill),
         }
         self._starts["/wm"]()
-        world = PlanningWorld(WorldModelInterface("tests"))
+        self.world = world = PlanningWorld(WorldModelInterface("tests"))
         self.shelf, *self.stores = (world.thing("skiros:Location") for _ in range(3))
         self.products = [world.thing("skiros:Product", inside=self.shelf) for _ in range(products)]
         #: A product that is at no place.
         self.lost_product = world.thing("skiros:Product")
         world.thing("cora:Robot", f"skiros:{ROBOT[1:]}")
-        env = {**ros.master.env, "CARRIED": str(self._carried), "STOPPED": str(self._stopped)}
-        env["PYTHONPATH"] = f"{TESTS}:{env['PYTHONPATH']}"
-        skills = ["carry_at_once", "wait_for_stop"]
-        params = {"libraries_list": ["support.job_skills"], "primitive_list": skills, "prefix": "skiros"}
-        self._starts[ROBOT] = lambda: ros.run(
-            "skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env
-        )
         self._starts[ROBOT]()
         self._starts["/tm"]()
         ros.service(f"{ROBOT}/get_skills", ResourceGetDescriptions)()
         self.gateway = self._starts["/gateway"]()
         self.rest = Rest(self.parameter("/gateway/address"))
         self.wait_until_ready()
+
+    def _start_robot(self, skill: str) -> Program:
+        env = {**self.ros.master.env, "CARRIED": str(self._carried), "STOPPED": str(self._stopped)}
+        env["PYTHONPATH"] = f"{TESTS}:{env['PYTHONPATH']}"
+        params: dict[str, Any] = {"libraries_list": ["support.job_skills"], "primitive_list": [skill, "wait_for_stop"]}
+        params["prefix"] = "skiros"
+        return self.ros.run("skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env)
 
     def _start_world_model(self) -> Program:
         journal = {"journal": str(self.folder / "journal")}
@@ -119,16 +122,20 @@ class JobCell:
         parameters = {"Product": self.products[product], "Place": self.stores[store]}
         return {"id": job_id, "work_master": "carry", "parameters": parameters}
 
-    def kill(self, node: str) -> None:
-        """Kills a node and starts it again."""
-        process = ProcessId(self.ros.master.node_pid(node))
-        if node == "/gateway":  # the next one has another free port
+    def kill(self, *nodes: str) -> None:
+        """Kills nodes at once and starts them again."""
+        self.replace(*nodes, processes=[ProcessId(self.ros.master.node_pid(node)) for node in nodes])
+
+    def replace(self, *nodes: str, processes: Sequence[ProcessId]) -> None:
+        """Kills the processes of nodes, and starts the nodes again."""
+        if "/gateway" in nodes:  # the next one has another free port
             self.ros.master.delete_parameter("/gateway/address")
-        process.kill()
-        wait_until(lambda: not process.running, what=f"the end of {node}")
-        program = self._starts[node]()
-        if node == "/gateway":
-            self.gateway, self.rest.address = program, self.parameter("/gateway/address")
+        for process in processes:
+            process.kill()
+        wait_until(lambda: not any(process.running for process in processes), what=f"the end of {nodes}")
+        programs = {node: self._starts[node]() for node in nodes}
+        if "/gateway" in nodes:
+            self.gateway, self.rest.address = programs["/gateway"], self.parameter("/gateway/address")
 
     def jobs(self) -> dict[str, dict[str, Any]]:
         found = self.rest.get("/api/jobs?cleared=true&limit=10000")["jobs"]

@@ -90,6 +90,39 @@ def send_generated(address: str, count: int, number: int = 0) -> Counter[int]:
     return found
 
 
+def send_valid(address: str) -> None:
+    """Sends a request with success to each operation.
+
+    :raises AssertionError: an answer is an error, or does not match its schema.
+    """
+    schema = schemathesis.openapi.from_url(f"{address}/openapi.json")
+    order = {"id": "valid", "goal": "(at robot home)", "start": False}
+    key, node = {"key": "run-1"}, {"key": "run-1", "node": 1}
+    requests_: list[tuple[str, str, dict[str, Any]]] = [
+        ("POST", "/api/jobs", {"body": order}), ("POST", "/api/jobs", {"body": order}),
+        ("PUT", "/api/jobs/{job_id}", {"body": {**order, "priority": 3}, "path_parameters": {"job_id": "valid"}}),
+        ("POST", "/api/jobs/{job_id}/{method}", {"path_parameters": {"job_id": "valid", "method": "cancel"}}),
+        ("GET", "/api/jobs/{job_id}", {"path_parameters": {"job_id": "valid"}}),
+        ("GET", "/api/jobs/{job_id}/history", {"path_parameters": {"job_id": "valid"}}),
+        ("POST", "/api/session", {"body": {"token": TOKENS["view"]}}),
+        ("POST", "/api/robots/{action}", {"body": {"robots": []}, "path_parameters": {"action": "stop"}}),
+        ("POST", "/api/plan", {"body": {"goal": "(at robot home)"}}),
+        ("POST", "/api/world/query", {"body": {"query": "SELECT ?s {?s ?p ?o}"}}),
+        ("GET", "/api/live/runs/{key}", {"path_parameters": key}),
+        ("GET", "/api/live/runs/{key}/why", {"path_parameters": key}),
+        ("GET", "/api/live/runs/{key}/scene", {"path_parameters": key, "query": {"time": 1.0}}),
+        ("GET", "/api/live/runs/{key}/nodes/{node}", {"path_parameters": node}),
+        ("POST", "/api/live/runs/{key}/{action}", {"path_parameters": {"key": "run-1", "action": "stop"}}),
+        *(("GET", f"/api/{path}", {}) for path in ("health", "sessions", "state", "world", "jobs", "work_masters")),
+        *(("GET", f"/api/{path}", {}) for path in ("skills", "audit", "approvals", "live", "live/bags")),
+    ]  # fmt: skip
+    for method, path, arguments in requests_:
+        case = schema[path][method].Case(**arguments)
+        response = case.call(headers={"Authorization": f"Bearer {TOKENS['maintain']}"}, timeout=20.0)
+        assert response.status_code in (200, 201), f"{method} {path}: {response.text}"
+        case.validate_response(response, checks=_CHECKS)
+
+
 def _send(operation: Any, mode: Any, session: Any, found: Counter[int], count: int, number: int) -> None:
     @seed(number)
     @settings(

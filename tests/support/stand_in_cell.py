@@ -25,6 +25,7 @@ class StandInCell:
         self.listener = listener
         self.capacity = capacity
         self.is_ready = True
+        self.revision = 0
         self.interrupt_priority = 100
         self.sent: list[Goal] = []
         self.followed: list[str] = []

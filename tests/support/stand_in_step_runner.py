@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from skiros2_task.core.executor import Ended
+from skiros2_task.core.goal_execution import Ended
 from skiros2_task.core.plan import Step
 from support.plan_checks import do
 from support.planning_world import PlanningWorld
@@ -31,11 +31,14 @@ class StandInStepRunner:
         self.started: list[tuple[float, Step]] = []  # with the start time (s, monotonic)
         self.max_parallel = 0  # the largest number of steps that ran at the same time
         self._running: dict[int, tuple[Step, Ended]] = {}
+        self._runs: dict[str, int] = {}  # the key of each run, by its id
+        self._results: dict[int, tuple[bool, str]] = {}  # of ended steps that nobody followed
 
-    def start(self, step: Step, ended: Ended) -> Callable[[], None]:
+    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
         with self._change:
             self.started.append((time.monotonic(), step))
             key = len(self.started)
+            self._runs[run] = key
             self._running[key] = (step, ended)
             self.max_parallel = max(self.max_parallel, len(self._running))
             self._change.notify_all()
@@ -43,6 +46,33 @@ class StandInStepRunner:
         timer.daemon = True
         timer.start()
         return lambda: self._stop(key)
+
+    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+        with self._change:
+            key = self._runs.get(run, 0)
+            result = self._results.pop(key, None)
+            if key in self._running:
+                self._running[key] = (step, ended)
+            is_known = key in self._running or result is not None
+        known(is_known)
+        if result is not None:
+            ended(*result, ())
+        return lambda: self._stop(key)
+
+    def kill_client(self) -> None:
+        """The process that has started the steps is killed: nobody follows them any more."""
+
+        def keep(key: int) -> Ended:
+            return lambda succeeded, message, _: self._results.update({key: (succeeded, message)})
+
+        with self._change:
+            self._running = {key: (step, keep(key)) for key, (step, _) in self._running.items()}
+
+    def restart(self) -> None:
+        """The robots are killed as well: they forget their steps."""
+        with self._change:
+            self._running.clear()
+            self._runs.clear()
 
     def _stop(self, key: int) -> None:
         """Ends a step without effects, after `stop_seconds`."""

@@ -25,7 +25,7 @@ from skiros2_gateway.ros.ros_cell import RosCell
 from support.agent import connected_agent
 from support.certificates import make_certificate
 from support.job_cell import ROBOT, TOKENS, JobCell
-from support.programs import PATIENCE
+from support.programs import PATIENCE, ProcessId
 from support.ros import Ros, RosMaster, wait_until
 
 pytestmark = pytest.mark.timeout(180)
@@ -207,6 +207,20 @@ def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
 
     assert asyncio.run(call("Basic256Sha256")) == UNKNOWN_JOB
     secured.stop()
+
+
+def test_gateway_that_comes_back_learns_the_steps_it_has_missed(cell: JobCell) -> None:
+    order = cell.order("missed", 6, store=1)
+    key = order["parameters"]["Product"], order["parameters"]["Place"]
+    before = cell.carried()[key]
+    assert cell.rest.post("/api/jobs", order)[0] == 201
+    gateway = ProcessId(cell.ros.master.node_pid("/gateway"))
+    os.kill(gateway.pid, signal.SIGSTOP)
+    wait_until(lambda: cell.carried()[key] > before, what="the carried product")
+    cell.replace("/gateway", processes=[gateway])
+    response = cell.wait_for(["missed"])["missed"]["response"]
+    assert (response["outcome"], [step["state"] for step in response["steps"]]) == ("succeeded", ["succeeded"])
+    assert response["changes"]
 
 
 @pytest.mark.parametrize("node", ["/gateway", "/tm", "/wm"])

@@ -258,6 +258,57 @@ def test_goal_that_was_sent_before_a_kill_is_not_sent_again(in_gateway: Run) -> 
     in_gateway(test)
 
 
+def test_goal_that_never_reached_the_task_manager_is_sent_again(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        await gateway.put("a")
+        gateway.restart()
+        gateway.cell.end("a", "unknown", "the task manager does not know it")
+        assert [goal.id for goal in gateway.cell.sent] == ["a"]
+        gateway.cell.accept("a")
+        gateway.cell.end("a", "unknown", "the task manager does not know it")
+        assert len(gateway.cell.sent) == 1
+        assert gateway.job("a").response.outcome == "lost"
+
+    in_gateway(test)
+
+
+def test_changes_are_collected_by_their_numbers_whatever_the_clock_does(
+    in_gateway: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def test(gateway: Any) -> None:
+        asked: list[tuple[float, float]] = []
+        collect = gateway.cell.collect
+
+        async def note(robots: Any, start: float, end: float, quality: Any) -> Any:
+            asked.append((start, end))
+            return await collect(robots, start, end, quality)
+
+        monkeypatch.setattr(gateway.cell, "collect", note)
+        for jump in (86400.0, -2 * 86400.0):
+            name = f"a{jump}"
+            gateway.cell.revision = 10
+            await gateway.put(name)
+            gateway.now += jump
+            gateway.cell.revision = 17
+            gateway.cell.end(name)
+            await gateway.collected(name)
+        assert asked == [(10, 17), (10, 17)]
+
+    in_gateway(test)
+
+
+def test_clock_that_is_set_forward_starts_a_waiting_job(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        await gateway.put("a", earliest_start="1970-01-02T00:16:40Z")  # in a day
+        assert gateway.state("a") == "AllowedToStart/Waiting"
+        gateway.now += 86400.0
+        async with asyncio.timeout(5.0):
+            while not gateway.cell.sent:
+                await asyncio.sleep(0.01)
+
+    in_gateway(test)
+
+
 def test_response_that_was_not_collected_before_a_kill_is_collected_after(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         await gateway.put("a")

@@ -12,7 +12,7 @@ import skiros2_skill
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
 from skiros2_local import LocalSystem
 from skiros2_runs.core.progress import has_ended
-from skiros2_task.core.execution import StepState
+from skiros2_task.core.step_record import StepState
 
 TEMPLATE = Path(skiros2_skill.__file__).parent / "templates" / "my_skills"
 TIMEOUT = 30.0

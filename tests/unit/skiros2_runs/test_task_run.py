@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import random
+from types import SimpleNamespace
 
 import pytest
 
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.message_log import MAX_LINES
 from skiros2_runs.core.runs import Runs
-from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.task_run import MAX_PARAMS, TaskRun
 from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, ProgressNode, fresh, pick_and_place, random_tree
 
 
@@ -171,3 +172,12 @@ def test_message_log_is_bounded() -> None:
     assert len(run.log) == MAX_LINES
     assert run.log.dropped == run.log.count - MAX_LINES
     assert max(len(line.message) for line in run.log.lines) == 500
+
+
+def test_parameters_of_nodes_are_bounded() -> None:
+    run, nodes = TaskRun("/robot", 5), pick_and_place()
+    for number in range(1000):
+        nodes[2].params = [SimpleNamespace(param=f"{number}")]
+        run.record(fresh(nodes), 1000.0 + number)
+    known = run.params[nodes[2].id]
+    assert [texts for _, texts in known] == [("0",), *((f"{n}",) for n in range(1000 - MAX_PARAMS, 1000))]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_task.core.execution import ROBOT_TIMEOUT, Phase, StepState
+from skiros2_task.core.execution import ROBOT_TIMEOUT, Phase
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import Verdict
+from skiros2_task.core.step_record import StepState
 from support.transport_cell import PLANNING_TIME, STEP_TIME, TransportCell
 
 

@@ -12,11 +12,12 @@ import pytest
 
 from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
-from skiros2_task.core.execution import StepState
-from skiros2_task.core.executor import Ended, Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.executor import GoalExecutor
+from skiros2_task.core.goal_execution import Ended, Goal, GoalExecution
 from skiros2_task.core.plan import Plan, Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
+from skiros2_task.core.step_record import StepState
 from skiros2_task.core.task import PlanningTask
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.planning_world import REQUIRED, PlanningWorld, prop, skill, transport_world
@@ -154,8 +155,8 @@ def test_cancelled_goal_stops_its_steps_while_the_executor_is_busy(cell: Make) -
     stopped = threading.Event()
     start = busy.step_runner.start
 
-    def start_step(step: Step, ended: Ended) -> Callable[[], None]:
-        stop = start(step, ended)
+    def start_step(step: Step, ended: Ended, run: str) -> Callable[[], None]:
+        stop = start(step, ended, run)
         return lambda: (stopped.set(), stop())[1]
 
     def hold(_: GoalExecution) -> None:
@@ -210,7 +211,7 @@ class BadStepRunner(StandInStepRunner):
         raise RuntimeError("a bug")
 
 
-def test_internal_error_ends_goal_with_message(processes: EngineProcesses) -> None:
+def testinternal_error_ends_goal_with_message(processes: EngineProcesses) -> None:
     world = transport_world()
     goal = Goal(f"(skiros:contain {world.places[1]} {world.products[0]})")
     cases = ((BadPlanner(), StandInStepRunner(world)), (engine_planner(processes), BadStepRunner(world)))
@@ -238,8 +239,8 @@ def test_timers_need_no_threads(cell: Make) -> None:
 
     def begin() -> None:
         for number in reversed(range(200)):
-            busy.executor._after(0.2 + 0.001 * number, lambda number=number: done.append(number))
-        busy.executor._after(0.5, over.set)
+            busy.executor.after(0.2 + 0.001 * number, lambda number=number: done.append(number))
+        busy.executor.after(0.5, over.set)
 
     busy.executor._events.put(begin)
     assert not over.wait(0.1)

@@ -13,6 +13,7 @@ from skiros2_task.core.formula import Kind, Predicate
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.world import WorldView
 from support.planning_world import DRIVE, PlanningWorld, transport_world
 
 AT = Predicate(Kind.RELATION, "skiros:at")
@@ -104,6 +105,27 @@ def test_planner_is_not_called_for_trivial_goals(world: PlanningWorld) -> None:
     assert tasks.plan(f"(skiros:at {world.robots[0]} {world.places[0]})").verdict is Verdict.NOTHING_TO_DO
     assert tasks.plan(f"(skiros:hasA {world.places[0]} {world.products[0]})").verdict is Verdict.IMPOSSIBLE
     assert given.asked == []
+
+
+def test_reading_the_world_for_a_goal_needs_no_query(world: PlanningWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> list[str]:
+        raise AssertionError("a SPARQL query")
+
+    monkeypatch.setattr(type(world.wm), "_query", refused)
+    monkeypatch.setattr(type(world.wm), "_query_json", refused)
+    planner = TaskPlanner(world.wm, GivenAnswer(PlannerAnswer(Outcome.FAILED)), Limits(30.0))
+    for goal in (drive_goal(world), f"(forall (?p - skiros:Product) (skiros:contain {world.places[-1]} ?p))"):
+        assert planner.read_task(goal).init
+
+
+def test_view_has_the_names_of_the_ontologies(world: PlanningWorld) -> None:
+    view = WorldView(world.wm)
+    assert {"skiros:Location", "skiros:Product"} <= view.classes()
+    assert {"skiros:contain", "skiros:at"} <= view.relations()
+    assert "skiros:PublishTf" in view.boolean_properties()
+    assert "skiros:Weight" in view.properties() - view.boolean_properties()
+    assert "skiros:unknown_location" in view.templates()
+    assert not {name for name in view.classes() if name.startswith("_:")}
 
 
 def test_cancelled_request_does_not_reach_planner(world: PlanningWorld) -> None:

@@ -66,17 +66,19 @@ def test_expired_states_are_pruned_and_the_current_one_is_kept(start: Start, mon
     wm, journal = start(days=25.0)
     element = Element("skiros:Part")
     wm.add_element(element)
-    now = time.time()
+    now, begin_time = time.time(), time.monotonic()
+    retention = journal._retention
 
     def on_day(day: int) -> None:
         monkeypatch.setattr(time, "time", lambda: now + day * 86400.0)
+        monkeypatch.setattr(retention, "_monotonic", lambda: begin_time + day * 86400.0)
         element.setProperty("Day", day)
         wm.update_element(element)
         wm.set_relation("skiros:Scene-0", "skiros:contain", element, day % 20 == 0)
+        retention.prune()
 
     for day in range(0, 100, 10):
         on_day(day)
-    journal._retention.prune()
     days = [entry.after[0].value_of("Day") for entry in wm.history(element.id) if entry.after]
     assert days == [70, 80, 90]
     entry = wm.model.history.scene_at(now + 65 * 86400.0)
@@ -89,6 +91,30 @@ def test_expired_states_are_pruned_and_the_current_one_is_kept(start: Start, mon
     for table in ("past_element", "past_relation"):
         assert db.execute(f"SELECT count(*) FROM {table} WHERE until < ?", begin).fetchone()[0] == 0
     assert element.id in wm.model.scene()
+
+
+@pytest.mark.parametrize("jump", [86400.0, -86400.0])
+def test_clock_that_is_set_by_a_day_expires_nothing(
+    start: Start, monkeypatch: pytest.MonkeyPatch, jump: float
+) -> None:
+    wm, journal = start(days=0.5)
+    element = Element("skiros:Part")
+    wm.add_element(element)
+    retention = journal._retention
+    now, begin = time.time(), time.monotonic()
+    for hour in range(8):
+        set_by = jump if hour in (3, 4, 5) else 0.0
+        monkeypatch.setattr(time, "time", lambda: now + hour * 3600.0 + set_by)  # noqa: B023
+        monkeypatch.setattr(retention, "_monotonic", lambda: begin + hour * 3600.0)  # noqa: B023
+        element.setProperty("Hour", hour)
+        wm.update_element(element)
+        retention.prune()
+    hours = [entry.after[0].value_of("Hour") for entry in wm.history(element.id) if entry.after]
+    assert hours == [None, *range(8)]
+    monkeypatch.setattr(retention, "_monotonic", lambda: begin + 16.5 * 3600.0)
+    retention.prune()
+    hours = [entry.after[0].value_of("Hour") for entry in wm.history(element.id) if entry.after]
+    assert hours == [4, 5, 6, 7], "half a day later, also what was written meanwhile has expired in time"
 
 
 def test_large_expired_request_is_pruned_completely(start: Start, tmp_path: Path) -> None:

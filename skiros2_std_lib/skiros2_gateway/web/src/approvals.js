@@ -55,7 +55,8 @@ export class ApprovalsView {
     const list = (title, tag, items) => items?.length > 0 && [h("h3", {}, title), h(tag, {}, items.map((item) => h("li", {}, item)))];
     const values = (data) => Object.entries(data ?? {}).map(([key, value]) => `${key} ${names(this.cell.label(String(value)))}`).join(", ");
     element.append(
-      h("header", {}, h("b", {}, title(what, names)), element.left),
+      // a label may be misleading: the ids are in the tooltip
+      h("header", {}, h("b", { title: what.goal ?? what.skill }, title(what, names)), element.left),
       h("dl", { class: "facts" },
         fact("Agent", approval.user),
         fact("Robots", approval.robots.map((robot) => robot.slice(1)).join(", ")),
@@ -65,9 +66,9 @@ export class ApprovalsView {
         fact("Parameters", values(what.parameters)),
         fact("Elements", values(what.elements)),
         fact("Digest", approval.digest.slice(0, 16))),
-      ...[list("Plan", "ol", what.plan?.map((step) => [h("b", {}, step.label), " ",
+      ...[list("Plan", "ol", what.plan?.map((step) => [h("b", { title: JSON.stringify(step.arguments) }, step.label), " ",
         Object.values(step.arguments).map((id) => this.cell.label(id)).join(", "), h("span", { class: "dim" }, ` ${step.robot.slice(1)}`)])),
-      list("Expected changes", "ul", what.changes?.map(names))].flat().filter(Boolean),
+      list("Expected changes", "ul", what.changes?.map((line) => h("span", { title: line }, names(line))))].flat().filter(Boolean),
       element.answers);
     return element;
   }

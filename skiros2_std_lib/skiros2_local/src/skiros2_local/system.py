@@ -22,11 +22,12 @@ from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.registration import Registration
 from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits
-from skiros2_task.core.execution import StepRecord
-from skiros2_task.core.executor import Ended, Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.executor import GoalExecutor
+from skiros2_task.core.goal_execution import Ended, Goal, GoalExecution
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
+from skiros2_task.core.step_record import StepRecord
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 
@@ -247,7 +248,12 @@ class LocalSystem:
         goal._cancel = lambda: self._executor.cancel(execution)
         return goal
 
-    def start(self, step: Step, ended: Ended) -> Callable[[], None]:
+    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+        """See `StepRunner`. The steps of an earlier process have ended with it."""
+        known(False)
+        return lambda: None
+
+    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
         """Starts a step of a plan; see `StepRunner`."""
         call = step.call
         robot = self.robots.get(call.manager) or self.robots.get(f"/{call.manager}")

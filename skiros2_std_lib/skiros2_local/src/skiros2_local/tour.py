@@ -16,7 +16,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_local.system import LocalGoal, LocalSystem
 from skiros2_runs.core.progress import NodeMessage, has_ended
 from skiros2_skill.command_line.views import View, view_of
-from skiros2_task.core.execution import StepState
+from skiros2_task.core.step_record import StepState
 
 ROBOT = "demo:mobile_manipulator"
 LIBRARIES = ("skiros2_std_skills", "skiros2_demo_skills")

@@ -6,11 +6,15 @@ import logging
 import queue
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import actionlib
 import rospy
+from actionlib.handle_tracker_deleter import HandleTrackerDeleter
+from actionlib.server_goal_handle import ServerGoalHandle
+from actionlib.status_tracker import StatusTracker
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 log = logging.getLogger(__name__)
@@ -75,6 +79,93 @@ class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
         self.status_timer = _StatusTimer(self, 1.0 / frequency if frequency > 0.0 else None)
 
 
+class _KeepingServer(_ActionServer):
+    """Keeps results, and sends them to clients that were restarted, or that connect again after its own restart.
+
+    A goal without content and with the time stamp 0 is a question for the goal with its id: the server publishes the
+    result if the goal has ended, calls `repeat` if it has not, and rejects a goal that it does not know. The stamp in
+    an answer of the last kind is 0 as well.
+
+    :param is_empty: whether a goal has no content.
+    :param repeat: called if a goal that has not ended is sent again.
+    :param unknown: returns the result of a question for an unknown goal, by its text.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        spec: Any,
+        goal_cb: Callable[[Any], None],
+        cancel_cb: Callable[[Any], None],
+        results_kept: int,
+        is_empty: Callable[[Any], bool],
+        repeat: Callable[[str], None],
+        unknown: Callable[[str], Any],
+    ) -> None:
+        super().__init__(name, spec, goal_cb, cancel_cb, auto_start=False)
+        self._results_kept = results_kept
+        self._is_empty = is_empty
+        self._repeat = repeat
+        self._unknown = unknown
+        self._results: OrderedDict[str, tuple[Any, Any]] = OrderedDict()  # status and result
+        self._undelivered: list[str] = []
+        #: In answers for unknown goals: REJECTED, or LOST if an earlier process may have known the goal.
+        self.unknown_status = GoalStatus.REJECTED
+
+    def initialize(self) -> None:
+        super().initialize()
+        self.result_pub.impl.add_subscriber_listener(self)
+
+    def peer_subscribe(self, topic: str, publish: Any, publish_to_peer: Callable[[Any], None]) -> None:
+        """Called by rospy: sends a new subscriber the results that it may have missed."""
+        for goal_id in self._undelivered:
+            publish_to_peer(self._message(*self._results[goal_id]))
+
+    def peer_unsubscribe(self, topic: str, count: int) -> None:
+        """Called by rospy."""
+
+    def keep(self, status: Any, result: Any, delivered: bool = True) -> None:
+        """Keeps a result.
+
+        :param delivered: False: clients that connect from now on get it.
+        """
+        with self.lock:
+            self._results[status.goal_id.id] = (status, result)
+            if not delivered:
+                self._undelivered.append(status.goal_id.id)
+            while len(self._results) > self._results_kept:
+                old, _ = self._results.popitem(last=False)
+                if old in self._undelivered:
+                    self._undelivered.remove(old)
+
+    def publish_result(self, status: Any, result: Any) -> None:
+        with self.lock:
+            self.keep(status, result)
+            super().publish_result(status, result)
+
+    def internal_goal_callback(self, goal: Any) -> None:
+        with self.lock:
+            goal_id = goal.goal_id.id
+            if not self.started:
+                return
+            if goal_id in self._results:
+                self.result_pub.publish(self._message(*self._results[goal_id]))
+            elif any(tracker.status.goal_id.id == goal_id for tracker in self.status_list):
+                super().internal_goal_callback(goal)  # a cancellation may have come first
+                self._repeat(goal_id)
+            elif goal.goal_id.stamp.is_zero() and goal_id and self._is_empty(goal.goal):
+                text = f"{rospy.get_name()} does not know the goal {goal_id}"
+                status = GoalStatus(goal.goal_id, self.unknown_status, text)
+                self.result_pub.publish(self._message(status, self._unknown(text) or self.ActionResultType()))
+            else:
+                super().internal_goal_callback(goal)
+
+    def _message(self, status: Any, result: Any) -> Any:
+        message = self.ActionResult(status=status, result=result)
+        message.header.stamp = rospy.Time.now()
+        return message
+
+
 class GoalServer:
     """Handles goals in their order, and cancellations beside them: these never wait for a goal to begin. Subclasses
     define how.
@@ -83,14 +174,20 @@ class GoalServer:
     queue the request. The status is published by the wall clock, so that clients do not lose the server while a
     simulation is paused or restarts its clock.
 
+    A goal is executed once, also if it is sent again. A client that was restarted finds its goal with a question: a
+    goal with the same id, the time stamp 0 and no content. See `_KeepingServer`.
+
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
     :param status_kept: how long the status lists a goal that has ended, at least (s).
     :param delay: from the receipt of a goal to its start (s). actionlib's simple client logs an error, and may miss the
         goal's end, if the goal changes its state before the client's `send_goal` has returned.
+    :param results_kept: the number of the last results that are kept for questions.
     """
 
-    def __init__(self, name: str, spec: Any, status_kept: float = 0.0, delay: float = 0.0) -> None:
+    def __init__(
+        self, name: str, spec: Any, status_kept: float = 0.0, delay: float = 0.0, results_kept: int = 0
+    ) -> None:
         self._name = name
         self._status_kept = status_kept
         #: With the earliest start of each (s, monotonic).
@@ -99,12 +196,15 @@ class GoalServer:
         self._thread = threading.Thread(
             target=self._serve, args=(self._goals_waiting, self._take), name=name.strip("~/"), daemon=True
         )
-        self._server = _ActionServer(
+        self._server = _KeepingServer(
             name,
             spec,
             lambda handle: self._goals_waiting.put((handle, time.monotonic() + delay)),
             self._cancellations.put,
-            auto_start=False,
+            results_kept,
+            self._is_empty,
+            self._repeat,
+            lambda text: self._unserved_result(False, text),
         )
 
     # -- to override -----------------------------------------------------------------------------------------------
@@ -119,6 +219,13 @@ class GoalServer:
     def _cancel(self, handle: Any) -> None:
         """Preempts a goal, if it is still active; in the thread of the cancellations."""
         raise NotImplementedError
+
+    def _repeat(self, goal_id: str) -> None:
+        """Publishes feedback on a goal that has not ended: its client has missed some. Called in a ROS thread."""
+
+    def _is_empty(self, goal: Any) -> bool:
+        """Whether a goal has no content, so that it may be a question. Called in a ROS thread."""
+        return False
 
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         """The result of a goal that was not executed, or not to its end."""
@@ -143,6 +250,29 @@ class GoalServer:
         ).start()
         self._server.start()
         self._server.status_list_timeout = max(self._server.status_list_timeout, rospy.Duration(self._status_kept))
+
+    def restore(self, action_goal: Any, text: str) -> Any:
+        """Lists a goal that an earlier process has accepted. Returns its handle. To be called before `start`.
+
+        :param action_goal: its message.
+        :param text: of its status.
+        """
+        tracker = StatusTracker(None, None, action_goal)
+        tracker.status.status, tracker.status.text = GoalStatus.ACTIVE, text
+        tracker.handle_tracker = HandleTrackerDeleter(self._server, tracker)
+        self._server.status_list.append(tracker)
+        return ServerGoalHandle(tracker, self._server, tracker.handle_tracker)
+
+    def restore_result(self, status: Any, result: Any, delivered: bool) -> None:
+        """Keeps a result of an earlier process. To be called before `start`.
+
+        :param delivered: False: clients may have missed it, and get it when they connect.
+        """
+        self._server.keep(status, result, delivered)
+        if not delivered:
+            tracker = StatusTracker(status.goal_id, status.status)
+            tracker.status.text, tracker.handle_destruction_time = status.text, rospy.Time.now()
+            self._server.status_list.append(tracker)
 
     def close(self, timeout: float = 1.0) -> None:
         """Stops accepting goals, aborts or rejects the remaining ones, and waits until the results are sent.

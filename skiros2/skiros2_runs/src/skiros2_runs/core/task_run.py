@@ -33,6 +33,9 @@ _LONGEST_PERIOD = 1.5
 #: The most values kept of each node.
 _MAX_VALUES = 20
 
+#: The most parameters kept of each node, beside the first.
+MAX_PARAMS = 50
+
 #: The overhead of a tick and of a text (bytes).
 _TICK, _TEXT = 300, 80
 
@@ -78,7 +81,7 @@ class TaskRun:
     :param heard_since: when the first message of its manager was received (s since the epoch).
     :ivar log: the messages of its nodes.
     :ivar params: the parameters that messages had, by node id: time (s since the epoch) and a JSON text for each
-        parameter, oldest first. Managers send them on request only.
+        parameter, oldest first: the first, and the last `MAX_PARAMS`. Managers send them on request only.
     :ivar is_lost: whether its manager has disconnected while it was running.
     :ivar dropped: the number of oldest ticks discarded for lack of memory.
     :ivar size: the approximate memory of the ticks (bytes).
@@ -256,6 +259,7 @@ class TaskRun:
                 texts = tuple(param.param for param in nodes[index].params)
                 if not known or known[-1][1] != texts:
                     known.append((time, texts))
+                    del known[1 : -MAX_PARAMS]
 
     def _update(
         self, rows: Rows, nodes: Sequence[NodeMessage], updated: list[int], time: float, is_first: bool

@@ -5,24 +5,17 @@ from __future__ import annotations
 import json
 import logging
 import threading
-import time
-import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import actionlib
-import rospy
-
-from skiros2_common.core.errors import Refused, TimedOut, UnknownName
+from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.explanation import Explanation
-from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
-from skiros2_common.ros.connections import ServerWatch
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
+from skiros2_skill.client.skill_run import SkillRun, SkillRunner
 from skiros2_skill.client.stop_line import NoStopService, StopLine
 from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.core.runtime.request import StartPreview
@@ -30,217 +23,6 @@ from skiros2_skill.ros.utils import SkillHolder
 from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
-
-#: A manager without a message for this time counts as dead (s); it sends five a second.
-SILENCE = 5.0
-
-#: Queue size for goals, cancellations and results.
-QUEUE_SIZE = 10_000
-
-_CONNECT_POLL_PERIOD = 0.01  # s
-_ALIVE_CHECK_PERIOD = 0.5  # s
-
-
-@dataclass
-class _LastAccepted:
-    """The goal of a client that the manager has accepted last: when it was sent and accepted (s, monotonic).
-
-    A manager accepts goals in the order in which they were sent: a burst may take a while.
-    """
-
-    sent_at: float = 0.0
-    accepted_at: float = 0.0
-
-
-class SkillRun:
-    """A goal: skills that are running, have ended, or were refused. Any thread.
-
-    :param client: sends the goal.
-    :param monitor_cb: see `SkillRunner.run`.
-    :param last_accepted: shared by all goals of the client.
-    """
-
-    def __init__(
-        self,
-        client: actionlib.ActionClient,
-        goal: Any,
-        monitor_cb: Callable[[Any], None] | None,
-        last_accepted: _LastAccepted,
-    ) -> None:
-        self._watch = ServerWatch(client)
-        self._last_accepted = last_accepted
-        self._monitor_cb = monitor_cb
-        self._ended = threading.Event()
-        self._begun = threading.Event()
-        self._task = -1
-        self._result: Any = None
-        self._was_accepted = False
-        self._sent_at = time.monotonic()
-        self._handle = client.send_goal(goal, self._on_transition)
-
-    @property
-    def goal_id(self) -> str:
-        """The id of the goal in messages."""
-        return str(self._handle.comm_state_machine.action_goal.goal_id.id)
-
-    @property
-    def task(self) -> int:
-        """The id of the task; -1 before it is known, and when it was refused."""
-        return self._task
-
-    @property
-    def done(self) -> bool:
-        """Whether the skills have ended or were refused."""
-        return self._ended.is_set()
-
-    def cancel(self) -> None:
-        """Requests the preemption of these skills. Returns at once."""
-        self._handle.cancel()
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Waits for the end. Returns `done`.
-
-        :param timeout: s; None: as long as the manager lives.
-        :raises TimedOut: the manager has died, or has not received the goal.
-        """
-        return self._wait(self._ended, timeout)
-
-    def wait_for_task(self, timeout: float | None = None) -> int:
-        """Waits until the skills run. Returns the task id; -1 when they were refused, or after a timeout.
-
-        :param timeout: s; None: as long as the manager lives.
-        :raises TimedOut: the manager has died, or has not received the goal.
-        """
-        self._wait(self._begun, timeout)
-        return self._task
-
-    def result(self, timeout: float | None = None) -> Any:
-        """Waits for the end. Returns the `ExecuteSkillsResult`.
-
-        :param timeout: s; None: as long as the manager lives.
-        :raises TimedOut: the skills have not ended in time, or the manager has died.
-        """
-        if not self.wait(timeout):
-            raise TimedOut(f"{self._watch.name}: no result within {timeout:g} s")
-        return self._result
-
-    def succeeded(self, timeout: float | None = None) -> bool:
-        """Waits for the end. Returns whether the skills have succeeded. Raises like `result`."""
-        return bool(self.result(timeout).state == msgs.SkillProgress.SUCCESS)
-
-    def params(self, timeout: float | None = None) -> dict[str, Param]:
-        """Waits for the end. Returns the final parameters by key. Raises like `result`."""
-        return utils.deserializeParamMap(self.result(timeout).params)
-
-    def explanations(self, timeout: float | None = None) -> list[Explanation]:
-        """Waits for the end. Returns why nodes failed, the last failure at the end. Raises like `result`."""
-        return [Explanation.from_dict(data) for data in json.loads(self.result(timeout).explanation or "[]")]
-
-    def _wait(self, event: threading.Event, timeout: float | None) -> bool:
-        deadline = None if timeout is None else time.monotonic() + timeout
-        while True:
-            period = _ALIVE_CHECK_PERIOD
-            if event.wait(period if deadline is None else max(0.0, min(period, deadline - time.monotonic()))):
-                return True
-            if self._watch.time_since_status() > SILENCE:
-                raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
-            if self._is_unknown() and self._unaccepted_time() > SILENCE:
-                raise TimedOut(f"{self._watch.name} has not taken the skills")
-            if self._watch.time_without_result(self._handle) > SILENCE:
-                raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
-            if deadline is not None and time.monotonic() >= deadline:
-                return False
-
-    def _unaccepted_time(self) -> float:
-        """How long the manager has not accepted the goal since it was its turn (s)."""
-        last = self._last_accepted
-        turn = last.accepted_at if last.sent_at < self._sent_at else 0.0
-        return time.monotonic() - max(self._sent_at, turn)
-
-    def _is_unknown(self) -> bool:
-        """Whether the manager lacks the goal, according to a status message that is late enough."""
-        is_waiting = self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK
-        return bool(is_waiting and self._watch.status_is_later(self._handle, SILENCE))
-
-    # Called by threads of ROS.
-
-    def on_feedback(self, feedback: Any) -> None:
-        """Handles feedback, which may arrive after the result."""
-        self._task = feedback.task_id
-        self._begun.set()
-        if self._monitor_cb is not None:
-            self._monitor_cb(feedback)
-
-    def _on_transition(self, handle: Any) -> None:
-        if not self._was_accepted:
-            self._was_accepted = True
-            self._last_accepted.sent_at, self._last_accepted.accepted_at = self._sent_at, time.monotonic()
-        if handle.get_comm_state() != actionlib.CommState.DONE:
-            return
-        result = handle.get_result()
-        if result is None:  # the goal is lost
-            text = "the manager does not know these skills any more: it was restarted"
-            result = msgs.ExecuteSkillsResult(self._task, msgs.SkillProgress.FAILURE, -1, text, [], "[]")
-        self._result = result
-        self._task = result.task_id
-        self._ended.set()
-        self._begun.set()
-
-
-class SkillRunner:
-    """The client of a manager's action. Any thread.
-
-    :param manager_name: the manager's node name.
-    """
-
-    def __init__(self, manager_name: str) -> None:
-        self._client = actionlib.ActionClient(f"{manager_name}/execute", msgs.ExecuteSkillsAction)
-        # Set before anything connects: actionlib's default of 10 drops goals that are sent in a burst.
-        self._client.pub_goal.impl.set_queue_size(QUEUE_SIZE)
-        self._client.pub_cancel.impl.set_queue_size(QUEUE_SIZE)
-        self._watch = ServerWatch(self._client)
-        self._lock = threading.Lock()  # actionlib gives two threads the same goal id
-        self._last_accepted = _LastAccepted()
-        self._runs: weakref.WeakValueDictionary[str, SkillRun] = weakref.WeakValueDictionary()
-        # In addition to actionlib's own, which drops feedback that arrives after the result.
-        topic = self._client.feedback_sub
-        self._subscriber = rospy.Subscriber(topic.resolved_name, topic.data_class, self._on_feedback)
-
-    def run(
-        self,
-        author: str,
-        skills: Sequence[Any],
-        monitor_cb: Callable[[Any], None] | None = None,
-        connect_timeout: float = 5.0,
-    ) -> SkillRun:
-        """Sends a goal.
-
-        :param skills: as `ResourceDescription`.
-        :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
-        :param connect_timeout: s to wait for the manager.
-        :raises TimedOut: no manager answers.
-        """
-        deadline = time.monotonic() + connect_timeout
-        while not self._watch.is_connected():
-            if time.monotonic() > deadline:
-                raise TimedOut(f"{self._watch.name}: no manager answers within {connect_timeout:g} s")
-            time.sleep(_CONNECT_POLL_PERIOD)
-        with self._lock:
-            run = SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._last_accepted)
-            self._runs[run.goal_id] = run
-        return run
-
-    def close(self) -> None:
-        """Stops sending goals and receiving feedback."""
-        self._client.stop()
-        self._subscriber.unregister()
-
-    def _on_feedback(self, message: Any) -> None:
-        with self._lock:
-            run = self._runs.get(message.status.goal_id.id)
-        if run is not None:
-            run.on_feedback(message.feedback)
-
 
 #: The task id in a command for all tasks, or for a new one.
 ALL = NEW = -1
@@ -344,17 +126,33 @@ class ManagerClient:
         found = utils.deserializeParamMap(answer.params)
         return StartPreview(answer.label, {key: param.value for key, param in found.items()})
 
-    def run(self, skills: Sequence[Step | SkillHolder], monitor_cb: Callable[[Any], None] | None = None) -> SkillRun:
+    def run(
+        self,
+        skills: Sequence[Step | SkillHolder],
+        monitor_cb: Callable[[Any], None] | None = None,
+        goal_id: str = "",
+    ) -> SkillRun:
         """Runs skills in sequence as a new task. Returns a handle to wait for or cancel it.
 
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
+        :param goal_id: with which another process can `attach` to the task; "": a new one.
         :raises TimedOut: the manager does not answer within 5 s.
         """
+        return self._action.run(self.author, [_message(skill) for skill in skills], monitor_cb, goal_id=goal_id)
+
+    def attach(self, goal_id: str) -> SkillRun:
+        """Follows a task that another process has started; see `SkillRun.wait_until_known`.
+
+        :raises TimedOut: the manager does not answer within 5 s.
+        """
+        return self._action.attach(self.author, goal_id)
+
+    @property
+    def _action(self) -> SkillRunner:
         with self._runner_lock:
             if self._runner is None:
                 self._runner = SkillRunner(self.name)
-            runner = self._runner
-        return runner.run(self.author, [_message(skill) for skill in skills], monitor_cb)
+            return self._runner
 
     def read_tasks(self, task_id: int = ALL) -> list[Sequence[Any]]:
         """Returns the tasks that have not ended, by id: the `SkillProgress` of each node, parents before children.

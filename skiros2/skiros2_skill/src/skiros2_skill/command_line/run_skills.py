@@ -17,7 +17,8 @@ from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS, state_name
 from skiros2_skill.client.description import Skill, Step
-from skiros2_skill.client.manager import NEW, ManagerClient, SkillRun
+from skiros2_skill.client.manager import NEW, ManagerClient
+from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.connection import become_node
 from skiros2_skill.command_line.queries import World

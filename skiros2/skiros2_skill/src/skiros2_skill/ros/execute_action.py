@@ -28,6 +28,9 @@ from skiros2_skill.ros.messages import (
 
 log = logging.getLogger(__name__)
 
+#: The number of results kept for clients that were restarted.
+_RESULTS_KEPT = 200
+
 
 @dataclass
 class _Goal:
@@ -50,11 +53,17 @@ class ExecuteAction(GoalServer):
     """
 
     def __init__(self, starter: TaskStarter, scheduler: Scheduler) -> None:
-        super().__init__("~execute", msgs.ExecuteSkillsAction)
+        super().__init__("~execute", msgs.ExecuteSkillsAction, results_kept=_RESULTS_KEPT)
         self._starter = starter
         self._scheduler = scheduler
         self._lock = threading.Lock()  # never held in a call of actionlib
         self._goals: dict[int, _Goal] = {}  # by task id
+
+    def _is_empty(self, goal: Any) -> bool:
+        return not goal.skills
+
+    def _unserved_result(self, cancelled: bool, message: str) -> Any:
+        return msgs.ExecuteSkillsResult(-1, msgs.SkillProgress.FAILURE, -1, message, [], "[]")
 
     def _unfinished_handles(self) -> list[Any]:
         with self._lock:

@@ -5,6 +5,8 @@
        │  └── BLOCKED     │                              │                     │
        └──────────────────┴──────────────────────────────┴─────────────────────┘
     From any state, on cancellation or final failure: STOPPING until no step runs, then ENDED.
+    A goal of an earlier process starts in PLANNING, or in ASKING until somebody decides, and continues in WAITING if
+    the restored plan still leads to the goal.
 
 A plan is broken when a step fails, when a robot of it is lost, or when the remaining steps no longer lead from the
 current world to the goal. Then no further step starts. Running steps continue, and a new plan is made for the world as
@@ -27,6 +29,7 @@ from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld,
 from skiros2_task.core.plan import Step, plan_flaw
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.semantics import Facts
+from skiros2_task.core.step_record import RestoredState, StepRecord, StepState
 from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
@@ -34,7 +37,7 @@ from skiros2_task.core.task import PlanningTask, objects_in_scene
 SETTLE_TIME = 0.3
 
 #: How long a goal without a plan waits for a lost robot (s).
-ROBOT_TIMEOUT = 10.0
+ROBOT_TIMEOUT = 30.0
 
 #: After this number of failures on a robot, a skill is planned with on other robots, if possible.
 MAX_FAILURES = 2
@@ -50,32 +53,7 @@ class Phase(Enum):
     CHECKING = "checking"
     STOPPING = "stopping"
     ENDED = "ended"
-
-
-class StepState(Enum):
-    """The state of a step."""
-
-    WAITING = "waiting"
-    RUNNING = "running"
-    SUCCEEDED = "succeeded"
-    FAILED = "failed"
-    STOPPED = "stopped"
-    DROPPED = "dropped"
-
-
-@dataclass
-class StepRecord:
-    """The execution of a step.
-
-    :param started, ended: by the clock of the state machine (s); None: not yet.
-    """
-
-    step: Step
-    state: StepState = StepState.WAITING
-    message: str = ""
-    explanations: tuple[Explanation, ...] = ()
-    started: float | None = None
-    ended: float | None = None
+    ASKING = "asking"
 
 
 @dataclass
@@ -106,10 +84,24 @@ class ExecutionStateMachine:
     _blocked_until: float | None = None
     _interrupted: bool = False  # unused resources are released, until there is a new plan
     _outdated: bool = False  # the plan in preparation was interrupted
+    _restored: bool = False  # from an earlier process, and not resumed yet
 
     def begin(self) -> list[Command]:
         """Returns the first commands."""
         return self._plan()
+
+    def restore(self, state: RestoredState) -> list[Command]:
+        """Continues the execution of an earlier process; `resume`, `ask` or `abort` follow."""
+        self.records = {record.step.number: record for record in state.records}
+        self.replans, self.plan_start = state.replans, state.plan_start
+        self._failures.update(state.failures)
+        self.message, self._restored = "the task manager was restarted", True
+        return [self._claim_in_use()]
+
+    @property
+    def failures(self) -> Counter[tuple[str, str]]:
+        """How often each skill has failed, by (manager, skill label)."""
+        return self._failures
 
     @property
     def first_number(self) -> int:
@@ -130,6 +122,49 @@ class ExecutionStateMachine:
         return tuple(r.step for r in self.records.values() if r.state is StepState.WAITING)
 
     # -- events ------------------------------------------------------------------------------------------------
+
+    def resume(self, task: PlanningTask) -> list[Command]:
+        """The world was read after a restart. The plan continues if it still leads to the goal.
+
+        :param task: the goal's task for the current world.
+        """
+        if not self._restored or self.phase not in (Phase.PLANNING, Phase.ASKING):
+            return []
+        self._restored = False
+        if self._outdated:
+            return self._plan_when_stopped()
+        self._task, self._facts, self._to_create = task, task.init, task.objects_to_create
+        if task.satisfied and not self.running:
+            self._drop_waiting()
+            self.phase = Phase.CHECKING
+            return self.world(task)
+        is_complete = all(element.id for step in self.waiting for _, element in step.call.arguments)
+        missing = self._lost & {step.call.manager for step in self.waiting}
+        if is_complete and not missing and (self.running or self.waiting) and not self._plan_flaw():
+            self.phase, self.message = Phase.WAITING, "the plan continues after a restart"
+            return [self._claim()]
+        self._drop_waiting()
+        return self._plan()
+
+    def ask(self, question: str) -> list[Command]:
+        """No further step starts until `resume`, `abort` or `cancel`. Running steps continue."""
+        if not self._restored or self.phase is not Phase.PLANNING:
+            return []
+        self.phase, self.message, self._outdated = Phase.ASKING, question, False
+        return [self._claim_in_use()]
+
+    def abort(self, reason: str) -> list[Command]:
+        """The goal does not continue after a restart."""
+        if not self._restored:
+            return []
+        return self._finish(End(Verdict.FAILED, reason))
+
+    def interrupted(self, number: int, message: str) -> list[Command]:
+        """A step of an earlier process does not run any more, and its result is unknown: the world shows it."""
+        commands = self.ended(number, False, message)
+        call = self.records[number].step.call
+        self._failures[call.manager, call.label] -= 1  # the skill has not failed
+        return commands
 
     def planned(self, task: PlanningTask, steps: Sequence[Step]) -> list[Command]:
         """A plan was found.
@@ -382,6 +417,10 @@ class ExecutionStateMachine:
     def _claim(self) -> Claim:
         in_use = frozenset(name for step in self.running for name in step.uses)
         return Claim(in_use | frozenset(name for step in self.waiting for name in step.uses), in_use)
+
+    def _claim_in_use(self) -> Claim:
+        in_use = frozenset(name for step in self.running for name in step.uses)
+        return Claim(in_use, in_use)
 
     def _start_ready(self) -> list[Command]:
         """Starts the steps whose predecessors have ended; after the last step, reads the world model."""

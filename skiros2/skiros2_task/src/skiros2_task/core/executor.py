@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import logging
-import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
-from skiros2_task.core.engines import Limits
 from skiros2_task.core.event_queue import EventQueue
-from skiros2_task.core.execution import ExecutionStateMachine, Phase, StepRecord
-from skiros2_task.core.given_plan import GivenPlan
+from skiros2_task.core.execution import ExecutionStateMachine, Phase
+from skiros2_task.core.execution_log import ExecutionLog
+from skiros2_task.core.goal_execution import Goal, GoalExecution, OnChange, OnEnd, StepRunner
+from skiros2_task.core.goal_planning import GOOD, internal_error, make_plan, read_task
+from skiros2_task.core.goal_store import GoalStore, StoredGoal, StoreFailed
 from skiros2_task.core.plan import Step
-from skiros2_task.core.planners import Planner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.recovery import Recovery, Restart
 from skiros2_task.core.resources import Resources
 from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.undeclared import AuthoredChange, UndeclaredChanges
@@ -34,76 +34,21 @@ _READ_PERIOD, _READ_SHARE = 0.05, 0.2
 #: The delay before a failed read of the world model is repeated (s).
 _RETRY_DELAY = 1.0
 
-#: Reports the end of a step: whether it succeeded, a message and why it failed. Called by any thread.
-Ended = Callable[[bool, str, Sequence[Explanation]], None]
-
-
-class StepRunner(Protocol):
-    """Runs steps on robots."""
-
-    def start(self, step: Step, ended: Ended) -> Callable[[], None]:
-        """Starts a step without blocking. Returns a function that stops it.
-
-        :param ended: called once, also after a stop.
-        """
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A goal to achieve.
-
-    :param text: see `goal_text`.
-    :param priority: of goals that need the same robot, the one with the highest priority gets it first.
-    :param interrupts: whether it stops the steps of goals with a lower priority that use the robots of its plan.
-    :param limits, planner: for each planning; None: those of the `TaskPlanner`.
-    :param max_replans: how often a broken plan is replaced at most; 0 for a given plan.
-    """
-
-    text: str
-    priority: int = 0
-    limits: Limits | None = None
-    planner: Planner | GivenPlan | None = None
-    max_replans: int = 5
-    interrupts: bool = False
-
-
-@dataclass
-class GoalExecution:
-    """A goal in execution. `machine` belongs to the executor's thread, which calls the callbacks.
-
-    :param on_change: called after each change of a step or of the phase.
-    :param on_end: called once, last.
-    """
-
-    name: str
-    goal: Goal
-    on_change: Callable[[GoalExecution], None]
-    on_end: Callable[[GoalExecution, End], None]
-    machine: ExecutionStateMachine
-    undeclared: UndeclaredChanges
-    cancelled: threading.Event = field(default_factory=threading.Event)
-    stops: dict[int, Callable[[], None]] = field(default_factory=dict)  # stop functions of running steps, by number
-    work: queue.SimpleQueue[Callable[[], None] | None] = field(default_factory=queue.SimpleQueue)
-    world_changed: bool = False  # since the last read
-    reading: bool = False
-    next_read: float = 0.0
-
-    @property
-    def started(self) -> list[StepRecord]:
-        """The started steps, in the order of their starts."""
-        records = [r for r in self.machine.records.values() if r.started is not None]
-        return sorted(records, key=lambda record: (record.started, record.step.number))
-
-
 class GoalExecutor:
     """Executes goals. One thread owns all state; each goal has another thread that plans and reads the world model."""
 
-    def __init__(self, planner: TaskPlanner, runner: StepRunner) -> None:
+    def __init__(self, planner: TaskPlanner, runner: StepRunner, store: GoalStore | None = None) -> None:
+        """
+        :param store: has the goals with an id; None: goals are not stored.
+        """
         self._planner = planner
         self._runner = runner
+        self._store = store
+        self._recovery: Recovery | None = None
         self._resources = Resources()
         self._executions: dict[str, GoalExecution] = {}
         self._lost: set[str] = set()
+        self._found: set[str] = set()
         self._events = EventQueue()
         self._ids = count(1)
         self._thread = threading.Thread(target=self._run, name="goal executor", daemon=True)
@@ -111,24 +56,40 @@ class GoalExecutor:
 
     # -- any thread --------------------------------------------------------------------------------------------
 
-    def achieve(
-        self,
-        goal: Goal,
-        on_change: Callable[[GoalExecution], None],
-        on_end: Callable[[GoalExecution, End], None],
-    ) -> GoalExecution:
+    def achieve(self, goal: Goal, on_change: OnChange, on_end: OnEnd) -> GoalExecution:
         """Starts to execute a goal. Does not block."""
-        machine = ExecutionStateMachine(time.monotonic, goal.max_replans)
-        undeclared = UndeclaredChanges(time.monotonic)
-        execution = GoalExecution(f"goal {next(self._ids)}", goal, on_change, on_end, machine, undeclared)
-        threading.Thread(target=self._work, args=(execution,), name=execution.name, daemon=True).start()
+        execution = self.prepare(goal, on_change, on_end)
         self._events.put(lambda: self._begin(execution))
         return execution
+
+    def prepare(self, goal: Goal, on_change: OnChange, on_end: OnEnd) -> GoalExecution:
+        """Returns an execution that has not begun, for `recover`."""
+        machine = ExecutionStateMachine(time.monotonic, goal.max_replans)
+        undeclared = UndeclaredChanges(time.monotonic)
+        log = ExecutionLog(self._store, goal.id) if self._store is not None and goal.id else None
+        execution = GoalExecution(f"goal {next(self._ids)}", goal, on_change, on_end, machine, undeclared, log=log)
+        threading.Thread(target=self._work, args=(execution,), name=execution.name, daemon=True).start()
+        return execution
+
+    def recover(self, goals: Sequence[tuple[GoalExecution, StoredGoal]], restart: Restart) -> None:
+        """Continues goals of an earlier process, as their `on_restart` says. Call it before `achieve`."""
+        self._recovery = Recovery(self, self._runner, restart)
+        self._events.put(partial(self._recovery.begin, goals))
+
+    def decide(self, execution: GoalExecution) -> None:
+        """Reports that `on_restart` of a goal has changed: one that asks follows it."""
+        recovery = self._recovery
+        if recovery is not None:
+            self._events.put(lambda: recovery.answer(execution))
+
+    def report(self, execution: GoalExecution) -> None:
+        """Calls `on_change` of a goal that has not ended."""
+        self._events.put(lambda: execution.on_change(execution) if execution.name in self._executions else None)
 
     def cancel(self, execution: GoalExecution) -> None:
         """Cancels a goal. Its running steps are stopped at once, whatever the executor's thread does."""
         execution.cancelled.set()
-        self._events.put(lambda: self._execute(execution, execution.machine.cancel()))
+        self._events.put(lambda: self.execute(execution, execution.machine.cancel()))
         for stop in list(execution.stops.values()):
             stop()
 
@@ -157,6 +118,23 @@ class GoalExecutor:
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout)
 
+    # -- for `Recovery` ----------------------------------------------------------------------------------------
+
+    def missing(self, managers: Iterable[str]) -> set[str]:
+        """Returns the managers that do not run. Goals that begin now wait for them. In the executor's thread."""
+        self._lost |= (missing := set(managers) - self._found)
+        return missing
+
+    def put(self, event: Callable[[], None]) -> None:
+        """Calls a function in the executor's thread. Any thread."""
+        self._events.put(event)
+
+    def add(self, execution: GoalExecution) -> None:
+        """Adds a goal. In the executor's thread."""
+        self._executions[execution.name] = execution
+        for manager in self._lost:
+            execution.machine.robot_lost(manager)
+
     # -- the executor's thread ---------------------------------------------------------------------------------
 
     def _run(self) -> None:
@@ -171,36 +149,41 @@ class GoalExecutor:
             except Exception:
                 log.exception("executing goals")
 
-    def _after(self, seconds: float, event: Callable[[], None]) -> None:
+    def after(self, seconds: float, event: Callable[[], None]) -> None:
+        """Calls a function in the executor's thread, later. In the executor's thread."""
         self._events.put_later(seconds, event)
 
     def _begin(self, execution: GoalExecution) -> None:
-        self._executions[execution.name] = execution
-        for manager in self._lost:
-            execution.machine.robot_lost(manager)
-        self._execute(execution, execution.machine.begin())
+        self.add(execution)
+        self.execute(execution, execution.machine.begin())
 
     def _cancel_all(self) -> None:
         for execution in list(self._executions.values()):
             execution.cancelled.set()
-            self._execute(execution, execution.machine.cancel())
+            self.execute(execution, execution.machine.cancel())
 
     def _on_robot(self, manager: str, found: bool) -> None:
         (self._lost.discard if found else self._lost.add)(manager)
+        (self._found.add if found else self._found.discard)(manager)
+        if found and self._recovery is not None:
+            self._recovery.robot_found(manager)
         for execution in list(self._executions.values()):
             machine = execution.machine
-            self._execute(execution, machine.robot_found(manager) if found else machine.robot_lost(manager))
+            self.execute(execution, machine.robot_found(manager) if found else machine.robot_lost(manager))
 
-    def _execute(self, execution: GoalExecution, commands: Sequence[Command]) -> None:
+    def execute(self, execution: GoalExecution, commands: Sequence[Command]) -> None:
         """Executes commands of a goal's state machine. An unexpected exception ends the goal as failed."""
         try:
-            self._execute_each(execution, commands)
+            for command in commands:  # before anything waits for the disk
+                if isinstance(command, Stop):
+                    execution.stops[command.number]()
+            self._execute_each(execution, self._write(execution, commands))
         except Exception as error:
             self._fail(execution, error)
 
     def _fail(self, execution: GoalExecution, error: Exception) -> None:
         """Ends a goal after an unexpected exception."""
-        message = _internal_error(error)
+        message = internal_error(error)
         execution.cancelled.set()
         for stop in execution.stops.values():
             stop()
@@ -219,18 +202,30 @@ class GoalExecutor:
                         self._events.put(partial(self._interrupt, other, names))
             elif isinstance(command, Start):
                 self._start(execution, command.step)
-            elif isinstance(command, Stop):
-                execution.stops[command.number]()
             elif isinstance(command, ReadWorld):
                 execution.world_changed = True
-                self._after(command.delay, lambda: self._schedule_read(execution))
+                self.after(command.delay, lambda: self._schedule_read(execution))
             elif isinstance(command, Wake):
-                self._after(command.delay, lambda: self._execute(execution, execution.machine.wake()))
-            else:
+                self.after(command.delay, lambda: self.execute(execution, execution.machine.wake()))
+            elif isinstance(command, End):
                 self._end(execution, command)
                 return
         if commands:
             execution.on_change(execution)
+
+    def _write(self, execution: GoalExecution, commands: Sequence[Command]) -> Sequence[Command]:
+        """Stores the execution. Returns the commands that may be executed: no step starts that is not stored."""
+        if execution.log is None:
+            return commands
+        try:
+            execution.log.write(execution.machine)
+        except StoreFailed as error:
+            log.error("%s: %s", execution.name, error)
+            for command in commands:
+                if isinstance(command, Start):
+                    self._events.put(partial(self.ended, execution, command.step, False, str(error), ()))
+            return [command for command in commands if not isinstance(command, Start)]
+        return commands
 
     def _plan(self, execution: GoalExecution, command: MakePlan) -> None:
         busy = self._resources.held_by_others(execution.name)
@@ -249,14 +244,14 @@ class GoalExecutor:
 
     def _planned(self, execution: GoalExecution, task: PlanningTask, steps: Sequence[Step]) -> None:
         self._compare(execution, task)
-        self._execute(execution, execution.machine.planned(task, steps))
+        self.execute(execution, execution.machine.planned(task, steps))
 
     def _no_plan(self, execution: GoalExecution, task: PlanningTask | None, result: PlanningResult) -> None:
         self._compare(execution, task)
         # Goals that wait for others to end do not wait for each other.
         others = (other.machine.phase for other in self._executions.values() if other is not execution)
         busy = any(phase is not Phase.BLOCKED for phase in others)
-        self._execute(execution, execution.machine.no_plan(result.verdict, result.message, busy, result.missing))
+        self.execute(execution, execution.machine.no_plan(result.verdict, result.message, busy, result.missing))
 
     def _grant(self, owners: Iterable[str]) -> None:
         """Notifies goals of their resources, in separate events: one goal may change what another is granted."""
@@ -264,33 +259,34 @@ class GoalExecutor:
             self._events.put(partial(self._granted, self._executions[owner]))
 
     def _granted(self, execution: GoalExecution) -> None:
-        self._execute(execution, execution.machine.granted())
+        self.execute(execution, execution.machine.granted())
 
     def _interrupt(self, name: str, names: frozenset[str]) -> None:
         execution = self._executions.get(name)
         if execution is not None:
-            self._execute(execution, execution.machine.interrupt(names))
+            self.execute(execution, execution.machine.interrupt(names))
 
     def _start(self, execution: GoalExecution, step: Step) -> None:
         def ended(succeeded: bool, message: str, explanations: Sequence[Explanation]) -> None:
-            self._events.put(lambda: self._ended(execution, step, succeeded, message, explanations))
+            self._events.put(lambda: self.ended(execution, step, succeeded, message, explanations))
 
         log.info("%s: %s", execution.name, step)
-        execution.stops[step.number] = stop = self._runner.start(step, ended)
+        run = execution.log.run_of(step.number) if execution.log is not None else ""
+        execution.stops[step.number] = stop = self._runner.start(step, ended, run)
         if execution.cancelled.is_set():  # just now
             stop()
 
-    def _ended(
+    def ended(
         self, execution: GoalExecution, step: Step, succeeded: bool, message: str, explanations: Sequence[Explanation]
     ) -> None:
         execution.stops.pop(step.number, None)
-        self._execute(execution, execution.machine.ended(step.number, succeeded, message, explanations))
+        self.execute(execution, execution.machine.ended(step.number, succeeded, message, explanations))
 
     def _end(self, execution: GoalExecution, end: End) -> None:
         undeclared = str(execution.undeclared)
-        if undeclared and end.verdict not in (*_GOOD, Verdict.CANCELLED):
+        if undeclared and end.verdict not in (*GOOD, Verdict.CANCELLED):
             end = replace(end, message=f"{end.message}\n{undeclared}")
-        log.log(logging.INFO if end.verdict in _GOOD else logging.WARNING, "%s: %s", execution.name, end.message)
+        log.log(logging.INFO if end.verdict in GOOD else logging.WARNING, "%s: %s", execution.name, end.message)
         del self._executions[execution.name]
         execution.cancelled.set()
         execution.work.put(None)
@@ -298,7 +294,7 @@ class GoalExecutor:
         execution.on_end(execution, end)
         self._grant(granted)
         for other in list(self._executions.values()):
-            self._execute(other, other.machine.retry())
+            self.execute(other, other.machine.retry())
 
     # -- reading the world model -------------------------------------------------------------------------------
 
@@ -316,7 +312,7 @@ class GoalExecutor:
         execution.reading = True
         delay = execution.next_read - time.monotonic()
         if delay > 0:
-            self._after(delay, lambda: self._start_read(execution))
+            self.after(delay, lambda: self._start_read(execution))
         else:
             self._start_read(execution)
 
@@ -329,14 +325,14 @@ class GoalExecutor:
         execution.next_read = time.monotonic() + max(_READ_PERIOD, seconds / _READ_SHARE)
         if isinstance(task, PlanningTask):
             self._compare(execution, task)
-            self._execute(execution, execution.machine.world(task))
+            self.execute(execution, execution.machine.world(task))
             self._schedule_read(execution)
         elif isinstance(task, WrongValue):
-            self._execute(execution, execution.machine.unreadable(str(task)))
+            self.execute(execution, execution.machine.unreadable(str(task)))
         else:
             log.warning("%s: world model read failed, retrying in %g s: %s", execution.name, _RETRY_DELAY, task)
             execution.world_changed = True
-            self._after(_RETRY_DELAY, lambda: self._schedule_read(execution))
+            self.after(_RETRY_DELAY, lambda: self._schedule_read(execution))
 
     # -- the thread of a goal ----------------------------------------------------------------------------------
 
@@ -349,57 +345,18 @@ class GoalExecutor:
 
     def _read(self, execution: GoalExecution) -> None:
         start = time.monotonic()
-        task: PlanningTask | SkirosError
-        try:
-            task = self._planner.read_task(execution.goal.text)
-        except Exception as error:
-            task = error if isinstance(error, SkirosError) else WrongValue(_internal_error(error))
+        task = self.read_task(execution)
         seconds = time.monotonic() - start
         self._events.put(lambda: self._on_read(execution, task, seconds))
 
+    def read_task(self, execution: GoalExecution) -> PlanningTask | SkirosError:
+        """Returns the goal's task for the current world, or why it cannot be read. Blocks."""
+        return read_task(self._planner, execution)
+
     def _make_plan(self, execution: GoalExecution, command: MakePlan, busy: frozenset[str], first: int) -> None:
-        """Plans first with the robots that are free and the skills that have not failed, then with all."""
-        lost = {(manager, "") for manager in command.lost}
-        preferred = lost | {(manager, "") for manager in busy} | command.avoided
-        for avoided in (preferred, lost) if preferred != lost else (lost,):
-            task, result = self._result(execution, command.running, frozenset(avoided))
-            if result.verdict in _GOOD or result.verdict is Verdict.CANCELLED:
-                break
-        if task is None or result.task is None or result.verdict not in _GOOD:  # None: the goal cannot be read
+        task, result = make_plan(self._planner, execution, command, busy)
+        if task is None or result.task is None or result.verdict not in GOOD:  # None: the goal cannot be read
             self._events.put(lambda: self._no_plan(execution, task, result))
             return
         steps = result.plan.numbered_from(first) if result.plan is not None else ()
-        world = task
-        self._events.put(lambda: self._planned(execution, world, steps))
-
-    def _result(
-        self, execution: GoalExecution, running: Iterable[Step], avoided: frozenset[tuple[str, str]]
-    ) -> tuple[PlanningTask | None, PlanningResult]:
-        """Plans. Returns the task for the current world as well; None if the goal cannot be read."""
-        tasks: list[PlanningTask] = []
-
-        def adapt(task: PlanningTask) -> PlanningTask:
-            tasks.append(task)
-            facts = task.init
-            for step in running:
-                facts = step.apply(facts)
-            return task.after(facts).without_skills(avoided)
-
-        goal = execution.goal
-        try:
-            result = self._planner.plan(
-                goal.text, execution.cancelled, limits=goal.limits, planner=goal.planner, adapt=adapt
-            )
-        except Exception as error:
-            message = str(error) if isinstance(error, SkirosError) else _internal_error(error)
-            result = PlanningResult(Verdict.FAILED, message)
-        return (tasks[0] if tasks else None), result
-
-
-def _internal_error(error: Exception) -> str:
-    """Logs an unexpected exception. Returns its text."""
-    log.error("executing a goal", exc_info=error)
-    return f"internal error: {type(error).__name__}: {error}"
-
-
-_GOOD = (Verdict.PLANNED, Verdict.NOTHING_TO_DO)
+        self._events.put(lambda: self._planned(execution, task, steps))

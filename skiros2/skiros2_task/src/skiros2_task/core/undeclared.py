@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from skiros2_common.core.world_model_port import WorldChange, changed_ids
-from skiros2_task.core.execution import StepRecord
 from skiros2_task.core.formula import Atom, Kind
 from skiros2_task.core.plan import Step
 from skiros2_task.core.semantics import Facts
+from skiros2_task.core.step_record import StepRecord
 
 #: The kinds of facts that skills can change.
 _CHANGEABLE = (Kind.RELATION, Kind.VALUE, Kind.COMPARES, Kind.HAS)

@@ -1,4 +1,4 @@
-"""A snapshot of the scene for planning, with queries of the ontology."""
+"""A snapshot of the scene for planning, with the index of the ontologies: no query leaves this process."""
 
 from __future__ import annotations
 

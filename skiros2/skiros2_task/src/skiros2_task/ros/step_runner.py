@@ -14,13 +14,14 @@ from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
-from skiros2_skill.client.manager import SkillRun
+from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.ros.registration import ROBOT_PARAMETER
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.utils import SkillHolder
-from skiros2_task.core.executor import Ended
+from skiros2_task.core.goal_execution import Ended
 from skiros2_task.core.plan import SkillCall, Step
+from skiros2_task.core.recovery import ROBOTS_TIMEOUT
 from skiros2_task.core.store import Durations
 from skiros2_task.ros.task_message import skill_holder
 
@@ -69,11 +70,17 @@ class ManagerStepRunner(SkillLayerInterface):
             self._absent |= missing()
         return {name: _robot_of(name) for name in self.agents}
 
-    def start(self, step: Step, ended: Ended) -> Callable[[], None]:
+    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
         """Runs a step in a new thread; see `StepRunner`."""
-        run = _StepRun(step, ended)
-        threading.Thread(target=self._run, args=(run,), name=f"step {step.number}", daemon=True).start()
-        return run.stop
+        started = _StepRun(step, ended, run)
+        threading.Thread(target=self._run, args=(started,), name=f"step {step.number}", daemon=True).start()
+        return started.stop
+
+    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+        """Follows a step in a new thread; see `StepRunner`."""
+        attached = _StepRun(step, ended, run)
+        threading.Thread(target=self._attach, args=(attached, known), name=f"step {step.number}", daemon=True).start()
+        return attached.stop
 
     def offered(self, call: SkillCall) -> ParamHandler | None:
         """Returns a copy of the skill's parameters as its manager lists them; None if the manager does not list it."""
@@ -96,13 +103,33 @@ class ManagerStepRunner(SkillLayerInterface):
             log.exception("%s", run.step)
             run.ended(False, f"internal error: {type(error).__name__}: {error}", ())
 
-    def _find(self, manager: str) -> SkillManagerInterface:
+    def _attach(self, run: _StepRun, known: Callable[[bool], None]) -> None:
+        deadline = time.monotonic() + ROBOTS_TIMEOUT
+        while True:
+            try:
+                manager = self._find(run.step.call.manager, deadline - time.monotonic())
+                is_known = run.attach(manager)
+                break
+            except SkirosError as error:  # it may be starting
+                log.info("%s: %s", run.step, error)
+                if time.monotonic() >= deadline:
+                    known(False)
+                    return
+        known(is_known)
+        if not is_known:
+            return
+        try:
+            run.follow(manager, lambda: self.agents.get(manager.name) is manager)
+        except SkirosError as error:
+            run.ended(False, str(error), ())
+
+    def _find(self, manager: str, timeout: float = _MANAGER_TIMEOUT) -> SkillManagerInterface:
         """Returns the client of a manager, waiting for one that is not discovered yet.
 
         :raises UnknownName: the manager does not run.
         """
         with self._discovered:
-            self._discovered.wait_for(lambda: manager in self.agents, _MANAGER_TIMEOUT)
+            self._discovered.wait_for(lambda: manager in self.agents, max(0.0, timeout))
         return self.get_agent(manager)
 
     # -- called by ROS threads ---------------------------------------------------------------------------------
@@ -134,9 +161,10 @@ def _robot_of(manager: str) -> str:
 class _StepRun:
     """A run of a step on a manager. `stop` may be called by any thread, also before the run."""
 
-    def __init__(self, step: Step, ended: Ended) -> None:
+    def __init__(self, step: Step, ended: Ended, goal_id: str) -> None:
         self.step = step
         self.ended = ended
+        self._goal_id = goal_id
         self._lock = threading.Lock()
         self._run: SkillRun | None = None
         self._stopped = False
@@ -158,20 +186,43 @@ class _StepRun:
         with self._lock:
             if self._stopped:
                 raise Refused("stopped before it was started")
-        run = manager.run([skill])
+        self._set(manager.run([skill], goal_id=self._goal_id))
+        return time.monotonic() - started if self.follow(manager, is_alive) else None
+
+    def attach(self, manager: SkillManagerInterface) -> bool:
+        """Asks the manager for the step of another process. Returns whether it has it.
+
+        :raises TimedOut: the manager does not answer.
+        """
+        run = manager.attach(self._goal_id)
+        is_known = run.wait_until_known(_MANAGER_TIMEOUT)
+        if is_known:
+            self._set(run)
+        return is_known
+
+    def _set(self, run: SkillRun) -> None:
         with self._lock:
             self._run = run
             if self._stopped:
                 run.cancel()
+
+    def follow(self, manager: SkillManagerInterface, is_alive: Callable[[], bool]) -> bool:
+        """Blocks until the step has ended. Returns whether it has succeeded.
+
+        :param is_alive: see `execute`.
+        :raises SkirosError: the manager does not answer.
+        """
+        started, run = time.monotonic(), self._run
+        assert run is not None
         while not run.wait(_POLL_PERIOD):
             if not is_alive():
                 self.ended(False, f"{manager.name} has disappeared", ())
-                return None
+                return False
         seconds, result = time.monotonic() - started, run.result()
         succeeded = result.state == SkillProgress.SUCCESS
         log.info("%s has ended after %.2f s: %s", self.step, seconds, result.message)
         self.ended(succeeded, result.message, _explanations(run))
-        return seconds if succeeded else None
+        return succeeded
 
 
 def _explanations(run: SkillRun) -> list[Explanation]:

@@ -21,13 +21,17 @@ log = logging.getLogger(__name__)
 ACTION = "tm/task_plan"
 ACHIEVE_ACTION = "tm/achieve"
 PLAN_ACTION = "tm/plan"
+#: Sets what happens to a goal of `ACHIEVE_ACTION` after a restart of the task manager.
+ON_RESTART_SERVICE = "tm/on_restart"
 
 #: The codes of a result.
 FAILED, NOTHING_TO_DO, PLAN = 1, 2, 3
 
 _CONNECT_TIMEOUT = 2.0  # s
 
-#: The longest silence of a task manager, and the longest delay of a result after its status (s).
+#: The longest silence of a task manager (s): roslaunch starts a killed one again, and it continues with its goals.
+_SILENCE = 30.0
+#: The longest delay of a result after its status (s).
 _ANSWER_TIMEOUT = 5.0
 
 _POLL_PERIOD = 0.2  # s
@@ -155,8 +159,8 @@ class TaskManagerInterface(PrettyObject):
             raise Refused("wait_for_result: there is no request; call plan first")
         watch = ServerWatch(self._request.client)
         while not self._request.ended.wait(_POLL_PERIOD):
-            if watch.time_since_status() > _ANSWER_TIMEOUT:
-                raise TimedOut(f"the task manager {watch.name} has been silent for {_ANSWER_TIMEOUT:g} s")
+            if watch.time_since_status() > _SILENCE:
+                raise TimedOut(f"the task manager {watch.name} has been silent for {_SILENCE:g} s")
             if watch.time_without_result(self._request.handle) > _ANSWER_TIMEOUT:
                 raise TimedOut(f"the result of the task manager {watch.name} was lost; send the request again")
         return self._request.result

@@ -12,7 +12,7 @@ import os
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -218,12 +218,26 @@ _OLD = (
 class Retention:
     """The background thread that keeps a journal within its limits.
 
+    A clock that is set while the process runs makes no state older or younger: the age of what this process has written
+    is its own running time, and that of earlier states counts from the clock at the start.
+
     :param days: the retention period (days); 0: unlimited.
     :param max_bytes: the maximum size of the content.
+    :param clock, monotonic: the time since the epoch, and a clock that nobody sets (s).
     """
 
-    def __init__(self, file: JournalFile, days: float, max_bytes: int) -> None:
+    def __init__(
+        self,
+        file: JournalFile,
+        days: float,
+        max_bytes: int,
+        clock: Callable[[], float] = time.time,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._file = file
+        self._monotonic = monotonic
+        self._offset = clock() - monotonic()
+        self._written: list[tuple[float, int]] = []  # when the newest request had which number (s, monotonic)
         self._days = days
         self._max_bytes = max_bytes
         self._requests = 0
@@ -270,7 +284,7 @@ class Retention:
                 with self._file.writing:  # under load, a passive checkpoint never completes
                     db.execute("PRAGMA wal_checkpoint(RESTART)")
             if self._days:
-                self._prune_before(db, _request_at(db, time.time() - self._days * 86400.0))
+                self._prune_before(db, max(int(read_meta(db, "begin") or 0), self._newest_expired(db)))
             while not self._stopped.is_set() and _size(db) > self._max_bytes:
                 count = db.execute("SELECT count(*) FROM request").fetchone()[0]
                 if count < 2:
@@ -278,6 +292,24 @@ class Retention:
                 part = (max(count // _PART, 1),)
                 begin = db.execute("SELECT number FROM request ORDER BY number LIMIT 1 OFFSET ?", part).fetchone()
                 self._prune_before(db, begin[0])
+
+    @property
+    def _expiry(self) -> float:
+        """The time before which states have expired (s, monotonic)."""
+        return self._monotonic() - self._days * 86400.0
+
+    def _newest_expired(self, db: sqlite3.Connection) -> int:
+        """The number of the newest expired request."""
+        now = self._monotonic()
+        if not self._written or now - self._written[-1][0] > self._days * 864.0:
+            newest = db.execute("SELECT max(number) FROM request").fetchone()[0]
+            self._written.append((now, newest or 0))
+        while len(self._written) > 1 and self._written[1][0] < self._expiry:
+            del self._written[0]
+        expired_at, newest = self._written[0]
+        if expired_at < self._expiry:
+            return newest
+        return min(newest, _request_at(db, self._expiry + self._offset))
 
     def _prune_before(self, db: sqlite3.Connection, begin: int) -> None:
         """Deletes all states before the one after a request, in small transactions."""

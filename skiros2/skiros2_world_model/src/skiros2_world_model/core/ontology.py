@@ -124,6 +124,10 @@ class Ontology:
     def data_properties(self) -> list[str]:
         return sorted(self._data_properties)
 
+    def declared(self, kind: str) -> list[str]:
+        """The names of a declared type, such as `owl:Class`, sorted; without blank nodes."""
+        return sorted(name for name, types in self._types.items() if kind in types and not name.startswith("_:"))
+
     def direct_superclasses(self, name: str) -> list[str]:
         return list(self._superclasses.get(name, ()))
 

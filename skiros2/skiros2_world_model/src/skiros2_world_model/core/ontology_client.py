@@ -215,13 +215,11 @@ class OntologyAbstractInterface(ABC):
         return sorted(self.query_ontology(f"SELECT DISTINCT ?x WHERE {{ ?x a {self._sparql(uri)} }}"))
 
     def declared_names(self, kind: str) -> list[str]:
-        """The classes and properties that the ontologies declare with a type such as `owl:ObjectProperty`, sorted.
+        """The names that the ontologies declare with a type such as `owl:Class` or `owl:NamedIndividual`, sorted.
 
         From memory.
         """
-        ontology, wanted = self._ontology, self._name(kind)
-        names = {*ontology.classes(), *ontology.relations(), *ontology.data_properties()}
-        return sorted(name for name in names if wanted in ontology.types(name))
+        return self._ontology.declared(self._name(kind))
 
     def properties_of_range(self, datatype: str) -> list[str]:
         """The data properties with a range such as `xsd:boolean`, sorted; from memory."""

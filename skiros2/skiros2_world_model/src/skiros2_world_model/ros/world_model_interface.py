@@ -69,6 +69,24 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     def version(self) -> int:
         return self._replica.version + self._ontology_changes if self._replica is not None else -1
 
+    @property
+    def last_change(self) -> int:
+        """The number of the last known change of the scene; 0 if it is unknown, and without a replica."""
+        if self._replica is None:
+            return 0
+        with self._replica.lock:
+            known = self._replica.snapshot_id
+        return snapshot_number(known) if known else 0
+
+    @property
+    def session(self) -> str:
+        """Names the scene's line of changes: it stays if the server recovers the scene; "" without a replica."""
+        if self._replica is None:
+            return ""
+        self._replica.refresh()
+        with self._replica.lock:
+            return self._replica.snapshot_id.partition("-")[0]
+
     def revisions(self) -> Revisions | None:
         if self._replica is None:
             return None

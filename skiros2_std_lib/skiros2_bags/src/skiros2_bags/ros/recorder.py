@@ -19,11 +19,11 @@ import rosgraph
 import rospy
 
 from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.bag_parts import BagParts
 from skiros2_bags.core.bag_writer import (
     ACTION_PROPERTIES,
     COMPRESSIONS,
     PARAMETERS,
-    BagWriter,
     Selection,
     action_topics,
     is_graph_name,
@@ -58,6 +58,12 @@ _STRING_HEADER = {
     "latching": "1",
 }
 
+#: The most bytes of messages that wait for the disk; further ones are lost.
+MAX_WAITING = 256_000_000
+
+#: The default size of a part of the recording (MB).
+SPLIT = 4000
+
 _Item = tuple[str, Mapping[str, str], int, bytes]
 
 
@@ -67,12 +73,15 @@ class Recorder:
     The threads of the connections queue messages, one thread writes them in order of arrival. Message times are arrival
     times by the wall clock, so that recording does not depend on simulated time.
 
-    :param writer: the bag; closed by `close`.
+    :param writer: the bags; closed by `close`.
     :param robots: the names of skill managers to expect; others are found later.
     """
 
-    def __init__(self, writer: BagWriter, selection: Selection, robots: Iterable[str] = ()) -> None:
+    def __init__(self, writer: BagParts, selection: Selection, robots: Iterable[str] = ()) -> None:
         self.problem = ""  #: why recording has stopped
+        self.lost = 0  #: the number of messages for which there was no memory
+        self._waiting = 0  # bytes in the queue
+        self._part = writer.part
         self._writer = writer
         self._selection = selection
         self._queue: queue.Queue[_Item | None] = queue.Queue()
@@ -117,8 +126,17 @@ class Recorder:
                     )
 
     def _receive(self, message: Any, topic: str) -> None:
+        self._put(topic, message._connection_header, message._buff)
+
+    def _put(self, topic: str, header: Mapping[str, str], data: bytes) -> None:
         with self._arrival:  # keeps the queue ordered by time
-            self._queue.put((topic, message._connection_header, time.time_ns(), message._buff))
+            if self._waiting + len(data) <= MAX_WAITING:
+                self._waiting += len(data)
+                self._queue.put((topic, header, time.time_ns(), data))
+                return
+            self.lost += 1
+        if self.lost == 1:
+            log.error("%s MB of messages wait for the disk, which is too slow; some are lost", MAX_WAITING // 10**6)
 
     def _poll_master(self) -> None:
         """Subscribes to new topics and records parameter changes until the recorder is closed."""
@@ -142,8 +160,7 @@ class Recorder:
             self._parameters = text
             data = text.encode()
             header = {**_STRING_HEADER, "callerid": rospy.get_name()}
-            with self._arrival:
-                self._queue.put((PARAMETERS, header, time.time_ns(), struct.pack("<I", len(data)) + data))
+            self._put(PARAMETERS, header, struct.pack("<I", len(data)) + data)
 
     # -- writing -----------------------------------------------------------------------------------------------
 
@@ -164,6 +181,11 @@ class Recorder:
                 if item is None:
                     return
                 self._write_one(item)
+                with self._arrival:
+                    self._waiting -= len(item[3])
+                if self._part != self._writer.part:
+                    self._part = self._writer.part
+                    self._chains.clear()  # the next change is preceded by the whole scene
             except queue.Empty:
                 pass
             if time.monotonic() >= next_flush:
@@ -318,6 +340,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--also", default="", metavar="REGEX", help="additional topics, by their full name")
     parser.add_argument("--without", default="", metavar="REGEX", help="topics to exclude")
     parser.add_argument("--compression", default="none", metavar="HOW", help=f"{', '.join(COMPRESSIONS)}")
+    parser.add_argument(
+        "--split", type=int, default=SPLIT, metavar="MB", help=f"begin a new file then (default: {SPLIT}; 0: never)"
+    )
+    parser.add_argument("--keep", type=int, default=0, metavar="N", help="keep only the last N files (default: 0, all)")
     parser.add_argument("--no-check", action="store_true", help="do not check the bag for missing messages at the end")
     return parser
 
@@ -325,7 +351,7 @@ def _parser() -> argparse.ArgumentParser:
 def _record(options: argparse.Namespace) -> int:
     output = options.output or Path(time.strftime("run_%Y-%m-%d_%H-%M-%S.bag"))
     selection = Selection(pattern(options.also), pattern(options.without))
-    writer = BagWriter(output.absolute(), options.compression, options.force)
+    writer = BagParts(output.absolute(), options.compression, options.force, options.split * 10**6, options.keep)
     try:
         _wait_for_master()
     except KeyboardInterrupt:
@@ -339,8 +365,12 @@ def _record(options: argparse.Namespace) -> int:
         _print(f"recording to {output}")
         spin()
         recorder.close()
-    _print(f"{writer.count} messages in {output}")
-    if options.no_check:
+    parts = f" and further files up to {writer.path.name}" if writer.part > 1 else ""
+    _print(f"{writer.count} messages in {output}{parts}")
+    if recorder.lost:
+        _print(f"MISSING: {recorder.lost} messages, because the disk was too slow")
+        return REFUSED
+    if options.no_check or writer.part > 1:  # goals and tasks may have begun in another part
         return OK
     findings = check(Run.open(output))
     for finding in findings:

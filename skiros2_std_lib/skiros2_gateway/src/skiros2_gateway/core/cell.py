@@ -13,6 +13,8 @@ from skiros2_gateway.core.problems import Problem
 IDLE, BUSY, PAUSED = "idle", "busy", "paused"
 #: Outcome of a goal whose result is unknown.
 LOST = "lost"
+#: Outcome of a goal that the task manager has never had.
+UNKNOWN = "unknown"
 #: Outcomes of goals that hold at their end.
 REACHED = ("succeeded", "nothing_to_do")
 
@@ -25,6 +27,7 @@ class Goal:
     :param text: as of the task manager.
     :param quality: wanted plan quality; "": the task manager's default.
     :param robots: node names of the allowed robots; empty: all.
+    :param on_restart: what happens to it when the task manager was restarted; "": the task manager's default.
     :param plan: the steps that are executed, as `Cell.plan` returns them; None: the task manager plans.
     """
 
@@ -34,6 +37,7 @@ class Goal:
     quality: str = ""
     robots: tuple[str, ...] = ()
     plan: tuple[dict[str, Any], ...] | None = None
+    on_restart: str = ""
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Progress:
 class Ending:
     """The end of a goal.
 
-    :param outcome: as `state` of the result of Achieve, or `LOST`.
+    :param outcome: as `state` of the result of Achieve, or `LOST` or `UNKNOWN`.
     :param steps: the steps that were started, each with robot, state and message.
     """
 
@@ -101,6 +105,10 @@ class Cell(Protocol):
         """Whether a goal would reach the task manager."""
 
     @property
+    def revision(self) -> int:
+        """The number of the world model's last change; 0: unknown."""
+
+    @property
     def capacity(self) -> int:
         """How many goals can run at once."""
 
@@ -120,7 +128,10 @@ class Cell(Protocol):
         """Sends a goal. A goal with an id that the task manager knows is not run again."""
 
     def follow(self, goal: Goal) -> None:
-        """Follows a goal that was sent before a restart of the gateway. Reports its end as `LOST` if it is unknown."""
+        """Follows a goal that was sent before a restart of the gateway.
+
+        Its progress is reported again, or its end: `UNKNOWN` if it has not arrived, `LOST` if it may have.
+        """
 
     def stop(self, goal_id: str) -> None:
         """Cancels a goal; its end is reported."""
@@ -136,7 +147,7 @@ class Cell(Protocol):
     ) -> Collected:
         """Reads what robots have changed, and quality data.
 
-        :param start, end: s since the epoch.
+        :param start, end: numbers of changes (int); of jobs of earlier versions times (float, s since the epoch).
         :param quality: (element, property) by the key of the result.
         """
 

@@ -6,7 +6,7 @@ import hashlib
 import math
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -21,6 +21,9 @@ from pydantic import (
 
 from skiros2_common.core.errors import Refused
 from skiros2_gateway.core.problems import Rejected, problems_of
+
+if TYPE_CHECKING:
+    from skiros2_gateway.core.cell import Ending
 
 #: The context in which orders of a store are read: earlier versions have stored any number.
 _STORED = {"is_stored": True}
@@ -148,6 +151,9 @@ class Order(BaseModel):
     due: AwareDatetime | None = Field(None, description="of jobs with one priority, the earliest due time starts first")
     robots: tuple[str, ...] = Field((), max_length=100, description="node names of the allowed robots; empty: all")
     quality: Literal["", "first", "best", "optimal"] = Field("", description="wanted plan quality")
+    on_restart: Literal["", "continue", "ask", "abort"] = Field(
+        "", description="after a restart of the cell; empty: ask if a robot of the job holds something, else continue"
+    )
 
     @property
     def digest(self) -> str:
@@ -175,6 +181,7 @@ class Response:
     :param changes: what changed in the world model, see `skiros2_gateway.core.cell.Collected`.
     :param quality: values of the properties that the work master names, by `parameter.property`.
     :param explanations: why steps failed, the last failure at the end.
+    :param first_change, last_change: between which numbers of changes of the world model it has run; 0: unknown.
     :param collected: whether `changes` and `quality` are complete.
     """
 
@@ -190,7 +197,20 @@ class Response:
     quality: dict[str, Any] = field(default_factory=dict)
     explanations: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    first_change: int = 0
+    last_change: int = 0
     collected: bool = False
+
+    def end(self, ending: Ending, now: float, last_change: int) -> None:
+        """Takes over the end of the job's goal.
+
+        :param last_change: the number of the world model's last change.
+        """
+        self.ended, self.last_change = now, last_change
+        self.outcome, self.message = ending.outcome, ending.message
+        self.steps = ending.steps or self.steps
+        self.explanations = ending.explanations
+        self.robots = sorted({*self.robots, *(step["robot"] for step in ending.steps)})
 
 
 @dataclass

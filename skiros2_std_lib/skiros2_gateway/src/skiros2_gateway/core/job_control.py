@@ -6,12 +6,12 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import nearest
-from skiros2_gateway.core.cell import LOST, REACHED, Cell, Collected, Ending, Goal, Progress
+from skiros2_gateway.core.cell import LOST, REACHED, UNKNOWN, Cell, Collected, Ending, Goal, Progress
 from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import FINAL, Job, Method, Order, State, Substate
@@ -24,6 +24,9 @@ log = logging.getLogger(__name__)
 
 #: The author of changes that the gateway makes itself.
 GATEWAY = "gateway"
+
+#: How often jobs with an earliest start are compared with the clock, which may be set (s).
+_CLOCK_CHECK_PERIOD = 1.0
 
 #: How long a store that refuses changes is left alone (s).
 _RETRY = 1.0
@@ -101,16 +104,6 @@ class JobControl:
         return job
 
     # -- the methods -------------------------------------------------------------------------------------------
-
-    def find(self, order: Order) -> Job | None:
-        """Returns the job of an order; None if there is none with its id.
-
-        :raises Conflict: another order has the same id.
-        """
-        known = self._jobs.find(order.id)
-        if known is not None and known.order.digest != order.digest:
-            raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
-        return known
 
     async def put(
         self, order: Order, author: str, comment: str = "", *, start: bool, approved: dict[str, Any] | None = None
@@ -244,17 +237,17 @@ class JobControl:
             self._note(job, GATEWAY, "resumed")
 
     def goal_ended(self, goal_id: str, ending: Ending) -> None:
-        if ending.outcome != LOST:
+        if ending.outcome not in (LOST, UNKNOWN):
             self.goal_accepted(goal_id)
         job = self._jobs.open(goal_id)
         if job is None or not job.is_in_cell:
             return
-        now, response = self._clock(), job.response
-        response.ended = now
-        response.outcome, response.message = ending.outcome, ending.message
-        response.steps = ending.steps or response.steps
-        response.explanations = ending.explanations
-        response.robots = sorted({*response.robots, *(step["robot"] for step in ending.steps)})
+        if ending.outcome == UNKNOWN:
+            if job.substate is Substate.LOADED and not job.wanted:
+                self.cell.start(_goal_of(job))
+                return
+            ending = replace(ending, outcome=LOST)
+        job.response.end(ending, now := self._clock(), self.cell.revision)
         is_ended = ending.outcome in REACHED or job.wanted == Method.STOP
         job.wanted = ""
         if is_ended and ending.outcome != LOST:
@@ -285,7 +278,8 @@ class JobControl:
         allowed = [job for job in self._jobs if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
         later = [job.earliest for job in allowed if job.earliest > now]
         if later:
-            self._timer = asyncio.get_running_loop().call_later(max(0.01, min(later) - now), self._dispatch)
+            delay = min(_CLOCK_CHECK_PERIOD, max(0.01, min(later) - now))
+            self._timer = asyncio.get_running_loop().call_later(delay, self._dispatch)
         if not self._cell.is_ready:
             return
         running = sum(job.is_in_cell for job in self._jobs)
@@ -294,6 +288,7 @@ class JobControl:
             if job.earliest <= now and (running < self._cell.capacity or urgent):
                 loaded = job.copy()
                 loaded.change(State.ALLOWED_TO_START, Substate.LOADED, now)
+                loaded.response.first_change = self._cell.revision
                 try:
                     self._jobs.save(loaded, GATEWAY, "loaded")
                 except StoreFailed as error:
@@ -313,13 +308,20 @@ class JobControl:
             self._timer.cancel()
         self._timer = asyncio.get_running_loop().call_later(_RETRY, self._dispatch)
 
+    def find(self, order: Order) -> Job | None:
+        """Returns the job of an order, or None; raises `Conflict` if another order has its id."""
+        known = self._jobs.find(order.id)
+        if known is not None and known.order.digest != order.digest:
+            raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
+        return known
+
     def _collect(self, job: Job) -> None:
         task = asyncio.get_running_loop().create_task(self._collected(job))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     async def _collected(self, job: Job) -> None:
-        found = await _read_changes(self.cell, self.masters, job, self._clock())
+        found = await _collect(self.cell, self.masters, job, self._clock())
         job = self._jobs.open(job.id) or job  # it may have been cleared meanwhile
         response = job.response
         response.changes, response.quality = found.changes, found.quality
@@ -331,15 +333,17 @@ class JobControl:
         self.events.publish("response", {"job": job.id, **asdict(response)})
 
 
-async def _read_changes(cell: Cell, masters: WorkMasters, job: Job, now: float) -> Collected:
-    """Returns what an ended job has changed, and its quality data."""
+async def _collect(cell: Cell, masters: WorkMasters, job: Job, now: float) -> Collected:
+    """Reads what a job has changed, by the numbers of the changes: the clock may have been set."""
     response, order = job.response, job.order
-    sources = {}
-    if order.work_master in masters.all:
-        sources = masters.get(order.work_master).quality_sources(order.parameters)
-    started = response.started or response.ended or job.changed
+    master = masters.all.get(order.work_master)
+    sources = master.quality_sources(order.parameters) if master is not None else {}
+    start: float = response.first_change
+    end: float = response.last_change or cell.revision
+    if not start:  # the job has never run, or was started by an earlier version
+        start, end = response.started or response.ended or job.changed, response.ended or now
     try:
-        return await cell.collect(response.robots, started, response.ended or now, sources)
+        return await cell.collect(response.robots, start, end, sources)
     except Exception as error:  # the job has ended, whatever the cell does
         log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
         return Collected(notes=[f"the changes are unknown: {error}"])
@@ -347,6 +351,6 @@ async def _read_changes(cell: Cell, masters: WorkMasters, job: Job, now: float) 
 
 def _goal_of(job: Job) -> Goal:
     plan = tuple(job.approved["plan"]) if job.approved is not None else None
-    return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots, plan)
+    return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots, plan, job.order.on_restart)
 
 

@@ -28,6 +28,7 @@ class Settings(BaseModel):
         does (approved).
     :param approval_timeout: how long an agent's request waits for a person (s).
     :param jobs_at_once: 0: as many as there are robots.
+    :param keep_days: how long ended jobs and the audit log are kept; 0: for ever.
     :param rate, burst: requests per second and user.
     :param max_body: the largest request (bytes).
     :param connections: HTTP connections of one address.
@@ -55,6 +56,7 @@ class Settings(BaseModel):
     agents: Literal["off", "ask", "approved"] = "off"
     approval_timeout: float = Field(300.0, gt=0.0)
     jobs_at_once: int = Field(0, ge=0, le=1000)
+    keep_days: float = Field(365.0, ge=0.0)
     rate: float = Field(100.0, gt=0.0)
     burst: float = Field(300.0, ge=1.0)
     max_body: int = Field(256 * 1024, ge=1024)

@@ -40,9 +40,14 @@ CREATE TABLE IF NOT EXISTS keys (
     answer TEXT NOT NULL, UNIQUE (user, key));
 """
 
+#: The audit entries that are kept at most, the newest: 100 MB.
+_MAX_AUDIT = 500_000
+
+#: How many jobs and audit entries `prune` removes at once, so that no command waits for long.
+_PRUNED = 500
+
 #: The idempotency keys of a user that are kept, the newest.
 _MAX_KEYS = 2000
-
 
 
 class JobStore:
@@ -143,6 +148,28 @@ class JobStore:
         )
         keys = ("number", "time", "author", "method", "state", "substate", "comment")
         return [dict(zip(keys, row, strict=True)) for row in rows]
+
+    def prune(self, before: float) -> int:
+        """Removes some of the jobs that ended before a time (s since the epoch), with their history, and of the older
+        audit entries. Returns how many; 0: nothing is left to remove.
+
+        Jobs that have not ended, or whose response is incomplete, stay.
+        """
+        with self._transaction() as db:
+            # The last job stays: its number is the highest that was given.
+            ended = db.execute(
+                "SELECT id FROM jobs WHERE is_open = 0 AND ended < ? AND sequence < (SELECT MAX(sequence) FROM jobs)"
+                " LIMIT ?",
+                (before, _PRUNED),
+            ).fetchall()
+            db.executemany("DELETE FROM job_events WHERE job = ?", ended)
+            db.executemany("DELETE FROM jobs WHERE id = ?", ended)
+            removed = db.execute(
+                "DELETE FROM audit WHERE number IN (SELECT number FROM audit WHERE time < ?"
+                " OR number <= (SELECT MAX(number) FROM audit) - ? ORDER BY number LIMIT ?)",
+                (before, _MAX_AUDIT, _PRUNED),
+            ).rowcount
+        return len(ended) + removed
 
     # -- the audit log -----------------------------------------------------------------------------------------
 

@@ -24,6 +24,7 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.problems import problems_of
+from skiros2_gateway.core.retention import keep_days
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
@@ -90,6 +91,7 @@ async def _serve(settings: Settings) -> None:
         control.start(cell)
         rospy.on_shutdown(end)
         stack.callback(loop.create_task(users.follow(access.set_users)).cancel)
+        stack.callback(loop.create_task(keep_days(store, settings.keep_days)).cancel)
         if settings.http_port >= 0:
             sock = _listen(settings, settings.http_port)
             stop_port = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)

@@ -1,7 +1,8 @@
 """Sends goals with ids of the caller's choice to the action `achieve` of the task manager, and follows them.
 
 `actionlib.ActionClient` makes the ids itself, so this client publishes goals and reads the topics of the action. A goal
-with the id of a job can be found again after a restart of the gateway; the server ignores a second goal with its id.
+with the id of a job can be found again after a restart of the gateway: it asks for the goal, see `GoalServer`, and gets
+feedback with the steps so far, or the result. The server does not execute a second goal with its id.
 """
 
 from __future__ import annotations
@@ -18,11 +19,14 @@ import actionlib
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
+from skiros2_common.core.errors import Refused
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_common.ros.goal_server import ACTIVE
-from skiros2_gateway.core.cell import LOST, Ending, Goal, GoalListener, Progress
+from skiros2_gateway.core.cell import LOST, UNKNOWN, Ending, Goal, GoalListener, Progress
 from skiros2_msgs import msg as msgs
-from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
+from skiros2_msgs import srv as srvs
+from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION, ON_RESTART_SERVICE
+from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
 
@@ -54,12 +58,16 @@ class _Tracked:
     :param since: when it was sent, looked for, or listed last (s, monotonic).
     :param status: the last listed status; -1: never listed.
     :param ended: when its end was listed (s, monotonic); 0: not yet.
+    :param asked: when the task manager was asked for it (s, monotonic); 0: not yet.
+    :param is_sent: whether this process has sent it.
     """
 
     since: float
     status: int = -1
     ended: float = 0.0
     text: str = ""
+    asked: float = 0.0
+    is_sent: bool = False
 
 
 class AchieveGoals:
@@ -101,7 +109,7 @@ class AchieveGoals:
 
     def send(self, goal: Goal) -> None:
         """Sends a goal."""
-        self.follow(goal.id)
+        self._goals[goal.id] = _Tracked(time.monotonic(), is_sent=True)
         message = msgs.AchieveActionGoal()
         message.header.stamp = message.goal_id.stamp = rospy.Time.now()
         message.goal_id.id = goal.id
@@ -112,6 +120,14 @@ class AchieveGoals:
     def follow(self, goal_id: str) -> None:
         """Follows a goal that was sent before, perhaps by an earlier process."""
         self._goals[goal_id] = _Tracked(time.monotonic())
+        if self.is_ready:
+            self._ask(goal_id)
+
+    def _ask(self, goal_id: str) -> None:
+        self._goals[goal_id].asked = time.monotonic()
+        message = msgs.AchieveActionGoal(goal_id=GoalID(id=goal_id))
+        message.header.stamp = rospy.Time.now()
+        self._client.pub_goal.publish(message)
 
     def cancel(self, goal_id: str) -> None:
         """Requests the cancellation of a goal."""
@@ -128,6 +144,10 @@ class AchieveGoals:
     def _on_result(self, message: Any) -> None:
         goal_id, result = message.status.goal_id.id, message.result
         if self._goals.pop(goal_id, None) is not None:
+            if message.status.goal_id.stamp.is_zero():  # the answer to a question
+                outcome = UNKNOWN if message.status.status == GoalStatus.REJECTED else LOST
+                self._listener.goal_ended(goal_id, Ending(outcome, message.status.text))
+                return
             steps, why = json.loads(result.done or "[]"), json.loads(result.explanations or "[]")
             self._listener.goal_ended(goal_id, Ending(result.state, result.message, steps, why))
 
@@ -148,7 +168,12 @@ class AchieveGoals:
         now = time.monotonic()
         silent = now - self._last_status
         for goal_id, goal in list(self._goals.items()):
-            if goal.ended and now - goal.ended > FORGOTTEN_AFTER:
+            is_overdue = now - goal.since > (FORGOTTEN_AFTER if goal.status >= 0 else UNKNOWN_AFTER)
+            if not goal.asked and silent < 1.0 and (not goal.is_sent or goal.ended or is_overdue) and self.is_ready:
+                self._ask(goal_id)
+            elif goal.asked and now - goal.asked < FORGOTTEN_AFTER:
+                continue
+            elif goal.ended and now - goal.ended > FORGOTTEN_AFTER:
                 outcome = _OUTCOMES.get(goal.status, LOST)
                 text = f"{goal.text} (the gateway has not received the result)".strip()
                 self._end(goal_id, Ending(outcome, text))
@@ -177,3 +202,17 @@ class AchieveGoals:
         return callback
 
 
+
+
+def set_on_restart(goal_id: str, on_restart: str) -> None:
+    """Sets what happens to a goal when the task manager was restarted; see the service GoalOnRestart. Blocks.
+
+    :raises SkirosError: the task manager refuses, or does not answer.
+    """
+    service = ServicePool(ON_RESTART_SERVICE, srvs.GoalOnRestart)
+    try:
+        answer = service.call(srvs.GoalOnRestartRequest(goal_id, on_restart))
+    finally:
+        service.close()
+    if not answer.ok:
+        raise Refused(answer.text)

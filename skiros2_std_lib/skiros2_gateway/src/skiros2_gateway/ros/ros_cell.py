@@ -26,15 +26,16 @@ from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
 from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.blocking_calls import BlockingCalls
-from skiros2_gateway.ros.goals import AchieveGoals
+from skiros2_gateway.ros.goals import AchieveGoals, set_on_restart
 from skiros2_gateway.ros.queries import UserQueries
 from skiros2_gateway.ros.robot_stops import RobotStops
 from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_gateway.ros.skill_runs import SkillRuns, check_start
+from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
-from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
+from skiros2_task.ros.achieve_action import ASKING, INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -70,6 +71,7 @@ class RosCell:
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
         self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
         self._robots_of: dict[str, list[tuple[str, str]]] = {}  # (robot, skill) of each goal's running steps
+        self._questions: dict[str, str] = {}  # of goals that ask how to continue after a restart; "": they do not
         self._paused: set[str] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._skill_runs = SkillRuns()
@@ -108,6 +110,10 @@ class RosCell:
         return self._wm is not None and self._goals.is_ready
 
     @property
+    def revision(self) -> int:
+        return self._wm.last_change if self._wm is not None else 0
+
+    @property
     def capacity(self) -> int:
         connected = sum(robot.is_connected for robot in self._robots.robots.values())
         return self._capacity or max(1, connected)
@@ -128,7 +134,7 @@ class RosCell:
         return problems + await self.in_thread(goal_problems, self._world_model, connected, goal, elements)
 
     def start(self, goal: Goal) -> None:
-        if goal.robots and goal.plan is None:  # a given plan was checked before
+        if goal.on_restart or (goal.robots and goal.plan is None):  # a given plan was checked before
             self._spawn(self._start_restricted(goal))
         else:
             self._goals.send(goal)
@@ -145,11 +151,19 @@ class RosCell:
 
     def resume(self, goal_id: str) -> None:
         self._paused.discard(goal_id)
+        if self._questions.get(goal_id):
+            on_restart = srvs.GoalOnRestartRequest.CONTINUE
+            self._spawn(self._run(functools.partial(set_on_restart, goal_id, on_restart), f"resume job {goal_id}"))
         self._command_tasks(goal_id, "resume")
 
     async def _start_restricted(self, goal: Goal) -> None:
         """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""
         try:
+            if goal.on_restart:
+                await self.in_thread(set_on_restart, goal.id, goal.on_restart)
+            if not goal.robots or goal.plan is not None:
+                self._goals.send(goal)
+                return
             plan = await self.plan(goal.text, goal.quality)
         except Exception as error:
             if not isinstance(error, SkirosError):
@@ -169,6 +183,7 @@ class RosCell:
         running = [(s["robot"], names.get(s["number"], "")) for s in progress.steps if s["state"] == "running"]
         has_new = set(running) - set(self._robots_of.get(goal_id, []))
         self._robots_of[goal_id] = running
+        self._questions[goal_id] = progress.message if progress.phase == ASKING else ""
         if goal_id in self._paused and has_new:
             self._command_tasks(goal_id, "pause")
         self._report_stop(goal_id)
@@ -176,17 +191,17 @@ class RosCell:
     def note_end(self, goal_id: str) -> None:
         """Forgets a goal that has ended."""
         self._robots_of.pop(goal_id, None)
+        self._questions.pop(goal_id, None)
         self._paused.discard(goal_id)
 
     def _report_stop(self, goal_id: str) -> None:
         robots = [robot for robot, _ in self._robots_of.get(goal_id, [])]
-        self._listener.goal_suspended(goal_id, first_stop(self._robots.robots, robots))
+        reason = self._questions.get(goal_id, "") or first_stop(self._robots.robots, robots)
+        self._listener.goal_suspended(goal_id, reason)
 
     def _command_tasks(self, goal_id: str, action: str) -> None:
         """Pauses or resumes the tasks of a goal's running steps."""
-        wanted = self._robots_of.get(goal_id, [])
-
-        for name, label in wanted:
+        for name, label in self._robots_of.get(goal_id, []):
             client = self._robots.agents.get(name)
             for number, message in client.progress.items() if client is not None else ():
                 if any(node.label == label for node in message.progress):
@@ -273,16 +288,7 @@ class RosCell:
             finally:
                 self._planners.append(client)
 
-        result: MakePlanResult = await self._calls.plan(make)
-        return {
-            "state": result.state,
-            "message": result.message,
-            "plan": json.loads(result.plan or "[]"),
-            "makespan": result.makespan,
-            "why": json.loads(result.why) if result.why else None,
-            "preview": json.loads(result.preview) if result.preview else None,
-            "notes": list(result.notes),
-        }
+        return _plan_data(await self._calls.plan(make))
 
     async def command_robots(self, action: str, robots: Sequence[str], user: str = "") -> dict[str, Any]:
         return await self.stops.command(action, robots, user or rospy.get_name(), limit=remaining())
@@ -354,6 +360,18 @@ def _collect(
     except SkirosError as error:
         notes.append(f"the changes of the world model are unknown: {error}")
     return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
+
+
+def _plan_data(result: MakePlanResult) -> dict[str, Any]:
+    return {
+        "state": result.state,
+        "message": result.message,
+        "plan": json.loads(result.plan or "[]"),
+        "makespan": result.makespan,
+        "why": json.loads(result.why) if result.why else None,
+        "preview": json.loads(result.preview) if result.preview else None,
+        "notes": list(result.notes),
+    }
 
 
 class _PausingListener:

@@ -14,7 +14,8 @@ from skiros2_common.core.manager_names import matching_name
 from skiros2_gateway.core.deadline import remaining
 from skiros2_msgs.msg import SkillProgress
 from skiros2_skill.client.description import Step
-from skiros2_skill.client.manager import ManagerClient, SkillRun
+from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.queries import World
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface

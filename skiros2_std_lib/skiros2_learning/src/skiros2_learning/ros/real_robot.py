@@ -29,7 +29,7 @@ from skiros2_msgs.msg import SkillProgress
 from skiros2_sim.core.scene_reader import SceneTree
 from skiros2_skill.client.description import Parameter
 from skiros2_skill.client.description import Step as SkillStep
-from skiros2_skill.client.manager import SkillRun
+from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.command_line.connection import become_node, connect
 from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface

@@ -1,0 +1,70 @@
+"""Plans for a goal in execution. Called in the thread of the goal."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+
+from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_task.core.commands import MakePlan
+from skiros2_task.core.goal_execution import GoalExecution
+from skiros2_task.core.plan import Step
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.task import PlanningTask
+
+log = logging.getLogger(__name__)
+
+#: The verdicts of a goal that can continue, or holds.
+GOOD = (Verdict.PLANNED, Verdict.NOTHING_TO_DO)
+
+
+def internal_error(error: Exception) -> str:
+    """Logs an unexpected exception. Returns its text."""
+    log.error("executing a goal", exc_info=error)
+    return f"internal error: {type(error).__name__}: {error}"
+
+
+def read_task(planner: TaskPlanner, execution: GoalExecution) -> PlanningTask | SkirosError:
+    """Returns the goal's task for the current world, or why it cannot be read."""
+    try:
+        return planner.read_task(execution.goal.text)
+    except Exception as error:
+        return error if isinstance(error, SkirosError) else WrongValue(internal_error(error))
+
+
+def make_plan(
+    planner: TaskPlanner, execution: GoalExecution, command: MakePlan, busy: frozenset[str]
+) -> tuple[PlanningTask | None, PlanningResult]:
+    """Plans first with the robots that are free and the skills that have not failed, then with all.
+
+    :param busy: the managers that other goals use.
+    :returns: the task for the current world, None if the goal cannot be read; and the result.
+    """
+    lost = {(manager, "") for manager in command.lost}
+    preferred = lost | {(manager, "") for manager in busy} | command.avoided
+    for avoided in (preferred, lost) if preferred != lost else (lost,):
+        task, result = _result(planner, execution, command.running, frozenset(avoided))
+        if result.verdict in GOOD or result.verdict is Verdict.CANCELLED:
+            break
+    return task, result
+
+
+def _result(
+    planner: TaskPlanner, execution: GoalExecution, running: Iterable[Step], avoided: frozenset[tuple[str, str]]
+) -> tuple[PlanningTask | None, PlanningResult]:
+    tasks: list[PlanningTask] = []
+
+    def adapt(task: PlanningTask) -> PlanningTask:
+        tasks.append(task)
+        facts = task.init
+        for step in running:
+            facts = step.apply(facts)
+        return task.after(facts).without_skills(avoided)
+
+    goal = execution.goal
+    try:
+        result = planner.plan(goal.text, execution.cancelled, limits=goal.limits, planner=goal.planner, adapt=adapt)
+    except Exception as error:
+        message = str(error) if isinstance(error, SkirosError) else internal_error(error)
+        result = PlanningResult(Verdict.FAILED, message)
+    return (tasks[0] if tasks else None), result

@@ -14,6 +14,7 @@ from asyncua import Client, Node, ua
 
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.core.users import User
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_gateway.opcua.server import INVALID_STATE, NOT_ACCEPTED, UNKNOWN_JOB, OpcuaServer
 from skiros2_gateway.opcua.twin import NAMESPACE as TWIN
@@ -315,5 +316,26 @@ def test_element_with_a_number_of_any_size_costs_no_other(in_server: Run) -> Non
                 except ua.UaStatusCodeError:  # not shown yet
                     await asyncio.sleep(0.02)
             assert await mes.get_node(ua.NodeId("World/Huge-1/a", index)).read_value() == str(10**400)
+
+    in_server(test)
+
+
+def test_agent_does_not_log_in_and_a_revoked_user_may_do_nothing_more(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        with pytest.raises(ua.UaStatusCodeError):
+            await Mes(gateway.address, "agent").connect()
+        users = [User(name=name, role=name, token=token) for name, token in TOKENS.items()]
+        mes = Mes(gateway.address)
+        await mes.connect()
+        try:
+            await mes.load()
+            assert await mes.call("Store", order("before"), NO_COMMENT) == 0
+            gateway.access.set_users([user for user in users if user.name != "operate"])
+            with pytest.raises(ua.UaStatusCodeError):
+                await mes.call("Store", order("after"), NO_COMMENT)
+            assert [job.id for job in gateway.store.jobs() if job.id in ("before", "after")] == ["before"]
+        finally:
+            gateway.access.set_users(users)
+            await mes.disconnect()
 
     in_server(test)

@@ -36,8 +36,8 @@ class SkillLayerInterface(DiscoveryInterface):
     @property
     def agents(self) -> dict[str, SkillManagerInterface]:
         """The clients of the running managers, by node name."""
-        with self._discovery_lock:
-            return dict(self._agents)
+        # Without the lock of discovery: callers may hold locks that its callbacks, which are called under it, need.
+        return dict(self._agents)
 
     @property
     def has_changes(self) -> bool:

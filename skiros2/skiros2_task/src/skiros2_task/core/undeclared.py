@@ -54,7 +54,7 @@ class UndeclaredChange:
 class UndeclaredChanges:
     """The undeclared changes of one goal's steps. Not thread-safe.
 
-    The author of a change, a skill manager, tells its step: a manager runs one step at a time.
+    The step of a change is the one that its author, a skill manager, ran at that time.
 
     :param clock: that of the steps' records (s).
     """
@@ -70,8 +70,8 @@ class UndeclaredChanges:
         return "\n".join(map(str, self._found.values()))
 
     def add(self, change: AuthoredChange) -> None:
-        """Records a change of the world model."""
-        self._changes.append((self._clock(), change))
+        """Records a change of the world model, with its time by this clock."""
+        self._changes.append((self._clock() - max(0.0, time.time() - change.stamp), change))
 
     def compare(self, expected: Facts, facts: Facts, records: Iterable[StepRecord]) -> list[UndeclaredChange]:
         """Returns new undeclared changes.
@@ -80,13 +80,12 @@ class UndeclaredChanges:
         :param facts: those of the world model.
         """
         started = (r for r in records if r.started is not None)
-        steps = [r.step for r in started if r.ended is None or r.ended >= self._before_last]
-        declared = {atom for step in steps for atom, _ in step.ground.changes}
-        changes = [change for received, change in self._changes if received >= self._before_last]
+        recent = [r for r in started if r.ended is None or r.ended >= self._before_last]
+        declared = {atom for record in recent for atom, _ in record.step.ground.changes}
         self._before_last, self._last = self._last, self._clock()
         new = []
         for atom in sorted((expected ^ facts) - declared, key=str):
-            cause = self._cause(atom, steps, changes) if atom.predicate.kind in _CHANGEABLE else None
+            cause = self._cause(atom, recent) if atom.predicate.kind in _CHANGEABLE else None
             before = self._found.pop(atom, None)
             if cause is None or (before is not None and before.step.number == cause[0].number):
                 continue  # changed by others, or restored by the step
@@ -94,10 +93,10 @@ class UndeclaredChanges:
             new.append(self._found[atom])
         return new
 
-    def _cause(self, atom: Atom, steps: list[Step], changes: list[AuthoredChange]) -> tuple[Step, float] | None:
-        """Returns the step whose manager was the last to change an element of the fact, and when; None for others."""
-        for change in reversed(changes):
+    def _cause(self, atom: Atom, recent: list[StepRecord]) -> tuple[Step, float] | None:
+        """Returns the step that was the last to change an element of the fact, and when; None if it was no step."""
+        for at, change in reversed(self._changes):
             if changed_ids(change) & set(atom.terms):
-                step = next((step for step in steps if step.call.manager == change.author), None)
-                return (step, change.stamp) if step is not None else None
+                ran = [r for r in recent if r.step.call.manager == change.author and (r.started or 0.0) <= at]
+                return (max(ran, key=lambda r: r.started or 0.0).step, change.stamp) if ran else None
         return None

@@ -169,20 +169,16 @@ class Ontology:
         :param object_type: "" when the object has no class.
         """
         key = (subject_type, relation, object_type)
-        broken = self._misfits.get(key)
-        if broken is not None:
+        if (broken := self._misfits.get(key)) is not None:
             return broken
-        broken = []
-        for name in sorted(self.superproperties(relation) | {relation}):
-            for side, etype, wanted in (
-                ("subject", subject_type, self._domains.get(name, ())),
-                ("object", object_type, self._ranges.get(name, ())),
-            ):
-                broken += [
-                    f"the {side} of {name} is a {cls}, which {etype} is not"
-                    for cls in wanted
-                    if self.has_class(etype) and self.has_class(cls) and not self.is_subclass(etype, cls)
-                ]
+        sides = ("subject", subject_type, self._domains), ("object", object_type, self._ranges)
+        broken = [
+            f"the {side} of {name} is a {cls}, which {etype} is not"
+            for name in sorted(self.superproperties(relation) | {relation})
+            for side, etype, stated in sides
+            for cls in stated.get(name, ())
+            if self.has_class(etype) and self.has_class(cls) and not self.is_subclass(etype, cls)
+        ]
         self._misfits[key] = broken  # complete: other threads read it at once
         return broken
 

@@ -18,6 +18,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain, islice
+from typing import Any
 
 import pyoxigraph as ox
 
@@ -339,11 +340,13 @@ class WorkerStore:
             worker.connection.settimeout(max(deadline - time.monotonic(), 0.001))
             kind, content, _ = wire.receive(worker.connection)
             if kind == wire.ROWS:
-                rows += [tuple(map(wire.decoded, row)) for row in json.loads(content)]
+                rows += _decoded(json.loads(content))
                 continue
             found, ends = json.loads(content)
             keeps = not ends and not is_slow
-            return (Answer(found, rows) if kind == wire.END else _error(found, query)), keeps
+            if kind == wire.FAILED:
+                return _error(found, query), keeps
+            return Answer(found[0], rows + _decoded(found[1])), keeps
 
     def _give_back(self, worker: _Process, keeps: bool) -> int | None:
         """Keeps a worker for the next query, or ends it and returns its status."""
@@ -372,11 +375,15 @@ class WorkerStore:
         """Why a worker has ended without an answer."""
         if status == -signal.SIGALRM or seconds >= self._seconds:
             return TimedOut(f"SPARQL query: {query}: ended after {self._seconds:g} s")
-        if status in (-signal.SIGABRT, -signal.SIGKILL):
+        if status == -signal.SIGABRT:
             return QueryTooLarge(f"needs more than {self._memory >> 20} MB", query)
         if status in (-signal.SIGSEGV, -signal.SIGBUS):
             return QueryError("it is nested too deeply", query)
         return StoreLost("SPARQL: the process that answered has ended")
+
+
+def _decoded(rows: list[Any]) -> list[Row]:
+    return [tuple(map(wire.decoded, row)) for row in rows]
 
 
 def _error(failure: tuple[str, str], query: str) -> SkirosError:

@@ -177,10 +177,9 @@ class _Process:
             context, subjects = json.loads(content)
             self._graphs.forget(context, map(ox.NamedNode, subjects))
         elif kind == REMOVE:
-            for quad in ox.parse(content, ox.RdfFormat.N_QUADS):
-                self._graphs.store.remove(quad)
+            self._graphs.remove(ox.parse(content, ox.RdfFormat.N_QUADS))
         else:
-            self._graphs.store.bulk_extend(ox.parse(content, ox.RdfFormat.N_QUADS))
+            self._graphs.add(ox.parse(content, ox.RdfFormat.N_QUADS))
 
     def _fork(self, connection: socket.socket) -> None:
         # A server asks for the status of workers only.
@@ -194,6 +193,7 @@ class _Process:
         self._connection = connection
         self._level += 1
         if self._level == 2:
+            self._graphs.copies = False  # its memory is that of the holder
             self._sizes = os.open("/proc/self/statm", os.O_RDONLY)
             self._size = self._address_space()
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the server reports why a worker has ended
@@ -209,37 +209,42 @@ class _Process:
         resource.setrlimit(resource.RLIMIT_AS, (limit, unlimited))
         signal.setitimer(signal.ITIMER_REAL, request["seconds"])  # SIGALRM ends the process, whatever it does
         try:
-            names = self._send_rows(request)
+            names, rows = self._send_rows(request)
+            kind, content = END, b"[%s,%s]" % (json.dumps(names).encode(), rows)
         except QueryFailed as failed:
-            kind, content = FAILED, [failed.kind, failed.reason]
+            kind, content = _failure(failed.kind, failed.reason)
         except MemoryError:
-            kind, content = FAILED, [TOO_LARGE, f"needs more than {request['memory'] >> 20} MB"]
+            kind, content = _failure(TOO_LARGE, f"needs more than {request['memory'] >> 20} MB")
         except OSError as error:  # of a connection that the check of words has not seen
-            kind, content = FAILED, [NOT_ALLOWED, f"a query reads this world model only: {error}"]
+            kind, content = _failure(NOT_ALLOWED, f"a query reads this world model only: {error}")
         except (SyntaxError, ValueError, RuntimeError) as error:
-            kind, content = FAILED, [WRONG, str(error)]
-        else:
-            kind, content = END, names
+            kind, content = _failure(WRONG, str(error))
         signal.setitimer(signal.ITIMER_REAL, 0)
         resource.setrlimit(resource.RLIMIT_AS, (unlimited, unlimited))
-        ends = self._address_space() > self._size + _GROWTH
-        send(self._connection, kind, json.dumps([content, ends]).encode())
+        ends = self._graphs.is_worn or self._address_space() > self._size + _GROWTH
+        send(self._connection, kind, b"[%s,%s]" % (content, b"true" if ends else b"false"))
 
-    def _send_rows(self, request: dict[str, Any]) -> list[str]:
-        """Sends the rows of an answer in batches; returns the names of the columns."""
+    def _send_rows(self, request: dict[str, Any]) -> tuple[list[str], bytes]:
+        """Sends the rows of an answer in batches; returns the names of the columns and the last rows."""
         check_words(request["query"])
         names, rows = _evaluate(self._graphs.store, request)
         count = size = 0
-        while batch := list(islice(rows, _BATCH)):
+        while True:
+            batch = [[_encoded(term) for term in row] for row in islice(rows, _BATCH)]
             count += len(batch)
             if count > request["rows"]:
                 raise QueryFailed(TOO_LARGE, f"has more than {request['rows']} rows; expected a LIMIT")
-            content = json.dumps([[_encoded(term) for term in row] for row in batch]).encode()
+            content = json.dumps(batch).encode()
             size += len(content)
             if size > request["bytes"]:
                 raise QueryFailed(TOO_LARGE, f"has more than {request['bytes'] >> 20} MB of rows; expected a LIMIT")
+            if len(batch) < _BATCH:
+                return names, content
             send(self._connection, ROWS, content)
-        return names
+
+
+def _failure(kind: str, reason: str) -> tuple[bytes, bytes]:
+    return FAILED, json.dumps([kind, reason]).encode()
 
 
 def _evaluate(store: ox.Store, request: dict[str, Any]) -> tuple[list[str], Iterator[Iterable[Any]]]:

@@ -168,30 +168,55 @@ class TripleStore(Protocol):
         ...
 
 
+#: A store with this number of removed triples, and more of them than this part of the others, is copied.
+_WORN, _WORN_PART = 2_000, 0.05
+
+
 class Graphs:
-    """Named graphs in memory, without queries. Thread-safe."""
+    """Named graphs in memory, without queries. One thread writes; any number read.
+
+    Oxigraph keeps removed triples and becomes slower with them, so a store with many of them is replaced by a copy.
+    """
 
     def __init__(self) -> None:
         self.store = ox.Store()
+        self.copies = True  #: whether it may be replaced
+        self._removed, self._worn = 0.0, float(_WORN)
+
+    @property
+    def is_worn(self) -> bool:
+        """Whether so many triples were removed that a copy is better."""
+        return self._removed > self._worn
 
     def clear(self, context: str) -> None:
         """Removes all triples of a context."""
         graph = graph_of(context)
         if self.store.contains_named_graph(graph):
+            self._removed += self._worn + 1  # as each of its triples is still there
             self.store.clear_graph(graph)
 
     def forget(self, context: str, subjects: Iterable[ox.NamedNode]) -> None:
         """Removes all triples of the subjects except relations to IRIs."""
         for subject in subjects:
-            for quad in list(self.store.quads_for_pattern(subject, None, None, graph_of(context))):
-                if quad.predicate == RDF_TYPE or not isinstance(quad.object, ox.NamedNode):
-                    self.store.remove(quad)
+            quads = self.store.quads_for_pattern(subject, None, None, graph_of(context))
+            self.remove([q for q in quads if q.predicate == RDF_TYPE or not isinstance(q.object, ox.NamedNode)])
 
     def update(self, context: str, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> None:
         """Removes triples from a context, then adds others."""
-        for quad in _quads(context, removed):
+        self.remove(_quads(context, removed))
+        self.add(_quads(context, added))
+
+    def remove(self, quads: Iterable[ox.Quad]) -> None:
+        for quad in quads:
             self.store.remove(quad)
-        self.store.bulk_extend(_quads(context, added))
+            self._removed += 1
+
+    def add(self, quads: Iterable[ox.Quad]) -> None:
+        if self.is_worn and self.copies:
+            copy = ox.Store()
+            copy.bulk_extend(self.store)
+            self.store, self._removed, self._worn = copy, 0.0, max(_WORN, len(copy) * _WORN_PART)
+        self.store.bulk_extend(quads)
 
     def triples(self, context: str) -> list[ox.Triple]:
         return [quad.triple for quad in self.store.quads_for_pattern(None, None, None, graph_of(context))]

@@ -37,6 +37,7 @@ from support.broker import broker  # noqa: E402
 from support.hostile import FORBIDDEN, Hostile, fuzz_mqtt, fuzz_opcua, fuzz_rest  # noqa: E402
 from support.job_cell import TOKENS, JobCell  # noqa: E402
 from support.ros import Ros, RosMaster, wait_until  # noqa: E402
+from support.stop_load import PLANNERS, full_load, stop_times, summary  # noqa: E402
 
 Row = dict[str, Any]
 
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
     """Runs the program. Returns 0, or 1 if a job was lost or a request was carried out without the role."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="a tenth of everything: some minutes")
-    parser.add_argument("--parts", default="latency,clients,page,kills,hostile", help="default: %(default)s")
+    parser.add_argument("--parts", default="latency,clients,page,stop,kills,hostile", help="default: %(default)s")
     parser.add_argument("--seed", type=int, default=1, help="of kills and hostile requests (%(default)s)")
     parser.add_argument("--json", type=Path, default=ROOT / "build/gateway.json", help="where the figures go")
     options = parser.parse_args(arguments)
@@ -54,6 +55,7 @@ def main(arguments: Sequence[str]) -> int:
         "latency": lambda cell, port: asyncio.run(latency(cell, port, round(200 * scale))),
         "clients": lambda cell, port: clients(cell, 100),
         "page": lambda cell, port: page(cell, 30.0 * max(0.2, scale)),
+        "stop": lambda cell, port: stop(cell, round(100 * max(0.2, scale))),
         "kills": lambda cell, port: kills(cell, round(1000 * scale), round(20 * scale), Random(options.seed)),
         "hostile": lambda cell, port: asyncio.run(hostile(cell, port, round(10_000 * scale), options.seed)),
     }
@@ -67,7 +69,8 @@ def main(arguments: Sequence[str]) -> int:
         rospy.init_node("tests", disable_signals=True)
         ros = Ros(master)
         try:
-            cell = JobCell(ros, Path(folder), products=10, opcua_port=0, mqtt=f"127.0.0.1:{port}")
+            users = {"operators": PLANNERS // 2}
+            cell = JobCell(ros, Path(folder), products=10, **users, opcua_port=0, mqtt=f"127.0.0.1:{port}")
             for part in options.parts.split(","):
                 found[part] = parts[part](cell, port)
                 print(part, json.dumps(found[part], indent=1), flush=True)
@@ -154,6 +157,19 @@ def clients(cell: JobCell, count: int) -> Row:
         ended = cell.wait_for(["last"])["last"]["response"]["ended"]
         delays = [viewer.result() - ended for viewer in viewers]
     return {"clients": count, "answer_p90_ms": _ms(_p90(answers)), "event_p90_ms": _ms(_p90(delays))}
+
+
+# -- stop --------------------------------------------------------------------------------------------------------------
+
+
+def stop(cell: JobCell, count: int) -> Row:
+    """Measures the time from a request to the robot's stop command, by the stop port; see `support.stop_load`."""
+    address = cell.parameter("/gateway/stop_address")
+    row: Row = {"free": summary(stop_times(cell, count, address))}
+    with full_load(cell):
+        row["full_load"] = summary(stop_times(cell, count, address))
+        row["full_load_by_http_port"] = summary(stop_times(cell, 5, cell.rest.address))
+    return {**row, "load_average": os.getloadavg()[0], "repetitions": count}
 
 
 # -- kills -------------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, FastAPI
 
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.http.app import create_app
@@ -20,11 +20,18 @@ from skiros2_gateway.http.server import HttpServer, Limits
 async def served(
     service: Service, max_body: int = 10_000, routers: Sequence[APIRouter] = (), limits: Limits | None = None
 ) -> AsyncIterator[str]:
-    """Serves until the block ends; yields the address."""
+    """Serves the gateway's application until the block ends; yields the address."""
+    async with served_app(create_app(service, routers, max_body=max_body), limits) as address:
+        yield address
+
+
+@asynccontextmanager
+async def served_app(app: FastAPI, limits: Limits | None = None) -> AsyncIterator[str]:
+    """Serves an application until the block ends; yields the address."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.bind(("127.0.0.1", 0))
     sock.listen(100)
-    server = HttpServer(create_app(service, routers, max_body=max_body), sock, limits=limits)
+    server = HttpServer(app, sock, limits=limits)
     server.start()
     try:
         yield f"http://127.0.0.1:{sock.getsockname()[1]}"

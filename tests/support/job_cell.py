@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import urllib.error
 import urllib.request
 from collections import Counter
@@ -35,21 +36,31 @@ MASTERS = {
 }
 
 
+def operator_token(number: int) -> str:
+    return f"operator-{number}-0123456789abcdef"
+
+
 class JobCell:
     """Products on a shelf, two stores, a robot `/porter`, the task manager and the gateway.
 
     :param folder: for files of the nodes.
     :param skill: of `support.job_skills`.
+    :param operators: further users with the role operate: `operator-0` and so on; see `operator_token`.
+    :param slow_disk: time that the gateway's disk needs for each commit (s).
     :param settings: of the gateway, beside its defaults for tests.
     """
 
     def __init__(
-        self, ros: Ros, folder: Path, products: int = 4, skill: str = "carry_at_once", **settings: Any
+        self, ros: Ros, folder: Path, products: int = 4, skill: str = "carry_at_once", operators: int = 0,
+        slow_disk: float = 0.0, **settings: Any,
     ) -> None:
         self.ros = ros
         self.folder = folder
-        self._carried = folder / "carried.txt"
+        self._carried, self._stopped = folder / "carried.txt", folder / "stopped.txt"
+        self._slow_disk = slow_disk
         users = [{"name": n, "role": n, "token": token, "person": n in PERSONS} for n, token in TOKENS.items()]
+        more = [(f"operator-{number}", operator_token(number)) for number in range(operators)]
+        users += [{"name": name, "role": "operate", "token": token} for name, token in more]
         self.users = folder / "users.yaml"
         self.users.write_text(yaml.safe_dump({"users": users}))
         self.users.chmod(0o600)
@@ -79,9 +90,10 @@ class JobCell:
         self.wait_until_ready()
 
     def _start_robot(self, skill: str) -> Program:
-        env = {**self.ros.master.env, "CARRIED": str(self._carried)}
+        env = {**self.ros.master.env, "CARRIED": str(self._carried), "STOPPED": str(self._stopped)}
         env["PYTHONPATH"] = f"{TESTS}:{env['PYTHONPATH']}"
-        params = {"libraries_list": ["support.job_skills"], "primitive_list": [skill], "prefix": "skiros"}
+        params: dict[str, Any] = {"libraries_list": ["support.job_skills"], "primitive_list": [skill, "wait_for_stop"]}
+        params["prefix"] = "skiros"
         return self.ros.run("skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=params, env=env)
 
     def _start_world_model(self) -> Program:
@@ -90,6 +102,11 @@ class JobCell:
 
     def start_gateway(self, name: str, **settings: Any) -> Program:
         """Starts a gateway; does not wait for it."""
+        if self._slow_disk:
+            for key, value in {**self._settings, **settings}.items():
+                self.ros.master.set_parameter(f"/{name}/{key}", value)
+            script = str(TESTS / "support/slow_disk_gateway.py")
+            return self.ros.program(sys.executable, script, str(self._slow_disk), f"__name:={name}")
         return self.ros.run("skiros2_gateway", "gateway_node", name=name, params={**self._settings, **settings})
 
     def parameter(self, name: str) -> Any:
@@ -145,6 +162,19 @@ class JobCell:
     def motions(self) -> list[float]:
         """When each carrying began (s since the epoch)."""
         return [float(begin) for _, _, begin in self._lines()]
+
+    def stop_process(self) -> int:
+        """The process of the gateway's stop port."""
+        gateway = self.ros.master.node_pid("/gateway")
+        for child in Path(f"/proc/{gateway}/task/{gateway}/children").read_text().split():
+            if b"skiros2_gateway.stop.main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
+        raise AssertionError("the gateway has no process for stops")
+
+    def stopped(self) -> list[float]:
+        """When each task of `wait_for_stop` was stopped (s, monotonic)."""
+        text = self._stopped.read_text() if self._stopped.exists() else ""
+        return [float(line) for line in text.splitlines()]
 
     def _lines(self) -> list[list[str]]:
         return [line.split() for line in self._carried.read_text().splitlines()] if self._carried.exists() else []

@@ -1,4 +1,4 @@
-"""A library for jobs that take no time: `libraries_list:=[support.job_skills]`."""
+"""A library for jobs that take no time, and for stops: `libraries_list:=[support.job_skills]`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
 from support.team_skills import carry
 
 
@@ -41,6 +42,29 @@ class carry_at_once(carry):
         _note(self.params["Object"].value.id, self.params["To"].value.id)
         self.arrive()
         return self.success("done")
+
+
+class Wait(SkillDescription):
+    pass
+
+
+class wait_for_stop(PrimitiveBase):
+    """Runs until it is preempted, as a motion would. Appends the time of its stop command to the file `STOPPED`.
+
+    The time is that of the monotonic clock (s).
+    """
+
+    def createDescription(self) -> None:
+        self.setDescription(Wait(), type(self).__name__)
+
+    def execute(self) -> State:
+        return self.step("moving")
+
+    def onPreempt(self) -> State:
+        now = time.monotonic()
+        with Path(os.environ["STOPPED"]).open("a") as file:
+            file.write(f"{now}\n")
+        return self.fail("stopped", -1)
 
 
 def _note(product: str, place: str) -> None:

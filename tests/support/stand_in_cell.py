@@ -129,7 +129,7 @@ class StandInCell:
             return {"state": "impossible", "message": "nobody goes there", "plan": [], "preview": None}
         return {"state": "planned", "message": "", "plan": [STEP], "makespan": 1.0, "why": None, "preview": None}
 
-    async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
+    async def command_robots(self, action: str, robots: Sequence[str], user: str = "") -> dict[str, Any]:
         if unknown := [robot for robot in robots if robot != ROBOT]:
             raise UnknownName(f"no robot {unknown[0]}")
         self.commands.append((action, list(robots)))

@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import ssl
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from typing import Any
@@ -89,6 +90,33 @@ def test_plans_leave_no_subscriptions_behind(cell: JobCell) -> None:
             planning.close()
 
     asyncio.run(plan())
+
+
+def test_stop_port_comes_back_when_its_process_is_killed(cell: JobCell) -> None:
+    address = cell.parameter("/gateway/stop_address")
+
+    def stop(role: str = "operate") -> int:
+        headers = {"Authorization": f"Bearer {TOKENS[role]}", "Content-Type": "application/json"}
+        request = urllib.request.Request(f"{address}/api/robots/stop", b'{"robots": []}', headers, method="POST")
+        try:
+            with urllib.request.urlopen(request, timeout=5.0) as answer:
+                return int(answer.status)
+        except urllib.error.HTTPError as error:
+            return error.code
+        except OSError:  # it is being started again
+            return 0
+
+    wait_until(lambda: stop() == 200, what="the stop port")
+    assert stop("view") == 401
+    os.kill(cell.stop_process(), signal.SIGKILL)
+    wait_until(lambda: stop() == 200, what="the stop port after a kill")
+    audit = wait_until(lambda: _stops(cell), what="entries of the audit log")
+    assert {entry["user"] for entry in audit} == {"operate"}
+
+
+def _stops(cell: JobCell) -> list[dict[str, Any]]:
+    entries = cell.rest.get("/api/audit")["audit"]
+    return [entry for entry in entries if (entry["action"], entry["outcome"]) == ("stop robots", "done")]
 
 
 def test_agent_checks_plans_and_executes(cell: JobCell) -> None:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 import shutil
+import signal
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from skiros2_skill.client.description import Step
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.agent import connected_agent
 from support.forwarder import Forwarder
@@ -206,3 +212,107 @@ def test_viewer_has_no_commands(page: Any) -> None:
     playwright.expect(page.locator(".left .card").first).to_be_visible()
     for button in ("#new-job", "#stop-all"):
         playwright.expect(page.locator(button)).to_be_hidden()
+
+
+@pytest.fixture
+def robot(cell: JobCell) -> Iterator[ManagerClient]:
+    client = ManagerClient(ROBOT, "tests")
+    yield client
+    client.command("preempt", -1)
+    wait_until(lambda: not client.read_tasks(), what="the end of all tasks")
+    client.close()
+
+
+def _move(robot: ManagerClient) -> None:
+    """Starts a motion that runs until it is stopped."""
+    skill = next(skill for skill in robot.read_skills() if skill.label == "wait_for_stop")
+    robot.command("start", -1, [Step(skill.type, skill.label)])
+    wait_until(robot.read_tasks, what="a task")
+
+
+def _has_stopped(robot: ManagerClient) -> bool:
+    return not robot.read_tasks()
+
+
+@contextmanager
+def _hung(*pids: int) -> Iterator[None]:
+    """Processes that do not run, as on a machine that hangs."""
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        for pid in pids:
+            os.kill(pid, signal.SIGCONT)
+
+
+def test_gateway_that_hangs_shows_no_data_and_stop_works(
+    page: Any, cell: JobCell, robot: ManagerClient, tmp_path: Path
+) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["operate"])
+    connection = page.locator("#connection")
+    expect(connection).to_have_text("live")
+    _move(robot)
+    page.wait_for_timeout(1500)  # the stop port learns of a session within half a second
+    with _hung(cell.ros.master.node_pid("/gateway")):
+        expect(connection).to_have_text(re.compile(r"no data for \d+ s"))
+        expect(connection).to_have_class(re.compile("failure"))
+        page.screenshot(path=str(tmp_path / "no_data.png"))
+        page.click("#stop-all")
+        wait_until(lambda: _has_stopped(robot), what="the end of the motion")
+    expect(connection).to_have_text("live")
+
+
+def test_stop_without_an_answer_shows_an_error_and_is_not_carried_out_later(
+    page: Any, cell: JobCell, robot: ManagerClient
+) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["operate"])
+    expect(page.locator("#connection")).to_have_text("live")
+    _move(robot)
+    with _hung(cell.ros.master.node_pid("/gateway"), cell.stop_process()):
+        page.click("#stop-all")
+        expect(page.locator(".notice.failure")).to_have_text(re.compile("^Stop was not confirmed: "))
+    expect(page.locator("#connection")).to_have_text("live")
+    assert cell.rest.get("/api/state")["ready"] is not None  # the gateway has read what waited for it
+    assert not _has_stopped(robot)
+    page.click("#stop-all")
+    wait_until(lambda: _has_stopped(robot), what="the end of the motion")
+
+
+def test_eight_tabs_are_live_and_stop_works_in_the_last(page: Any, cell: JobCell, robot: ManagerClient) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["operate"])
+    expect(page.locator("#connection")).to_have_text("live")
+    tabs = [page.context.new_page() for _ in range(7)]
+    for tab in tabs:
+        tab.goto(page.url)
+        expect(tab.locator("#connection")).to_have_text("live")
+    _move(robot)
+    for tab in (page, *tabs):
+        expect(tab.locator(".left .card .chip", has_text="busy")).to_be_visible()
+    tabs[-1].click("#stop-all")
+    wait_until(lambda: _has_stopped(robot), what="the end of the motion")
+    page.close()
+    for tab in tabs:
+        expect(tab.locator(".left .card .chip", has_text="idle")).to_be_visible()
+
+
+def test_runs_of_a_killed_robot_end_as_lost(page: Any, cell: JobCell) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["operate"])
+    expect(page.locator("#connection")).to_have_text("live")
+    robot = ManagerClient(ROBOT, "tests")
+    _move(robot)
+    runs = page.locator(".left .list").nth(2).locator(".card").first.locator(".chip")
+    expect(runs).to_have_text(re.compile("running"))
+
+    def failed() -> int:
+        return int(cell.rest.get("/api/state")["robots"][0]["counters"]["failed"])
+
+    before = failed()
+    cell.kill(ROBOT)  # it comes back before anybody could ask
+    expect(runs).to_have_text(re.compile("lost"))
+    assert failed() == before + 1
+    robot.close()

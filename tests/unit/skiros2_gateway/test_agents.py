@@ -68,7 +68,7 @@ async def answered(agent: Agent, gateway: Any, word: str = "approve") -> Any:
 
 def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, "view") as agent:
+        async with connected(gateway, "agent") as agent:
             tools = {tool.name: tool for tool in (await agent.client.list_tools()).tools}
             assert set(tools) == {
                 "list_skills", "query_world", "check_start", "plan", "preview", "execute", "stop", "explain", "propose",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import time
 from collections.abc import AsyncIterator, Callable
@@ -229,3 +230,37 @@ def test_bag_is_read_in_a_process_with_limits(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(recorded_bag, "_MAX_TIME", 0.01)
     with pytest.raises(BagError, match="not read within"):
         recorded_bag.read_scene(BAG)
+
+
+def test_viewer_gets_beats_while_nothing_changes_and_patches_at_once(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _live(gateway) as live:
+            url = f"{live.address}/api/live/patches?beats=true"
+            command = ["curl", "-sN", "-m", "20", url, "-H", f"Authorization: Bearer {TOKENS['view']}"]
+            process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+            assert process.stdout is not None
+            clocks: list[float] = []
+            async for line in process.stdout:
+                if line == b"event: beat\n":
+                    clocks.append(float((await process.stdout.readline()).removeprefix(b"data: ")))
+                    assert clocks[-1] <= time.monotonic()
+                if len(clocks) == 2:
+                    live.view.record("/robot", _nodes(RUNNING, RUNNING))
+                if line == b"event: patch\n":
+                    break
+            process.kill()
+            await process.wait()
+            assert 0.9 < clocks[1] - clocks[0] < 5.0
+            assert len(clocks) <= 3
+
+    in_gateway(test)
+
+
+def test_runs_of_a_robot_that_is_gone_are_lost(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _live(gateway) as live:
+            live.view.record("/robot", _nodes(RUNNING, RUNNING))
+            live.view.mark_lost("/robot")
+            assert (await live.get("/api/live"))[1]["document"]["runs"]["run-1"]["state"] == "lost"
+
+    in_gateway(test)

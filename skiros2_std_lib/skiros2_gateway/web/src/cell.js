@@ -2,6 +2,7 @@
 
 import { localName, notice } from "./dom.js";
 import { applyPatch } from "./patch.js";
+import { Stream } from "./stream_client.js";
 
 // An answer with problem details (RFC 9457).
 export class Refusal extends Error {
@@ -12,14 +13,43 @@ export class Refusal extends Error {
   }
 }
 
-// Sends a request; with a body or a method it is a command.
-export async function request(path, body, method = body === undefined ? "GET" : "POST") {
-  const headers = method === "GET" ? {} : { "X-Gateway": "1", "Content-Type": "application/json" };
-  const response = await fetch(path, { method, headers, body: body === undefined ? undefined : JSON.stringify(body) });
-  const answer = await response.json();
+// The gateway has not answered in time.
+export class NoAnswer extends Error {
+  constructor(limit) {
+    super(`The gateway has not answered within ${limit} s. Use the robot's own stop if it matters.`);
+  }
+}
+
+// How long an answer may take (s): of a command, and of what is read.
+const COMMAND_LIMIT = 10;
+const READ_LIMIT = 30;
+
+// For the deadlines of commands: how far the clock of the gateway's machine is ahead of this page's, at least (s).
+let clockOffset = -Infinity;
+
+function deadline(limit) {
+  if (clockOffset === -Infinity) return {};
+  return { "X-Deadline": (performance.now() / 1000 + clockOffset + limit).toFixed(3) };
+}
+
+// Sends a request; with a body or a method it is a command, which is carried out within its time limit (s) or never.
+// An address of another port is that of stops.
+export async function request(path, body, method = body === undefined ? "GET" : "POST", limit = method === "GET" ? READ_LIMIT : COMMAND_LIMIT) {
+  const headers = method === "GET" ? {} : { "X-Gateway": "1", "Content-Type": "application/json", ...deadline(limit) };
+  const signal = AbortSignal.timeout(1000 * limit);
+  let response, answer;
+  try {
+    response = await fetch(path, { method, headers, signal, credentials: "include", body: body === undefined ? undefined : JSON.stringify(body) });
+    answer = await response.json();
+  } catch (error) {
+    throw error.name === "TimeoutError" ? new NoAnswer(limit) : error;
+  }
   if (!response.ok) throw new Refusal({ status: response.status, ...answer });
   return answer;
 }
+
+// A viewer without data for this time (s) is not connected, whatever the browser says: beats come once a second.
+const SILENCE = 3;
 
 // The document. Dispatches `change` (detail: the patch, or null for a new document), `connection` and `denied`.
 export class Cell extends EventTarget {
@@ -29,9 +59,21 @@ export class Cell extends EventTarget {
   user = "";
   person = false;
   styles = {};
-  #source = null;
+  stopPort = -1;
+  #stream = new Stream((kind, data) => this.#take(kind, data));
   #retry = 0;
   #offset = 0;
+  #heard = performance.now();
+
+  constructor() {
+    super();
+    setInterval(() => this.#checkSilence(), 250);
+  }
+
+  // How long nothing has come from the gateway (s).
+  get silence() {
+    return (performance.now() - this.#heard) / 1000;
+  }
 
   // The gateway's time (s since the epoch).
   get now() {
@@ -59,22 +101,23 @@ export class Cell extends EventTarget {
 
   async connect() {
     clearTimeout(this.#retry);
-    this.#source?.close();
-    this.#source = null;
+    this.#stream.leave();
     let answer;
     try {
-      answer = await request("/api/live");
+      answer = await request("/api/live", undefined, "GET", SILENCE);
     } catch (error) {
       if (error instanceof Refusal && (error.status === 401 || error.status === 403)) {
         this.#setConnection("denied");
         this.dispatchEvent(new CustomEvent("denied", { detail: error }));
       } else {
-        this.#setConnection("lost");
+        if (this.connection !== "silent") this.#setConnection("lost");
         this.#retry = setTimeout(() => this.connect(), 500);
       }
       return;
     }
-    ({ document: this.document, role: this.role, user: this.user, person: this.person, styles: this.styles } = answer);
+    ({ document: this.document, role: this.role, user: this.user, person: this.person, styles: this.styles, stop_port: this.stopPort } = answer);
+    clockOffset = -Infinity; // another gateway has another clock
+    this.#hear(answer.clock);
     this.#offset = answer.time - Date.now() / 1000;
     this.#setConnection("live");
     this.#changed(null);
@@ -82,21 +125,38 @@ export class Cell extends EventTarget {
   }
 
   #follow(event) {
-    const source = (this.#source = new EventSource(`/api/live/patches?after=${encodeURIComponent(event)}`));
-    source.addEventListener("patch", (message) => {
-      const { data, time } = JSON.parse(message.data);
-      // The event that took the shortest way tells most about the difference of the clocks.
-      this.#offset = Math.max(this.#offset, time - Date.now() / 1000);
-      applyPatch(this.document, data);
-      this.#changed(data);
-    });
-    source.addEventListener("reset", () => this.connect());
-    source.addEventListener("open", () => this.#setConnection("live"));
-    source.addEventListener("error", () => {
-      this.#setConnection("lost");
-      // A refused stream is closed by the browser, a lost one is opened again by it.
-      if (source.readyState === EventSource.CLOSED) this.#retry = setTimeout(() => this.connect(), 500);
-    });
+    this.#stream.follow(event);
+  }
+
+  // What comes from the stream: `patch`, `beat`, `reset`, `open`, `lost` or `refused`.
+  #take(kind, data) {
+    if (kind === "lost" || kind === "refused") {
+      if (this.connection !== "silent") this.#setConnection("lost");
+      clearTimeout(this.#retry);
+      if (kind === "refused") this.#retry = setTimeout(() => this.connect(), 500);
+      return;
+    }
+    this.#hear(kind === "beat" ? Number(data) : null);
+    if (this.connection === "lost" || this.connection === "silent") this.#setConnection("live");
+    if (kind === "reset") this.connect();
+    if (kind !== "patch") return;
+    const { data: patch, time } = JSON.parse(data);
+    // The event that took the shortest way tells most about the difference of the clocks.
+    this.#offset = Math.max(this.#offset, time - Date.now() / 1000);
+    applyPatch(this.document, patch);
+    this.#changed(patch);
+  }
+
+  #hear(clock) {
+    this.#heard = performance.now();
+    // The time that took the shortest way is the most exact one.
+    if (clock !== null) clockOffset = Math.max(clockOffset, clock - this.#heard / 1000);
+  }
+
+  #checkSilence() {
+    if (!this.document || this.silence < SILENCE || this.connection === "denied") return;
+    if (this.connection === "silent") this.dispatchEvent(new CustomEvent("connection")); // it counts
+    else this.#setConnection("silent");
   }
 
   #changed(patch) {

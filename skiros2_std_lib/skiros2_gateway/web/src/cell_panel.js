@@ -1,6 +1,7 @@
 // Robots, jobs, runs and recorded runs, with the commands for those with the role.
 
 import { notify, request } from "./cell.js";
+import { commandRobots } from "./commands.js";
 import { openJobDialog } from "./job_dialog.js";
 import { clock, duration, h, keyed, localName, setText } from "./dom.js";
 
@@ -58,7 +59,7 @@ export class CellPanel {
     const element = card();
     const robots = () => [element.item.name];
     element.buttons.append(...["pause", "resume", "stop"].map((action) =>
-      button(action, () => request(`/api/robots/${action}`, { robots: robots() }))));
+      button(action, () => commandRobots(this.cell, action, robots()))));
     return element;
   }
 

@@ -2,6 +2,7 @@
 
 import { button } from "./cell_panel.js";
 import { notify, request } from "./cell.js";
+import { commandRobots } from "./commands.js";
 import { clock, duration, h, keyed, setText } from "./dom.js";
 
 const VERDICTS = { holds: ["✓", "success"], fails: ["✗", "failure"], unknown: ["?", "idle"] };
@@ -15,7 +16,7 @@ export class RunBar {
     this.name = h("b");
     this.times = h("span", { class: "dim" });
     this.buttons = h("span", { class: "buttons" }, ["pause", "resume", "step", "stop"].map((action) =>
-      button(action, () => request(`/api/live/runs/${run.key}/${action}`, {}))),
+      button(action, () => this.#command(action))),
       button("why", () => this.#explain()));
     this.slider = h("input", { type: "range", min: 0, step: "any", "aria-label": "Time of the run", oninput: () => this.#seek() });
     this.at = h("span", { class: "at" });
@@ -50,6 +51,12 @@ export class RunBar {
     for (const each of this.buttons.children) each.hidden = !shown[each.dataset.action];
     if (this.shownKey !== run.key) this.why.hidden = true;
     this.shownKey = run.key;
+  }
+
+  #command(action) {
+    const { key, summary } = this.run;
+    const path = `/api/live/runs/${key}/${action}`;
+    return action === "step" ? request(path, {}) : commandRobots(this.cell, action, [summary.robot], summary.task, path);
   }
 
   #seek() {

@@ -4,6 +4,8 @@ import { notify, request } from "./cell.js";
 import { duration, h, notice } from "./dom.js";
 
 const OWN_GOAL = "";
+// How long a plan may take (s).
+const PLAN_LIMIT = 120;
 
 export async function openJobDialog(cell) {
   if (document.querySelector("dialog.job")) return;
@@ -53,7 +55,7 @@ export async function openJobDialog(cell) {
     problems.replaceChildren();
     const { goal = filled(master, order().parameters) } = order();
     try {
-      const answer = await request("/api/plan", { goal });
+      const answer = await request("/api/plan", { goal }, "POST", PLAN_LIMIT);
       preview.replaceChildren(
         h("p", {}, answer.plan.length ? `${answer.plan.length} steps, ${duration(answer.makespan)}` : answer.message),
         h("ol", {}, answer.plan.map((step) => h("li", {}, h("b", {}, step.label), " ",

@@ -2,6 +2,7 @@
 
 import { ApprovalsView } from "./approvals.js";
 import { Cell, notify, request } from "./cell.js";
+import { commandRobots } from "./commands.js";
 import { CellPanel } from "./cell_panel.js";
 import { LogView, NodeDetails, RunBar } from "./details.js";
 import { h, setText } from "./dom.js";
@@ -15,7 +16,7 @@ const PANELS = { cell: "Cell", tree: "Tree", plan: "Plan", log: "Log", signals: 
 const REGIONS = { centre: ["tree", "plan", "log", "signals"], right: ["scene", "world"],
   phone: ["cell", "tree", "plan", "scene", "world", "log", "signals"] };
 const CONNECTIONS = { connecting: ["connecting", "idle"], live: ["live", "success"], lost: ["reconnecting…", "failure"],
-  denied: ["not logged in", "idle"] };
+  silent: ["", "failure"], denied: ["not logged in", "idle"] };
 
 const main = document.getElementById("main");
 const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
@@ -101,15 +102,15 @@ setInterval(() => {
 
 const connection = h("span", { class: "chip", id: "connection" });
 const user = h("button", { class: "small", onclick: logout, title: "Log out" });
-const stop = h("button", { class: "small stop", id: "stop-all", onclick: () => notify(request("/api/robots/stop", { robots: [] })) }, "Stop all tasks");
+const stop = h("button", { class: "small stop", id: "stop-all", onclick: () => notify(commandRobots(cell, "stop")) }, "Stop all tasks");
 const theme = h("button", { class: "small", title: "Dark or light", "aria-label": "Dark or light", onclick: () => setTheme(isDark() ? "light" : "dark") }, "◐");
 document.getElementById("header").append(h("h1", {}, "SkiROS2"), connection, h("span", { class: "grow" }), approvals.button, stop, user, theme);
 
 function showConnection() {
   const [word, role] = CONNECTIONS[cell.connection];
-  connection.className = `chip ${role}`;
-  setText(connection, word);
-  document.body.classList.toggle("stale", cell.connection === "lost");
+  connection.className = `chip ${role} ${cell.connection}`;
+  setText(connection, word || `no data for ${Math.floor(cell.silence)} s, reconnecting…`);
+  document.body.classList.toggle("stale", cell.connection === "lost" || cell.connection === "silent");
   setText(user, cell.user);
   user.hidden = !cell.user;
   stop.hidden = !cell.mayCommand;

@@ -129,18 +129,19 @@ class Tools:
     async def _check(self, _: Caller, arguments: CheckStart | ActionArguments) -> Any:
         return await self._service.control.cell.check_start(arguments.robot, arguments.skill, arguments.parameters)
 
-    async def _plan(self, _: Caller, arguments: GoalArguments) -> Any:
-        return {key: value for key, value in (await self._planned(arguments)).items() if key != "preview"}
+    async def _plan(self, caller: Caller, arguments: GoalArguments) -> Any:
+        return {key: value for key, value in (await self._planned(caller, arguments)).items() if key != "preview"}
 
-    async def _preview(self, _: Caller, arguments: ActionArguments) -> Any:
+    async def _preview(self, caller: Caller, arguments: ActionArguments) -> Any:
         if arguments.skill:
-            return await self._check(_, arguments)
-        plan = await self._planned(arguments)
+            return await self._check(caller, arguments)
+        plan = await self._planned(caller, arguments)
         return {key: plan[key] for key in ("state", "message", "preview")}
 
-    async def _planned(self, arguments: GoalArguments) -> dict[str, Any]:
-        order = arguments.order("plan")
-        return await self._service.control.cell.plan(await self._service.control.check(order), arguments.quality)
+    async def _planned(self, caller: Caller, arguments: GoalArguments) -> dict[str, Any]:
+        with self._service.planning(caller):
+            goal = await self._service.control.check(arguments.order("plan"))
+            return await self._service.control.cell.plan(goal, arguments.quality)
 
     async def _explain(self, _: Caller, arguments: RunArguments) -> Any:
         if not arguments.job:

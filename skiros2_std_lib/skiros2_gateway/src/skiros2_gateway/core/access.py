@@ -130,6 +130,11 @@ class Access:
         """Returns the caller with a certificate (DER); raises like `authenticate`."""
         return self._admit(_CERTIFICATE + hashlib.sha256(der).hexdigest(), way, address, "the certificate is unknown")
 
+    def digests(self, role: Role) -> dict[str, str]:
+        """Returns the names of the users with a role or a higher one, by the SHA-256 of their tokens."""
+        users = self._by_credential.items()
+        return {key.removeprefix(_TOKEN): u.name for key, u in users if key.startswith(_TOKEN) and u.level >= role}
+
     def renew(self, caller: Caller) -> Caller:
         """Returns an earlier caller with the present role.
 

@@ -205,8 +205,9 @@ class Cell(Protocol):
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         """Returns the fields of the result of the action MakePlan, decoded."""
 
-    async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
+    async def command_robots(self, action: str, robots: Sequence[str], user: str = "") -> dict[str, Any]:
         """Preempts, pauses or resumes (`stop`, `pause`, `resume`) all tasks of robots; none named: of all robots.
 
+        :param user: named in the robots' logs.
         :returns: the number of tasks by robot.
         """

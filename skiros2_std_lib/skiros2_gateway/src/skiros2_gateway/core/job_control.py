@@ -12,6 +12,7 @@ from typing import Any
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import LOST, REACHED, UNKNOWN, Cell, Collected, Ending, Goal, Progress
+from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import FINAL, Job, Method, Order, State, Substate
 from skiros2_gateway.core.open_jobs import OpenJobs
@@ -122,9 +123,9 @@ class JobControl:
         known = known or self.find(order)  # the same order may have come while this one was checked
         if known is not None:
             return known, False
-        now = self._clock()
+        check_deadline()
+        now, robots = self._clock(), self.masters.robots_of(order)
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
-        robots = self.masters.robots_of(order)
         job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots, approved=approved)
         job.substate = job.substate_before_start(now)
         self._jobs.save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
@@ -155,6 +156,7 @@ class JobControl:
         """
         self.get(order.id).check(Method.UPDATE)
         goal = await self.check(order)
+        check_deadline()
         job, now = self.get(order.id), self._clock()  # it may have started meanwhile
         job.check(Method.UPDATE)
         job.approved = None  # it is the order of whoever has changed it
@@ -177,13 +179,16 @@ class JobControl:
         actions = {Method.PAUSE: self.cell.pause, Method.RESUME: self.cell.resume}
         in_cell = actions.get(method, self.cell.stop) if job.is_in_cell else None
         job.apply(method, author, self._clock())
+        stops = in_cell is not None and method is not Method.RESUME
+        if stops and in_cell is not None:
+            in_cell(job.id)  # robots stop, whatever the disk does
         try:
             self._jobs.save(job, author, method, comment)
         except StoreFailed:
-            if in_cell is None or method is Method.RESUME:
+            if not stops:
                 raise
-            self._note(job, author, method, comment)  # robots stop, whatever the disk does
-        if in_cell is not None:
+            self._note(job, author, method, comment)
+        if in_cell is not None and not stops:
             in_cell(job.id)
         self._dispatch()
         return self._jobs.open(job.id) or job

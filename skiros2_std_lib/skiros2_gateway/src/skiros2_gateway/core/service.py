@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -9,15 +10,19 @@ from typing import Any, TypeVar
 from skiros2_common.core.errors import SkirosError
 from skiros2_gateway.core.access import Access, Caller, Role
 from skiros2_gateway.core.approvals import Approvals
+from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Job, Method, read_order
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.keys import Keys
-from skiros2_gateway.core.problems import Denied, Unauthenticated
+from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.sessions import Sessions
 from skiros2_gateway.core.store import JobStore
 
 T = TypeVar("T")
+
+#: How many plans a user may ask for at once.
+MAX_PLANS = 2
 
 #: What can be done with all tasks of a robot.
 ROBOT_ACTIONS = ("stop", "pause", "resume")
@@ -43,7 +48,12 @@ class Service:
         self.events = events
         self.sessions = Sessions(store, access)
         self.keys = Keys(store)
+        self._planning: Counter[str] = Counter()
         self.approvals = approvals or Approvals(events)
+
+    def stop_digests(self) -> dict[str, str]:
+        """Returns who may stop robots: user names by the SHA-256 of tokens and of the secrets of sessions."""
+        return {**self.access.digests(Role.OPERATE), **self.sessions.digests(Role.OPERATE)}
 
     def renew(self, caller: Caller) -> Caller:
         """Returns a caller who was admitted earlier, such as that of a stream, with the present role.
@@ -94,7 +104,7 @@ class Service:
         """
 
         async def command() -> dict[str, Any]:
-            return await self.control.cell.command_robots(action, robots)
+            return await self.control.cell.command_robots(action, robots, caller.user)
 
         return await self.command(caller, f"{action} robots", " ".join(robots), command)
 
@@ -112,6 +122,7 @@ class Service:
         self.access.count(caller)
         self.access.check(caller, role, action, thing)
         try:
+            check_deadline()
             yield
         except SkirosError as error:
             self.access.record(caller, action, thing, f"{error.code}: {error}"[:500])
@@ -124,6 +135,21 @@ class Service:
         """Counts and checks a request that changes nothing."""
         self.access.count(caller)
         self.access.check(caller, role, action)
+
+    @contextmanager
+    def planning(self, caller: Caller) -> Iterator[None]:
+        """Counts and checks a request for a plan, which costs much, and lasts until the plan is there.
+
+        :raises TooMany: the user waits for `MAX_PLANS` others.
+        """
+        self.view(caller, Role.OPERATE, "plan")
+        if self._planning[caller.user] >= MAX_PLANS:
+            raise TooMany(f"{caller.user} waits for {MAX_PLANS} plans already", 1.0)
+        self._planning[caller.user] += 1
+        try:
+            yield
+        finally:
+            self._planning[caller.user] -= 1
 
     def state(self, caller: Caller) -> dict[str, Any]:
         """Returns the state of the cell as JSON data: see `GET /api/state` in `skiros2_gateway.http.app`."""

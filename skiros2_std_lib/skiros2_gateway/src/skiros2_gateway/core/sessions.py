@@ -101,6 +101,18 @@ class Sessions:
     def is_open(self, session_id: str) -> bool:
         return any(each.id == session_id and each.deadline > self._clock() for each in self._sessions.values())
 
+    def digests(self, role: Role) -> dict[str, str]:
+        """Returns the users of open sessions with a role or a higher one, by the SHA-256 of the sessions' secrets."""
+        found = {}
+        for session in self._sessions.values():
+            try:
+                level = self._access.renew(session.caller).level
+            except (Unauthenticated, Denied):
+                continue  # it ends when it is used next
+            if session.deadline > self._clock() and level >= role:
+                found[session.digest] = session.caller.user
+        return found
+
     def open(self, caller: Caller) -> list[dict[str, Any]]:
         """Returns the sessions that a caller may end, as JSON data: their own, with the role maintain all."""
         return [{**each.to_dict(), "is_own": each.id == caller.session} for each in self._of(caller)]

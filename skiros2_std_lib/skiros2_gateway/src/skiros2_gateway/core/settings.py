@@ -20,6 +20,7 @@ class Settings(BaseModel):
     :param host: address to bind to. Others than that of this machine need `certificate` and `key`.
     :param hosts: further names of this machine by which agents reach `/mcp`, separated by commas.
     :param http_port, opcua_port: 0: a free port; -1: off.
+    :param stop_port: of stops only; 0: the one after `http_port`, or a free one if that is 0; -1: off.
     :param mqtt: HOST or HOST:PORT of a broker; "": off. One on another machine needs `mqtt_ca`: TLS.
     :param mqtt_tokens: whether commands may have a token instead of a signature; all who may read the topics read it.
     :param bags: folder of recorded runs to look at in the page; "": none.
@@ -41,6 +42,7 @@ class Settings(BaseModel):
     host: str = "127.0.0.1"
     hosts: str = ""
     http_port: int = Field(8765, ge=-1, le=65535)
+    stop_port: int = Field(0, ge=-1, le=65535)
     opcua_port: int = Field(-1, ge=-1, le=65535)
     mqtt: str = ""
     mqtt_user: str = ""

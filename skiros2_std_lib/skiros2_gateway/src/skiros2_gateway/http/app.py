@@ -5,6 +5,10 @@ Roles: view reads, operate commands, approve also answers what agents ask for, m
 of agents are refused. A command with the cookie needs the header `X-Gateway: 1`, which a page of another origin cannot
 send.
 
+A command with the header `X-Deadline` (s of the monotonic clock of the gateway's machine, see
+`skiros2_gateway.http.live`) is carried out before it or never. Plans need the role operate; a user may ask for two at
+once.
+
 A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with its
 key, it is answered as the first time. A command that was refused may be sent again.
 
@@ -49,6 +53,7 @@ from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
 from skiros2_gateway.http import models
 from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
+from skiros2_gateway.http.deadlines import Deadlines
 from skiros2_gateway.http.errors import EVENTS, add_error_handlers, answers, describe, on_http_error, on_skiros_error
 from skiros2_gateway.http.once import Once
 
@@ -74,6 +79,7 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     add_error_handlers(app)
     app.add_middleware(Once, on_error=on_skiros_error)
+    app.add_middleware(Deadlines, on_error=on_skiros_error)
     app.add_middleware(_Limits, max_body=max_body)
     return app
 
@@ -320,8 +326,8 @@ async def skills(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
 @_router.post("/plan", responses=answers(models.Plan, 409))
 async def plan(caller: CallerArg, service: ServiceArg, body: _Goal) -> dict[str, Any]:
     """The plan for a goal, with its purpose and its simulated changes; nothing moves. See the action MakePlan."""
-    service.view(caller)
-    return await service.control.cell.plan(body.goal, body.quality)
+    with service.planning(caller):
+        return await service.control.cell.plan(body.goal, body.quality)
 
 
 @_router.post("/world/query", responses=answers(models.Table, 409))

@@ -27,7 +27,7 @@ def caller_of(request: Request) -> Caller:
     :raises Unauthenticated: it has no valid credentials.
     :raises TooMany: too many failures of this address.
     """
-    access, address, token = service_of(request).access, address_of(request), _token_of(request)
+    access, address, token = service_of(request).access, address_of(request), token_of(request)
     if token:
         return access.authenticate(token, "rest", address)
     if COOKIE in request.cookies:
@@ -39,7 +39,7 @@ def caller_of(request: Request) -> Caller:
 
 def agent_of(request: Request) -> Caller:
     """Returns the authenticated caller of agents' tools; raises like `caller_of`. A page's cookie is not valid here."""
-    return service_of(request).access.authenticate(_token_of(request), AGENTS, address_of(request))
+    return service_of(request).access.authenticate(token_of(request), AGENTS, address_of(request))
 
 
 def address_of(request: Request) -> str:
@@ -47,7 +47,8 @@ def address_of(request: Request) -> str:
     return request.client.host if request.client else ""
 
 
-def _token_of(request: Request) -> str:
+def token_of(request: Request) -> str:
+    """Returns the token of a request's header; "" without one."""
     kind, _, token = request.headers.get("authorization", "").partition(" ")
     return token.strip() if kind.lower() == "bearer" else ""
 

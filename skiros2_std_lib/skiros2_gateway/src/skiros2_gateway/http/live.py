@@ -1,10 +1,12 @@
 """The routes of the live view, and of the page.
 
-- `GET /api/live`: {event, time, document, styles, role, user, person}: the document of `skiros2_gateway.core.live`, the
-  id of the last patch, and {symbol, word, role} of the states: `styles.node` by number, `styles.task` by name.
+- `GET /api/live`: {event, time, clock, document, styles, role, user, person, stop_port}: the document of
+  `skiros2_gateway.core.live`, the id of the last patch, and {symbol, word, role} of the states: `styles.node` by
+  number, `styles.task` by name. `clock` is the monotonic clock (s) of the header `X-Deadline`; `stop_port` is the port
+  of `skiros2_gateway.stop`, -1 without one.
 - `GET /api/live/patches?after=ID`: server-sent events `patch` after that id (also from the header `Last-Event-ID`);
   `data` is {id, kind, time, data} with a JSON Merge Patch of the document as `data`. An event `reset` means: patches
-  are missing, so read the document again.
+  are missing, so read the document again. With `beats=true` an event `beat` with the clock comes once a second.
 - `GET /api/live/runs/KEY?time=T`: a run at a time, see `run_view.history_data`; also of a bag.
 - `GET /api/live/runs/KEY/scene?time=T`: `elements`, `frames` and `bodies` of the document at that time.
 - `GET /api/live/runs/KEY/why`: why it failed. `GET /api/live/runs/KEY/nodes/ID?time=T`: parameters and conditions of a
@@ -19,6 +21,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
+from time import monotonic
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
@@ -28,6 +31,7 @@ from pydantic import FiniteFloat
 
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.events import Event
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.live import TASK_ACTIONS, LiveCell, LiveView
 from skiros2_gateway.core.run_view import history_data
@@ -43,10 +47,15 @@ NodeId = Annotated[int, PathParam(ge=0, lt=2**31)]
 _FILE = {**errors_of(404), 200: {"content": {"*/*": {}}}}
 
 #: What the page may load: its own files only, and pictures that it draws itself.
-_POLICY = "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; frame-ancestors 'none'"
+_POLICY = (
+    "default-src 'self'; connect-src 'self'{}; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline';"
+    " frame-ancestors 'none'"
+)
+#: The period of beats (s).
+BEAT = 1.0
 
 
-def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
+def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1) -> APIRouter:
     """Returns the routes of the live view."""
     router = APIRouter(prefix="/api/live")
 
@@ -64,21 +73,23 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
         """The document, and the id of the last patch."""
         service.view(caller)
         user = {"role": caller.role.name.lower(), "user": caller.user, "person": caller.person}
-        found = {**view.snapshot(), "styles": _styles(), **user}
+        found = {**view.snapshot(), "styles": _styles(), "stop_port": stop_port, "clock": monotonic(), **user}
         return _json(found)
 
     @router.get("/patches", response_class=StreamingResponse, responses=EVENTS)
-    async def patches(request: Request, caller: CallerArg, service: ServiceArg, after: str = "") -> StreamingResponse:
+    async def patches(
+        request: Request, caller: CallerArg, service: ServiceArg, after: str = "", beats: bool = False
+    ) -> StreamingResponse:
         """Server-sent patches after an id."""
         service.view(caller)
         stream = view.stream.follow(request.headers.get("last-event-id", after))
 
         async def lines() -> AsyncIterator[bytes]:
             yield b"retry: 500\n\n"
-            async for event in stream:
+            async for message in _with_beats(stream) if beats else (event.message async for event in stream):
                 if not service.is_admitted(caller):
                     return
-                yield event.message
+                yield message
 
         return StreamingResponse(lines(), media_type="text/event-stream")
 
@@ -155,13 +166,30 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags) -> APIRouter:
     return router
 
 
-def page_router(folder: Path) -> APIRouter:
+async def _with_beats(events: AsyncIterator[Event]) -> AsyncIterator[bytes]:
+    """Yields the messages of events, and an event `beat` with the clock once a second."""
+    following = asyncio.ensure_future(anext(events))
+    due = monotonic()
+    try:
+        while True:
+            await asyncio.wait({following}, timeout=max(0.0, due - monotonic()))
+            if following.done():
+                yield following.result().message
+                following = asyncio.ensure_future(anext(events))
+            if monotonic() >= due:
+                due = monotonic() + BEAT
+                yield f"event: beat\ndata: {monotonic():.3f}\n\n".encode()
+    finally:
+        following.cancel()
+
+
+def page_router(folder: Path, stop_port: int = -1) -> APIRouter:
     """Returns the routes of the page; they need no credentials, as the page has no data of the cell.
 
     :param folder: of the bundled files.
     """
     router = APIRouter()
-    headers = {"Content-Security-Policy": _POLICY}
+    headers = {"Content-Security-Policy": _POLICY.format(f" *:{stop_port}" if stop_port >= 0 else "")}
 
     @router.get("/", include_in_schema=False)
     async def page() -> Response:

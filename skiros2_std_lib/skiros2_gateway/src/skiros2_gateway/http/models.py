@@ -187,10 +187,12 @@ class Document(BaseModel):
     document: dict[str, dict[str, Any]]
     event: str = Field(description="the id of the last patch that is included")
     time: float
+    clock: float = Field(description="of the gateway's machine (s, monotonic)")
     styles: dict[str, dict[str, dict[str, str]]]
     role: str
     user: str
     person: bool
+    stop_port: int
 
 
 class Bag(BaseModel):

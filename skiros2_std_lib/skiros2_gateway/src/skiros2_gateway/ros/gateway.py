@@ -37,11 +37,12 @@ from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.opcua.server import OpcuaServer
 from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
+from skiros2_gateway.ros.stop_process import StopProcess
 
 log = logging.getLogger(__name__)
 
 #: Private parameters that are no settings: of every node, and those that the gateway sets.
-_OTHERS = ("verbose", "debug", "address", "opcua_address")
+_OTHERS = ("verbose", "debug", "address", "stop_address", "opcua_address")
 
 
 def main() -> None:
@@ -92,13 +93,15 @@ async def _serve(settings: Settings) -> None:
         stack.callback(loop.create_task(users.follow(access.set_users)).cancel)
         stack.callback(loop.create_task(keep_days(store, settings.keep_days)).cancel)
         if settings.http_port >= 0:
-            routers = _live_view(service, cell, settings, stack)
+            sock = _listen(settings, settings.http_port)
+            stop_port = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)
+            routers = _live_view(service, cell, settings, stop_port, stack)
             if settings.agents != "off":
                 hosts = [settings.host, *filter(None, settings.hosts.replace(" ", "").split(","))]
                 agents = AgentServer(service, settings.max_body, hosts)
                 await stack.enter_async_context(agents.running())
                 routers.append(agents.router())
-            await _start_http(service, settings, routers, stack)
+            await _start_http(service, settings, sock, routers, stack)
         if settings.opcua_port >= 0:
             opcua = OpcuaServer(service, settings)
             await opcua.start()
@@ -112,7 +115,7 @@ async def _serve(settings: Settings) -> None:
 
 
 def _live_view(
-    service: Service, cell: RosCell, settings: Settings, stack: contextlib.AsyncExitStack
+    service: Service, cell: RosCell, settings: Settings, stop_port: int, stack: contextlib.AsyncExitStack
 ) -> list[APIRouter]:
     """Starts the live view, which ends with the stack. Returns its routes and those of the page."""
     view = LiveView()
@@ -121,31 +124,61 @@ def _live_view(
     stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
     bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
     page = Path(rospkg.RosPack().get_path("skiros2_gateway")) / "page"  # missing if it was not built
-    return [live_router(view, live, bags), page_router(page)]
+    return [live_router(view, live, bags, stop_port), page_router(page, stop_port)]
 
 
-async def _start_http(
-    service: Service, settings: Settings, routers: list[APIRouter], stack: contextlib.AsyncExitStack
-) -> None:
-    """Starts the HTTP server, which ends with the stack.
-
-    :raises ConfigurationError: the address is in use, or the certificate cannot be read.
+def _listen(settings: Settings, port: int) -> socket.socket:
+    """
+    :raises ConfigurationError: the address is in use.
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    # asyncio sets TCP_NODELAY only if TCP is named; without it each answer takes 40 ms longer
     sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        sock.bind((settings.host, settings.http_port))
+        sock.bind((settings.host, port))
         sock.listen()  # clients that read the address connect at once
     except OSError as error:
-        raise ConfigurationError(f"http_port {settings.http_port} on {settings.host}: {error}") from error
+        raise ConfigurationError(f"port {port} on {settings.host}: {error}") from error
+    return sock
+
+
+async def _start_stop_port(
+    service: Service, cell: RosCell, settings: Settings, http_port: int, stack: contextlib.AsyncExitStack
+) -> int:
+    """Starts the process of the stop port, which ends with the stack. Returns the port; -1: it is off.
+
+    :raises ConfigurationError: the address is in use.
+    """
+    if settings.stop_port < 0:
+        return -1
+    sock = _listen(settings, settings.stop_port or (http_port + 1 if settings.http_port else 0))
+    stops = StopProcess(service, settings, sock, lambda: cell.connected)
+    stack.push_async_callback(stops.close)
+    rospy.set_param("~stop_address", _address(settings, sock))
+    return int(sock.getsockname()[1])
+
+
+def _address(settings: Settings, sock: socket.socket) -> str:
+    host, port = sock.getsockname()[:2]
+    return f"{'https' if settings.certificate else 'http'}://{host}:{port}"
+
+
+async def _start_http(
+    service: Service,
+    settings: Settings,
+    sock: socket.socket,
+    routers: list[APIRouter],
+    stack: contextlib.AsyncExitStack,
+) -> None:
+    """Starts the HTTP server, which ends with the stack.
+
+    :raises ConfigurationError: the certificate cannot be read.
+    """
     limits = Limits(of_address=settings.connections)
     app = create_app(service, routers, max_body=settings.max_body)
     server = HttpServer(app, sock, settings.certificate, settings.key, limits)
     server.start()
     stack.push_async_callback(server.stop)
-    host, port = sock.getsockname()[:2]
-    address = f"{'https' if settings.certificate else 'http'}://{host}:{port}"
+    address = _address(settings, sock)
     rospy.set_param("~address", address)
     log.info("the gateway serves %s; users and tokens are in %s", address, settings.users_file)

@@ -21,6 +21,7 @@ from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.signals import SIGNAL, TOPIC, Signal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.signals import RosSignals
+from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.core.goal_view import goal_after, new_goal
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.scene_view import SceneView, frames_data
@@ -46,7 +47,6 @@ _RETRY_DELAY = 1.0
 #: What viewers may read of the folders with meshes: also materials and textures.
 _MESH_FILES = (".stl", ".obj", ".dae", ".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga")
 
-_COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start", "step": "tick_once"}
 
 
 class LiveRos:
@@ -62,6 +62,7 @@ class LiveRos:
         self._frames = _Frames()
         self._descriptions: dict[str, tuple[str, str]] = {}
         cell.robots.on_tree = view.record
+        cell.robots.on_connection = lambda name, is_connected: None if is_connected else view.mark_lost(name)
         name = ACHIEVE_ACTION
         self._subscribers = [
             rospy.Subscriber(f"{name}/goal", msgs.AchieveActionGoal, self._in_loop(self._on_goal)),
@@ -92,7 +93,10 @@ class LiveRos:
         return {"text": why.text, "explanations": [each.to_dict() for each in why.explanations]}
 
     async def command(self, action: str, robot: str, task: int) -> None:
-        await self._cell.in_thread(self._client(robot).command, _COMMANDS[action], task)
+        if action == "step":
+            await self._cell.in_thread(self._client(robot).command, "tick_once", task)
+        else:
+            await self._cell.stops.command(action, [robot], rospy.get_name(), task, remaining())
 
     def recorded_view(self) -> SceneView:
         if self._recorded is None:
@@ -149,9 +153,6 @@ class LiveRos:
             wm = self._cell.world_model
             if self._scene is None and wm is not None:
                 self._scene = _SceneReader(wm, SceneView(wm.is_subclass, _mesh_folders()), self._on_elements)
-            for robot in self._cell.robots.robots.values():
-                if not robot.is_connected:
-                    self._view.mark_lost(robot.name)
             if self._scene is not None:
                 try:
                     texts = await self._cell.in_thread(_read_descriptions)

@@ -31,6 +31,8 @@ class Robots(SkillLayerInterface):
         self.robots: dict[str, Robot] = {}
         #: Called in the thread of the loop with the name of a robot and the nodes of each message of its tasks.
         self.on_tree: Callable[[str, list[Any]], None] = lambda name, nodes: None
+        #: Called in the thread of the loop with the name of a robot, and whether it is connected now.
+        self.on_connection: Callable[[str, bool], None] = lambda name, is_connected: None
         super().__init__(author)
         self.set_monitor_cb(lambda message: self._call(self._on_tree, message))
 
@@ -69,7 +71,9 @@ class Robots(SkillLayerInterface):
             robot = self.robots[name] = Robot(name)
             self._on_change(name)
         robot.is_connected = is_connected
+        robot.failed += len(robot.tasks)  # they are lost
         robot.tasks.clear()
+        self.on_connection(name, is_connected)
         self._update(robot)
 
     def _on_safety(self, name: str, message: Any) -> None:

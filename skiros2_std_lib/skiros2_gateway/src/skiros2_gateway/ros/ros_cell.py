@@ -8,16 +8,16 @@ import json
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import rospy
 
-from skiros2_common.core.errors import Refused, SkirosError, TimedOut, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
 from skiros2_gateway.core.connection import connect
+from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.core.edits import EditPreview, Edits, apply_edits, preview_edits
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.goal_check import goal_problems
@@ -25,14 +25,15 @@ from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
 from skiros2_gateway.core.work_masters import WorkMasters
+from skiros2_gateway.ros.blocking_calls import BlockingCalls
 from skiros2_gateway.ros.goals import AchieveGoals, set_on_restart
 from skiros2_gateway.ros.queries import UserQueries
+from skiros2_gateway.ros.robot_stops import RobotStops
 from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_gateway.ros.skill_runs import SkillRuns, check_start
 from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
-from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_task.ros.achieve_action import ASKING, INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
@@ -43,13 +44,6 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: How long calls of the platform's services may take (s).
-_TIMEOUT = 10.0
-#: Calls at once.
-_THREADS = 16
-
-#: The command of a skill manager for an action.
-_COMMANDS = {"stop": "preempt", "pause": "pause", "resume": "start"}
 
 
 class RosCell:
@@ -67,7 +61,12 @@ class RosCell:
         self._events = events
         self._masters = masters
         self._capacity = capacity
-        self._threads, self._queries = ThreadPoolExecutor(_THREADS, "cell"), UserQueries()
+        self._calls = BlockingCalls()
+        #: Runs a blocking call; see `BlockingCalls`.
+        self.in_thread = self._calls.run
+        #: Stops, pauses and resumes tasks; shares no thread and no connection.
+        self.stops = RobotStops()
+        self._queries = UserQueries()
         self._wm: WorldModelInterface | None = None
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
         self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
@@ -78,7 +77,7 @@ class RosCell:
         self._skill_runs = SkillRuns()
         self._planners: list[TaskManagerInterface] = []  # those without a request: each has subscriptions
         self._closed = threading.Event()
-        self._threads.submit(self._connect)
+        threading.Thread(target=self._connect, name="world model", daemon=True).start()
 
     def _connect(self) -> None:
         """Connects to the world model. In a thread of its own: no job starts before."""
@@ -100,7 +99,8 @@ class RosCell:
             task.cancel()
         self._goals.close()
         self._robots.close()
-        self._threads.shutdown(wait=False, cancel_futures=True)
+        self.stops.close()
+        self._calls.close()
         self._queries.close()
 
     # -- goals -------------------------------------------------------------------------------------------------
@@ -201,15 +201,17 @@ class RosCell:
 
     def _command_tasks(self, goal_id: str, action: str) -> None:
         """Pauses or resumes the tasks of a goal's running steps."""
-        wanted = self._robots_of.get(goal_id, [])
-        command = functools.partial(_command_tasks, self._robots, wanted, _COMMANDS[action])
-        self._spawn(self._run(command, f"{action} job {goal_id}"))
+        for name, label in self._robots_of.get(goal_id, []):
+            client = self._robots.agents.get(name)
+            for number, message in client.progress.items() if client is not None else ():
+                if any(node.label == label for node in message.progress):
+                    self._spawn(self._command_task(action, name, number, goal_id))
 
-    async def _run(self, command: Callable[[], None], what: str) -> None:
+    async def _command_task(self, action: str, robot: str, task: int, goal_id: str) -> None:
         try:
-            await self.in_thread(command)
-        except SkirosError as error:
-            log.error("%s: %s", what, error)
+            await self.stops.command(action, [robot], f"job {goal_id}", task)
+        except SkirosError as error:  # it has ended meanwhile, or its robot does not answer
+            log.error("%s job %s: task %d of %s: %s", action, goal_id, task, robot, error)
 
     # -- reading -----------------------------------------------------------------------------------------------
 
@@ -217,6 +219,11 @@ class RosCell:
     def robots(self) -> Robots:
         """The robots, with the clients of their managers."""
         return self._robots
+
+    @property
+    def connected(self) -> list[str]:
+        """The node names of the robots' managers that run."""
+        return sorted(robot.name for robot in self._robots.robots.values() if robot.is_connected)
 
     @property
     def world_model(self) -> WorldModelInterface | None:
@@ -261,7 +268,7 @@ class RosCell:
         return await self.in_thread(self._skill_runs.describe, robot, task)
 
     async def stop_task(self, robot: str, task: int) -> None:
-        await self.in_thread(self._client(robot).command, "preempt", task)
+        await self.stops.command("stop", [robot], rospy.get_name(), task, remaining())
 
     async def preview_edits(self, edits: Edits) -> EditPreview:
         return await self.in_thread(preview_edits, self._world_model, edits)
@@ -281,21 +288,10 @@ class RosCell:
             finally:
                 self._planners.append(client)
 
-        return _plan_data(await self.in_thread(make, timeout=120.0))
+        return _plan_data(await self._calls.plan(make))
 
-    async def command_robots(self, action: str, robots: Sequence[str]) -> dict[str, Any]:
-        clients = [self._client(name) for name in robots or sorted(self._robots.agents)]
-
-        def command() -> dict[str, Any]:
-            done = {}
-            for client in clients:
-                tasks = client.tasks
-                for number in tasks:
-                    _send(client, _COMMANDS[action], number)
-                done[client.name] = len(tasks)
-            return done
-
-        return await self.in_thread(command)
+    async def command_robots(self, action: str, robots: Sequence[str], user: str = "") -> dict[str, Any]:
+        return await self.stops.command(action, robots, user or rospy.get_name(), limit=remaining())
 
     async def collect(
         self, robots: Sequence[str], start: float, end: float, quality: Mapping[str, tuple[str, str]]
@@ -325,6 +321,7 @@ class RosCell:
 
     def _on_robot(self, name: str) -> None:
         robot = self._robots.robots[name]
+        self.stops.set_robots(self.connected)
         for goal_id, running in list(self._robots_of.items()):
             if any(robot_name == name for robot_name, _ in running) and robot.state != DISCONNECTED:
                 self._report_stop(goal_id)
@@ -334,19 +331,6 @@ class RosCell:
         task = self._loop.create_task(coroutine)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-    async def in_thread(self, call: Callable[..., T], *arguments: Any, timeout: float = _TIMEOUT) -> T:
-        """Runs a blocking call.
-
-        :raises TimedOut: it takes longer; it continues in its thread.
-        """
-        future = self._loop.run_in_executor(self._threads, functools.partial(call, *arguments))
-        try:
-            return await asyncio.wait_for(asyncio.shield(future), timeout)
-        except TimeoutError:
-            raise TimedOut(f"the cell has not answered within {timeout:g} s") from None
-        except rospy.ServiceException as error:
-            raise Refused(str(error)) from error
 
     def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
         if not self._loop.is_closed():
@@ -378,17 +362,6 @@ def _collect(
     return Collected(sorted(changes, key=lambda change: change["time"]), values, notes)
 
 
-def _command_tasks(robots: Robots, wanted: Sequence[tuple[str, str]], command: str) -> None:
-    """Sends a command to the tasks that run these skills, each a robot and a label."""
-    for name, label in wanted:
-        client = robots.agents.get(name)
-        if client is None:
-            continue
-        for number, message in client.progress.items():
-            if any(node.label == label for node in message.progress):
-                _send(client, command, number)
-
-
 def _plan_data(result: MakePlanResult) -> dict[str, Any]:
     return {
         "state": result.state,
@@ -418,11 +391,3 @@ class _PausingListener:
     def goal_ended(self, goal_id: str, ending: Ending) -> None:
         self._cell.note_end(goal_id)
         self._listener.goal_ended(goal_id, ending)
-
-
-def _send(client: ManagerClient, command: str, task: int) -> None:
-    """Sends a command to a task; one that has ended meanwhile is left alone."""
-    try:
-        client.command(command, task)
-    except SkirosError as error:
-        log.info("%s of task %d of %s: %s", command, task, client.name, error)

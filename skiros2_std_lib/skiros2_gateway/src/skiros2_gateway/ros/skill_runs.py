@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.errors import Refused, TimedOut, UnknownName
 from skiros2_common.core.manager_names import matching_name
+from skiros2_gateway.core.deadline import remaining
 from skiros2_msgs.msg import SkillProgress
 from skiros2_skill.client.description import Step
 from skiros2_skill.client.manager import ManagerClient
@@ -20,6 +22,8 @@ from skiros2_world_model.core.world_model_client import WorldModelAbstractInterf
 
 #: How many of the newest runs are kept.
 _MAX_RUNS = 200
+#: A start that is not accepted this long before its deadline is cancelled (s).
+_MARGIN = 0.5
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,11 @@ class SkillRuns:
         :raises SkirosError: skill or parameters are wrong, or the manager does not answer.
         """
         run = client.run(_steps(client, wm, skill, parameters))
-        task = run.wait_for_task()
+        limit = remaining()
+        task = run.wait_for_task(max(0.0, limit - _MARGIN) if limit < math.inf else None)
+        if task < 0 and not run.done:
+            run.cancel()  # it is not to start after the caller was told that it has failed
+            raise TimedOut(f"{client.name} has not started {skill} in time, and does not start it later")
         if task < 0:
             raise Refused(f"{client.name} does not start {skill}: {run.result().message}")
         with self._lock:

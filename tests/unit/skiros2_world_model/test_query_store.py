@@ -47,6 +47,16 @@ def holder_of(store: WorkerStore) -> int:
     return store._holder.pid
 
 
+def test_processes_work_although_sockets_have_a_default_timeout():
+    """As in every node after `rospy.init_node`."""
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(60.0)
+    try:
+        assert count(filled()) == 400
+    finally:
+        socket.setdefaulttimeout(before)
+
+
 def test_nested_query_is_refused_and_the_next_one_answered():
     store = filled()
     holder = holder_of(store)

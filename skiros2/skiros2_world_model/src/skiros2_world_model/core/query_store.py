@@ -72,7 +72,7 @@ class _Process:
 
         :raises OSError, EOFError: this process has ended.
         """
-        ours, theirs = socket.socketpair()
+        ours, theirs = _connected()
         with theirs:
             wire.send(self.connection, wire.FORK, passed=theirs)
         return _Process(ours, self._number(), self)
@@ -120,8 +120,16 @@ class _Root:
         raise Refused(f"SPARQL: no process for queries can be started: {reason!r}")
 
 
-def _start() -> _Process:
+def _connected() -> tuple[socket.socket, socket.socket]:
+    """Two connected sockets. The second one blocks, whatever default timeout (rospy sets one) the process has: the other
+    process gets it by its descriptor."""
     ours, theirs = socket.socketpair()
+    theirs.setblocking(True)
+    return ours, theirs
+
+
+def _start() -> _Process:
+    ours, theirs = _connected()
     with theirs:
         number = theirs.fileno()
         process = subprocess.Popen(

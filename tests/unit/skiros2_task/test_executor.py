@@ -12,6 +12,7 @@ import pytest
 
 from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
+from skiros2_task.core.execution import Phase
 from skiros2_task.core.executor import GoalExecutor
 from skiros2_task.core.goal_execution import Ended, Goal, GoalExecution
 from skiros2_task.core.plan import Plan, Step
@@ -125,6 +126,25 @@ def test_steps_of_lost_robot_move_to_other(cell: Make) -> None:
     assert busy.reached
     after = [record for record in request.execution.started if record.step.number >= 3]
     assert manager not in {record.step.call.manager for record in after if record.state is StepState.SUCCEEDED}
+
+
+def test_goal_waits_for_a_robot_whose_manager_is_restarted(cell: Make) -> None:
+    """The world model has removed the skills of the killed manager; its loss is not noticed yet."""
+    busy = cell(1, 3, 2)
+    wm, robot = busy.world.wm, busy.world.robots[0]
+    manager = wm.get_element(robot).value_of("skiros:SkillMgr")
+    busy.executor.robot_found(manager)
+    skills = wm.get_element(robot).getRelations("-1", "skiros:hasSkill", "")
+    assert skills
+    for relation in skills:
+        wm.set_relation(robot, "skiros:hasSkill", relation["dst"], False)
+    request = busy.achieve()
+    assert request.wait_for(lambda: request.execution.machine.phase is Phase.BLOCKED)
+    for relation in skills:
+        wm.set_relation(robot, "skiros:hasSkill", relation["dst"], True)
+    busy.executor.robot_found(manager)
+    assert request.end.verdict is Verdict.PLANNED
+    assert busy.reached
 
 
 def test_goals_for_one_robot_run_in_sequence(cell: Make) -> None:

@@ -197,12 +197,14 @@ class ExecutionStateMachine:
         return [*self._stop_unneeded(), self._claim()]
 
     def no_plan(
-        self, verdict: Verdict, message: str, others: bool, missing: tuple[str, ...] = ()
+        self, verdict: Verdict, message: str, others: bool, missing: tuple[str, ...] = (), restarting: bool = False
     ) -> list[Command]:
         """No plan was found.
 
         :param others: other goals are being executed, so that there may be a plan later.
         :param missing: parameters that lack a value.
+        :param restarting: a robot that was running had no skills in the world model: its manager has been killed, or
+            registers them.
         """
         if self.phase is not Phase.PLANNING:
             return []
@@ -216,7 +218,7 @@ class ExecutionStateMachine:
                 return self._stop(running)
             return self._plan()
         self._failure = End(verdict, message, missing)
-        if verdict is Verdict.IMPOSSIBLE and (others or self._lost):
+        if verdict is Verdict.IMPOSSIBLE and (others or self._lost or restarting):
             self.phase = Phase.BLOCKED
             self.message = "no plan for now: " + ("other goals use the resources" if others else "a robot is lost")
             self._blocked_until = None if others else self.clock() + ROBOT_TIMEOUT
@@ -288,8 +290,6 @@ class ExecutionStateMachine:
 
     def robot_found(self, manager: str) -> list[Command]:
         """A manager has appeared, again or for the first time."""
-        if manager not in self._lost:
-            return []
         self._lost.discard(manager)
         return self.retry()
 

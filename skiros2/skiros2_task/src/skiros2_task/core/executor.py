@@ -12,6 +12,7 @@ from itertools import count
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.manager_names import matching_name
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.event_queue import EventQueue
 from skiros2_task.core.execution import ExecutionStateMachine, Phase
@@ -251,7 +252,9 @@ class GoalExecutor:
         # Goals that wait for others to end do not wait for each other.
         others = (other.machine.phase for other in self._executions.values() if other is not execution)
         busy = any(phase is not Phase.BLOCKED for phase in others)
-        self.execute(execution, execution.machine.no_plan(result.verdict, result.message, busy, result.missing))
+        absent = {name for name in self._found if not matching_name(name, result.managers)}
+        machine = execution.machine
+        self.execute(execution, machine.no_plan(result.verdict, result.message, busy, result.missing, bool(absent)))
 
     def _grant(self, owners: Iterable[str]) -> None:
         """Notifies goals of their resources, in separate events: one goal may change what another is granted."""

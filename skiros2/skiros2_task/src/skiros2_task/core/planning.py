@@ -72,6 +72,7 @@ class PlanningResult:
     :param notes: messages about skills and elements that were left out.
     :param task: the planning task; None if the goal could not be read.
     :param why: the explanation, if there is no plan.
+    :param managers: of the robots whose skills the world model had.
     """
 
     verdict: Verdict
@@ -80,6 +81,7 @@ class PlanningResult:
     task: PlanningTask | None = None
     plan: Plan | None = None
     why: NoPlan | None = None
+    managers: frozenset[str] = frozenset()
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -180,6 +182,7 @@ class TaskPlanner:
         if assume:
             world.robots = assume_values(robots)
         result = self._search(goal, world, cancelled, report, limits, planner, adapt)
+        result = replace(result, managers=frozenset(robot.manager for robot in robots))
         if result.verdict is not Verdict.IMPOSSIBLE or assume or not _lacks_values(robots):
             return result
         world = self._view(asked_by)

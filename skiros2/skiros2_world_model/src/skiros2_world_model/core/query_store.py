@@ -121,8 +121,8 @@ class _Root:
 
 
 def _connected() -> tuple[socket.socket, socket.socket]:
-    """Two connected sockets. The second one, whose descriptor another process gets, blocks, also where this process has a
-    default timeout, as rospy sets it."""
+    """Two connected sockets. The second one, which another process gets, blocks, also where this process has a default
+    timeout, as rospy sets it."""
     ours, theirs = socket.socketpair()
     theirs.setblocking(True)
     return ours, theirs

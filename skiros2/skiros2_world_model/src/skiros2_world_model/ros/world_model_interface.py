@@ -70,7 +70,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         return self._replica.version + self._ontology_changes if self._replica is not None else -1
 
     @property
-    def last_change(self) -> int:
+    def last_change_number(self) -> int:
         """The number of the last known change of the scene; 0 if it is unknown, and without a replica."""
         if self._replica is None:
             return 0

@@ -35,6 +35,7 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
+from skiros2_common.core.json_data import read_json
 from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.events import Event
 from skiros2_gateway.core.job import Method
@@ -300,9 +301,9 @@ def _json_object(text: str | bytes) -> dict[str, Any]:
     :raises Rejected: it is no JSON object.
     """
     try:
-        data = json.loads(text)
+        data = read_json(text if isinstance(text, str) else text.decode())
         json.dumps(data, ensure_ascii=False).encode()  # an escaped half of a surrogate pair is no text
-    except (ValueError, RecursionError) as error:  # the latter of deep nesting
+    except (ValueError, RecursionError) as error:
         raise Rejected([Problem("wrong_value", "", f"the message is no JSON: {error}")]) from None
     if not isinstance(data, dict):
         raise Rejected([Problem("wrong_type", "", "the message is no JSON object")])

@@ -86,6 +86,7 @@ class _Rules(SimpleRoleRuleset):
 
     def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
         caller = getattr(user, "caller", None)
+        _caller.set(None)  # a request that is refused calls no method for an earlier caller
         if caller is not None:
             try:
                 caller = self._service.renew(caller)

@@ -111,7 +111,7 @@ class RosCell:
 
     @property
     def revision(self) -> int:
-        return self._wm.last_change if self._wm is not None else 0
+        return self._wm.last_change_number if self._wm is not None else 0
 
     @property
     def capacity(self) -> int:

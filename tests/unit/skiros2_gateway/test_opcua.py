@@ -329,11 +329,11 @@ def test_agent_does_not_log_in_and_a_revoked_user_may_do_nothing_more(in_server:
         await mes.connect()
         try:
             await mes.load()
-            assert await mes.call("Store", order("before"), NO_COMMENT) == 0
+            assert await mes.call("Store", order("admitted"), NO_COMMENT) == 0
             gateway.access.set_users([user for user in users if user.name != "operate"])
             with pytest.raises(ua.UaStatusCodeError):
-                await mes.call("Store", order("after"), NO_COMMENT)
-            assert [job.id for job in gateway.store.jobs() if job.id in ("before", "after")] == ["before"]
+                await mes.call("Store", order("revoked"), NO_COMMENT)
+            assert [job.id for job in gateway.store.jobs() if job.id in ("admitted", "revoked")] == ["admitted"]
         finally:
             gateway.access.set_users(users)
             await mes.disconnect()

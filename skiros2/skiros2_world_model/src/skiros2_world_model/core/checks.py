@@ -328,7 +328,7 @@ class CollectingChecks(Checks):
         """The declared names of a kind of name."""
         ontology = self.ontology
         if kind == "class":
-            return [name for name in ontology.classes() if ontology.describes(name)]
+            return [name for name in ontology.classes() if ontology.types(name)]
         return {"relation": ontology.relations, "property": ontology.data_properties}.get(kind, list)()
 
 

@@ -284,7 +284,8 @@ class KnowledgeBase:
         :raises WrongValue: the file does not parse.
         """
         triples = read_triples(path) if triples is None else triples
-        named = OntologyLint(self.index).findings(path, map(self._named, triples))
+        described = {self._node_name(triple.subject) for triple in self.triples()}
+        named = OntologyLint(self.index, described).findings(path, map(self._named, triples))
         return [*literal_findings(path, triples, self.prefixes), *named]
 
 

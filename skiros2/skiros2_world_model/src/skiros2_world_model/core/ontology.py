@@ -79,7 +79,6 @@ class Ontology:
         self._closures: dict[tuple[str, str], frozenset[str]] = {}
         self._limits: dict[tuple[str, str], tuple[str, int | None]] = {}
         self._misfits: dict[tuple[str, str, str], list[str]] = {}
-        self._subjects: frozenset[str] = frozenset()
         self._read(list(triples))
         self._subclasses = _inverse(self._superclasses)
         self._subproperties = _inverse(self._superproperties)
@@ -109,10 +108,6 @@ class Ontology:
             or name in self._individuals
             or _is_standard(name)
         )
-
-    def describes(self, name: str) -> bool:
-        """Whether the ontologies state anything of a name, and do not only refer to it."""
-        return name in self._subjects
 
     def prefixes(self) -> frozenset[str]:
         """The prefixes of the declared ontologies, and the standard ones."""
@@ -266,7 +261,6 @@ class Ontology:
         other = copy.copy(self)
         other._superclasses = {name: list(above) for name, above in self._superclasses.items()}
         other._types = {name: list(types) for name, types in self._types.items()}
-        other._subjects = self._subjects.union(subject for subject, _, _ in triples)
         other._closures, other._limits, other._misfits = {}, {}, {}
         for subject, predicate, obj in triples:
             if predicate == "rdf:type":
@@ -283,7 +277,6 @@ class Ontology:
             described.setdefault(subject, []).append((predicate, obj))
             if predicate == "rdf:type":
                 self._types.setdefault(subject, []).append(obj)
-        self._subjects = frozenset(described)
         for subject, statements in described.items():
             if not subject.startswith("_:"):
                 self._read_terms(subject, statements, described)

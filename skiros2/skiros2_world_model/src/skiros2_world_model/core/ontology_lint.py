@@ -80,11 +80,12 @@ class OntologyLint:
     """Checks files against all loaded ontologies.
 
     :param ontology: the index of all ontologies.
+    :param described: the subjects of all triples; other names are only referred to.
     """
 
-    def __init__(self, ontology: Ontology) -> None:
+    def __init__(self, ontology: Ontology, described: set[str]) -> None:
         self._ontology = ontology
-        self._classes = {name for name in ontology.classes() if ontology.describes(name)}
+        self._classes = described.intersection(ontology.classes())
         self._properties = {*ontology.relations(), *ontology.data_properties()}
         self._own = ontology.prefixes()
 

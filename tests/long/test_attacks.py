@@ -1,6 +1,6 @@
-"""Attacks at length: 20 000 hostile and 20 000 generated requests, and silent connections that never end.
+"""Attacks at length: 20 000 requests on each interface, hostile and generated, and silent connections that never end.
 
-The random seeds are fixed; FUZZ multiplies the number of requests.
+The random seeds are fixed; `REQUESTS` in the environment sets another number.
 """
 
 from __future__ import annotations
@@ -13,12 +13,16 @@ from typing import Any
 
 import pytest
 
+from skiros2_gateway.agents.server import AgentServer
+from skiros2_gateway.agents.tools import Tools
+from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.http.server import Limits
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.opcua.server import OpcuaServer
 from support.broker import broker, needs_broker
 from support.hostile import Hostile, fuzz_mqtt, fuzz_opcua, fuzz_rest
+from support.hostile_agents import fuzz_agents
 from support.http_gateway import curl, served
 from support.schema_requests import operations_of, send_generated, served_gateway
 from unit.skiros2_gateway.conftest import TOKENS, Gateway
@@ -27,7 +31,7 @@ from unit.skiros2_gateway.test_opcua import Mes
 
 pytestmark = pytest.mark.timeout(3600)
 
-COUNT = int(20_000 * float(os.environ.get("FUZZ", "1")))
+COUNT = int(os.environ.get("REQUESTS", "20000"))
 
 
 def run(folder: Path, test: Callable[[Any], Any]) -> None:
@@ -70,6 +74,27 @@ def test_mqtt_survives_hostile_requests(tmp_path: Path, caplog: pytest.LogCaptur
             assert {"unauthenticated", "denied", "rejected", "unknown_name"} <= found.keys(), found
             check(gateway, caplog)
             print(f"MQTT: {dict(sorted(found.items()))}")
+
+    run(tmp_path, test)
+
+
+def test_tools_of_agents_survive_hostile_requests(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    async def test(gateway: Any) -> None:
+        gateway.service.approvals = Approvals(gateway.events, is_needed=False, timeout=0.001)
+        agents = AgentServer(gateway.service)
+        fields = {name: tuple(tool.arguments.model_fields) for name, tool in Tools(gateway.service).all.items()}
+        await gateway.put("a")
+        gateway.cell.end("a", "failed")
+        await gateway.collected("a")
+        cell = gateway.cell
+        async with agents.running(), served(gateway.service, routers=[agents.router()]) as address:
+            found = await fuzz_agents(
+                address, TOKENS, fields, Hostile(24), COUNT,
+                lambda: (len(cell.sent), len(cell.commands), len(cell.skill_runs), len(cell.edits)),
+            )  # fmt: skip
+        assert {"200", "401", "done", "denied", "rejected", "unknown_name"} <= found.keys(), found
+        check(gateway, caplog, users=("agent", "operate"))
+        print(f"agents: {dict(sorted(found.items()))}")
 
     run(tmp_path, test)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import pytest
@@ -25,10 +25,10 @@ from unit.skiros2_gateway.test_opcua import Mes
 Run = Callable[..., None]
 
 
-def check(gateway: Any, log: pytest.LogCaptureFixture) -> None:
+def check(gateway: Any, log: pytest.LogCaptureFixture, users: Collection[str] = ("operate",)) -> None:
     """Nothing was carried out without the role, and no request has caused an internal error."""
     assert not [job.id for job in gateway.store.jobs(cleared=True) if job.id.startswith(FORBIDDEN)]
-    assert {entry["user"] for entry in gateway.store.audit_log() if entry["outcome"] == "done"} <= {"operate"}
+    assert {entry["user"] for entry in gateway.store.audit_log() if entry["outcome"] == "done"} <= set(users)
     errors = [record for record in log.records if record.levelno >= logging.ERROR and not _is_of_asyncua(record)]
     assert not errors, [record.getMessage() for record in errors]
 

@@ -1,5 +1,6 @@
 """Goals that the manager does not accept in time."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -7,7 +8,8 @@ import rospy
 from actionlib import CommState
 
 from skiros2_common.core.errors import TimedOut
-from skiros2_skill.client import manager
+from skiros2_common.ros import connections
+from skiros2_skill.client import skill_run
 
 
 class Client:
@@ -19,16 +21,18 @@ class Client:
 
     def __init__(self):
         self.handles = []
-        self.status_stamp = rospy.Time(1000.0)
+        self.manager = SimpleNamespace()
+        self.delay = 0.0
 
     @property
     def last_status_msg(self):
         """A new message each time: the server is alive."""
-        return SimpleNamespace(header=SimpleNamespace(stamp=self.status_stamp))
+        stamp = rospy.Time(connections.time.time() - self.delay)
+        return SimpleNamespace(header=SimpleNamespace(stamp=stamp))
 
     def send_goal(self, goal, on_transition):
         handle = SimpleNamespace(state=CommState.WAITING_FOR_GOAL_ACK, on_transition=on_transition)
-        number = SimpleNamespace(goal_id=SimpleNamespace(id=f"goal {len(self.handles)}", stamp=rospy.Time(100.0)))
+        number = SimpleNamespace(goal_id=SimpleNamespace(id=f"goal {len(self.handles)}"))
         handle.comm_state_machine = SimpleNamespace(action_goal=number)
         handle.get_comm_state = lambda: handle.state
         self.handles.append(handle)
@@ -41,9 +45,11 @@ class Client:
 
 @pytest.fixture
 def clock(monkeypatch):
-    clock = SimpleNamespace(now=100.0, sleep=None)
+    clock = SimpleNamespace(now=100.0, wall=1e9, sleep=None)
     clock.monotonic = lambda: clock.now
-    monkeypatch.setattr(manager, "time", clock)
+    clock.time = lambda: clock.wall + clock.now
+    monkeypatch.setattr(skill_run, "time", clock)
+    monkeypatch.setattr(connections, "time", clock)
     return clock
 
 
@@ -55,38 +61,48 @@ def client():
 @pytest.fixture
 def runs(client, clock):
     """Three goals, sent one after the other."""
-    last_accepted = manager._LastAccepted()
+    last_accepted = skill_run._LastAccepted()
     runs = []
     for _ in range(3):
-        runs.append(manager.SkillRun(client, None, None, last_accepted))
+        runs.append(skill_run.SkillRun(client, None, None, last_accepted))
         clock.now += 0.01
     return runs
 
 
 def test_goal_that_is_not_accepted_times_out(runs, clock):
-    clock.now += manager.SILENCE + 0.1
+    clock.now += skill_run.SILENCE + 0.1
     with pytest.raises(TimedOut, match="/robot/execute has not taken the skills"):
         runs[0].wait(0.0)
 
 
 def test_goal_waits_while_status_messages_arrive_late(runs, client, clock):
-    client.status_stamp = rospy.Time(101.0)
-    clock.now += manager.SILENCE + 0.1
+    client.delay = skill_run.SILENCE
+    clock.now += skill_run.SILENCE + 0.1
     assert not runs[0].wait(0.0)
+
+
+@pytest.mark.parametrize("days", [-1, 1])
+@pytest.mark.parametrize("delay", [0.0, skill_run.SILENCE])
+def test_wall_clock_that_is_set_changes_nothing(runs, client, clock, days, delay):
+    client.delay = delay
+    clock.wall += days * 86_400.0
+    clock.now += skill_run.SILENCE + 0.1
+    with nullcontext() if delay else pytest.raises(TimedOut, match="has not taken"):
+        assert not runs[0].wait(0.0)
 
 
 def test_goal_waits_while_earlier_goals_are_accepted(runs, client, clock):
     for number in range(2):
-        clock.now += manager.SILENCE - 1.0
+        clock.now += skill_run.SILENCE - 1.0
         client.accept(number)
         assert not runs[2].wait(0.0)
-    clock.now += manager.SILENCE + 0.1
+    clock.now += skill_run.SILENCE + 0.1
     with pytest.raises(TimedOut, match="has not taken"):
         runs[2].wait(0.0)
 
 
 def test_goal_that_was_passed_over_times_out(runs, client, clock):
-    clock.now += manager.SILENCE + 0.1
+    clock.now += skill_run.SILENCE + 0.1
     client.accept(2)
     assert not runs[2].wait(0.0)
     with pytest.raises(TimedOut, match="has not taken"):
@@ -95,11 +111,11 @@ def test_goal_that_was_passed_over_times_out(runs, client, clock):
 
 def test_feedback_after_result_is_delivered(client, monkeypatch):
     callbacks = {}
-    monkeypatch.setattr(manager.actionlib, "ActionClient", lambda name, kind: client)
-    monkeypatch.setattr(manager.rospy, "Subscriber", lambda topic, kind, call: callbacks.setdefault(topic, call))
-    monkeypatch.setattr(manager.ServerWatch, "is_connected", lambda self: True)
+    monkeypatch.setattr(skill_run.actionlib, "ActionClient", lambda name, kind: client)
+    monkeypatch.setattr(skill_run.rospy, "Subscriber", lambda topic, kind, call: callbacks.setdefault(topic, call))
+    monkeypatch.setattr(skill_run.ServerWatch, "is_connected", lambda self: True)
     received = []
-    run = manager.SkillRunner("/robot").run("me", [], received.append)
+    run = skill_run.SkillRunner("/robot").run("me", [], received.append)
     handle = client.handles[0]
     handle.state, handle.get_result = CommState.DONE, lambda: SimpleNamespace(task_id=7)
     handle.on_transition(handle)

@@ -101,16 +101,17 @@ class ServerWatch:
             self._last_status, self._status_time = status, time.monotonic()
         return time.monotonic() - self._status_time
 
-    def status_is_later(self, handle: Any, seconds: float) -> bool:
+    def status_is_later(self, age: float, seconds: float) -> bool:
         """Whether the last status message was published so long after a goal was sent (s, wall time of both hosts).
 
         A busy client receives status messages late. Always true in simulated time, which may be paused.
+
+        :param age: time since the goal was sent (s); the wall clock may have been set meanwhile.
         """
         status = self._client.last_status_msg
-        sent = handle.comm_state_machine.action_goal.goal_id.stamp
         if status is None or not rospy.rostime.is_wallclock():
             return True
-        return bool((status.header.stamp - sent).to_sec() > seconds)
+        return bool(status.header.stamp.to_sec() - (time.time() - age) > seconds)
 
     def time_without_result(self, handle: Any) -> float:
         """Time since the server reported the end of a goal whose result is missing, as observed by calls (s).

@@ -167,7 +167,7 @@ class SkillRun:
     def _is_unknown(self) -> bool:
         """Whether the manager lacks the goal, according to a status message that is late enough."""
         is_waiting = self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK
-        return bool(is_waiting and self._watch.status_is_later(self._handle, SILENCE))
+        return bool(is_waiting and self._watch.status_is_later(time.monotonic() - self._sent_at, SILENCE))
 
     # Called by threads of ROS.
 

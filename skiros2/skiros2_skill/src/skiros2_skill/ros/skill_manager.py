@@ -11,7 +11,7 @@ from typing import Any
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.ros.signals import RosSignals
@@ -104,7 +104,13 @@ class SkillManager(DiscoverableNode):
                 self._start()
 
     def _start(self) -> None:
-        self._registration.register(self._library.implementations())
+        try:
+            self._registration.register(self._library.implementations())
+        except ConfigurationError as error:
+            refused = (rospy.get_param("wm/refused", None) or {}).get("scene")
+            if not refused:
+                raise
+            raise ConfigurationError(f"{refused}; so the scene is blank, without this robot") from error
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)

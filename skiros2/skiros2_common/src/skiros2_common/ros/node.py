@@ -21,6 +21,7 @@ import rospy.impl.tcpros_base as tcpros
 from skiros2_common.command_line.launch_error import repeat_after_roslaunch
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.ros.master_watch import watch_master
+from skiros2_common.ros.topic_polls import close_polls_with_topics
 from skiros2_common.tools.logger import rosout_record
 
 log = logging.getLogger(__name__)
@@ -77,6 +78,7 @@ def run_node(name: str, main: Callable[[], None]) -> None:
         sys.stdout.reconfigure(line_buffering=True)  # a pipe, as of `roslaunch | tee`, gets each message at once
     if not rosgraph.is_master_online():
         _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
+    close_polls_with_topics()
     with shutdown_in_thread():
         try:
             rospy.init_node(name, disable_signals=True)

@@ -9,7 +9,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import resource
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,12 +33,28 @@ hypothesis.settings.load_profile("repeatable")
 
 _ROS = pytest.StashKey[Ros]()
 
+#: The tests that failed in a run of several processes, each with the reason, written as they end.
+FAILURES = TESTS.parent / "build" / "failures.txt"
+
 
 def pytest_configure(config: pytest.Config) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # the tests of a process open several hundred connections
     if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # nohup: this process goes on, what it starts hears of it
         signal.signal(signal.SIGHUP, lambda *_: None)
+
+
+def pytest_xdist_setupnodes() -> None:
+    FAILURES.parent.mkdir(exist_ok=True)
+    FAILURES.write_text("")
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.failed and hasattr(report, "node"):  # in the process that collects the reports
+        with FAILURES.open("a") as failures:
+            print(f"FAILED {report.nodeid}\n{report.longreprtext}", *map("\n".join, report.sections), file=failures)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -83,8 +101,15 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
     os.environ.update(before)
 
 
+@pytest.fixture(scope="module")
+def _closed_connections() -> Iterator[None]:
+    """rospy leaves sockets of closed topics to Python's garbage collection, which is rare in a process of this size."""
+    yield
+    gc.collect()
+
+
 @pytest.fixture
-def ros(ros_master: RosMaster, request: pytest.FixtureRequest) -> Iterator[Ros]:
+def ros(_closed_connections: None, ros_master: RosMaster, request: pytest.FixtureRequest) -> Iterator[Ros]:
     """Starts nodes and launch files on the session's master; they end with the test."""
     programs = Ros(ros_master)
     request.node.stash[_ROS] = programs

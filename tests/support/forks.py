@@ -101,12 +101,25 @@ class Fork:
         :raises subprocess.TimeoutExpired: it still runs.
         """
         if self._status is None:
-            if not select.select([self._ended], [], [], timeout)[0]:
+            if not is_readable(self._ended, timeout):
                 raise subprocess.TimeoutExpired(f"fork {self.pid}", timeout or 0.0)
             if self._status is None:  # another thread may have waited too
                 told, self._status = os.read(self._ended, 32), -signal.SIGKILL
                 self._status = int(told or self._status)
         return self._status
+
+    def __del__(self) -> None:
+        os.close(self._ended)
+
+
+def is_readable(descriptor: int, timeout: float | None) -> bool:
+    """Waits until a descriptor, of any number, can be read.
+
+    :param timeout: s at most; None: for ever.
+    """
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(None if timeout is None else 1000.0 * timeout))
 
 
 # -- the server --------------------------------------------------------------------------------------------------------

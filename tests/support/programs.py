@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import select
 import signal
 import subprocess
 import threading
@@ -13,7 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from support.forks import Fork, ForkServer
+from support.forks import Fork, ForkServer, is_readable
 
 #: What terminals take for colours and titles; roslaunch and rospy print it also when there is none.
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
@@ -185,7 +184,7 @@ class ProcessId:
         with contextlib.suppress(ProcessLookupError):
             descriptor = os.pidfd_open(self.pid)
             try:
-                if self.running and not select.select([descriptor], [], [], timeout)[0]:
+                if self.running and not is_readable(descriptor, timeout):
                     raise AssertionError(f"{self} has not ended in {timeout:g} s")
             finally:
                 os.close(descriptor)

@@ -130,7 +130,7 @@ def test_launch_with_unknown_names_fails_before_any_node_starts(
     ("scene", "culprit"),
     [
         ("no_such_scene.ttl", "no_such_scene.ttl: cannot be read"),
-        ("broken.ttl", "broken.ttl, line 2: expected Turtle"),
+        ("broken.ttl", "broken.ttl, line 2, column 5: expected Turtle"),
     ],
 )
 def test_launch_with_an_unreadable_scene_warns_and_starts(

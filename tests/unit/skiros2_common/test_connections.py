@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
+import resource
+import socket
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from skiros2_common.ros import connections
-from skiros2_common.ros.connections import RegisteredSubscribers, wait_for_subscribers
+from skiros2_common.ros.connections import RegisteredSubscribers, wait_for_subscribers, was_closed
 
 
 class FakePublisher:
@@ -61,3 +65,20 @@ def test_wait_for_subscribers_returns_with_the_last_connection() -> None:
     publisher = FakePublisher(0, 0, 2)
     wait_for_subscribers(publisher, timeout=60.0)
     assert publisher.get_num_connections() == 2
+
+
+@pytest.mark.parametrize("descriptor", [0, 1100])
+def test_idle_connection_was_closed_when_its_server_has_closed_it(descriptor: int) -> None:
+    """Also in a process with more than 1024 open files."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard <= descriptor:
+        pytest.skip("this process may not open so many files")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, descriptor + 1), hard))
+    server, client = socket.socketpair()
+    with server, client, socket.socket(fileno=fcntl.fcntl(client, fcntl.F_DUPFD, descriptor)) as connection:
+        transport = SimpleNamespace(socket=connection)
+        assert not was_closed(transport)
+        server.close()
+        assert was_closed(transport)
+    assert was_closed(transport)
+    assert was_closed(None)

@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import re
 
 import pytest
@@ -217,7 +216,8 @@ def test_json_has_a_line_for_each_message():
 @pytest.fixture
 def live(monkeypatch):
     """A terminal of 60 x 12 and what stands on it."""
-    monkeypatch.setattr(views.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setenv("LINES", "12")
     monkeypatch.setattr(views, "screen", lambda: Screen(60))
     monkeypatch.setenv("TERM", "xterm")
     out = Terminal()

@@ -45,7 +45,7 @@ def test_a_byte_order_mark_is_no_mistake():
     ],
 )
 def test_a_text_that_does_not_parse_is_refused_with_file_and_line(content, line):
-    with pytest.raises(WrongValue, match=rf"lab\.ttl, line {line}: expected (Turtle|RDF/XML)"):
+    with pytest.raises(WrongValue, match=rf"lab\.ttl, line {line}, column \d+: expected (Turtle|RDF/XML)"):
         parse_triples(content, "lab.ttl")
 
 

@@ -24,6 +24,7 @@ HEAD = """@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
 POSE = """skiros:PositionX 0.0 ; skiros:PositionY 0.0 ; skiros:PositionZ 0.0 ;
     skiros:OrientationX 0.0 ; skiros:OrientationY 0.0 ; skiros:OrientationZ 0.0 ; skiros:OrientationW 1.0"""
 BOX = f"skiros:Scene-0 a skiros:Scene ; skiros:contain skiros:LargeBox-1 . skiros:LargeBox-1 a skiros:LargeBox ; {POSE}"
+COLOUR = "unknown property skiros:colour; did you mean skiros:MeanColour?"
 #: A shape of a user: a box needs a weight.
 WEIGHED = """<urn:Weighed> a sh:PropertyShape ; sh:targetClass skiros:Container ;
     sh:path skiros:Weight ; sh:minCount 1 ; sh:message "a box is weighed" ."""
@@ -113,7 +114,7 @@ def test_unknown_names_are_warnings_or_when_strict_violations(validate, strict, 
         strict,
     )
     assert told(report) == {
-        (severity, "skiros:LargeBox-1", "skiros:colour", "unknown property skiros:colour"),
+        (severity, "skiros:LargeBox-1", "skiros:colour", COLOUR),
         (severity, "skiros:LargeBox-1", "skiros:feeds", "unknown relation skiros:feeds"),
         (severity, "skiros:Pump-3", "", "unknown class skiros:Pump (1 more have it)"),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import time
 from typing import Any
 
@@ -18,6 +19,19 @@ _POLL_PERIOD = 0.005  # s
 
 #: How long to wait for the other subscribers of an action's goals (s).
 _SUBSCRIBERS_TIMEOUT = 5.0
+
+
+def was_closed(transport: Any) -> bool:
+    """Whether the server has closed an idle connection: then its end can be read.
+
+    :param transport: of a persistent `rospy.ServiceProxy`; None if it is not connected.
+    """
+    poll = select.poll()  # unlike select(), also for descriptors above 1023
+    try:
+        poll.register(transport.socket, select.POLLIN)
+    except (AttributeError, TypeError, ValueError):  # there is no transport, or its socket is closed
+        return True
+    return bool(poll.poll(0))
 
 
 class RegisteredSubscribers:

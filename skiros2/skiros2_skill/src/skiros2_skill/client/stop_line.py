@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import queue
-import select
 import threading
 import time
 from typing import Any
@@ -15,6 +14,7 @@ from rospy.core import parse_rosrpc_uri
 from rospy.impl.tcpros_base import TCPROSTransport
 
 from skiros2_common.core.errors import TimedOut, UnknownName
+from skiros2_common.ros.connections import was_closed
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.world_model_abstract_interface import refusal
 
@@ -141,12 +141,7 @@ class _Connection:
     @property
     def was_closed(self) -> bool:
         """Whether the manager has closed the connection: then its end can be read."""
-        if not self.is_open:
-            return False
-        try:
-            return bool(select.select([self._transport.socket], [], [], 0)[0])
-        except (OSError, TypeError, ValueError):
-            return True
+        return self.is_open and was_closed(self._transport)
 
     def open(self) -> None:
         """Opens the connection, unless it is open; blocks.

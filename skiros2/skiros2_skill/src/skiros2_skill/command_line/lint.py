@@ -1,4 +1,4 @@
-"""`rosrun skiros2_skill lint`: checks skill libraries without a robot, a world model or a master."""
+"""`rosrun skiros2_skill lint`: checks skills, ontologies and scenes without a robot, a world model or a master."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from skiros2_common.command_line.command import (
 )
 from skiros2_common.core.errors import UnknownName
 from skiros2_skill.client.description import did_you_mean
-from skiros2_skill.command_line.local_world_model import world_model_of
+from skiros2_skill.command_line.lint_files import ENDINGS, file_faults, knowledge_files
+from skiros2_skill.command_line.local_world_model import ontology_folders, world_model_of
 from skiros2_skill.core.lint.codes import MEANINGS, Meaning
 from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING, Fault
 from skiros2_skill.core.lint.linter import lint_libraries
@@ -33,8 +34,9 @@ from skiros2_skill.core.lint.linter import lint_libraries
 _STANDARD = "skiros2_std_skills"
 
 _EPILOG = (
-    "The ontologies of skiros2, those in the folders owl, ontology and ontologies of the packages, and those of the "
-    "workspace are known. Exit status: 0 no errors, 1 errors, 2 wrong usage, or a package that cannot be read."
+    "The ontologies of skiros2, those in the folders owl, ontology, ontologies and scene of the packages, and those of "
+    "the workspace are known; these files and the scenes beside them are checked, too. "
+    "Exit status: 0 no errors, 1 errors, 2 wrong usage, or a package that cannot be read."
 )
 
 
@@ -43,8 +45,10 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 
     :param arguments: of the command line; None: those of this process.
     """
-    parser = Parser(prog="lint", description="Checks skill libraries.", epilog=_EPILOG)
-    parser.add_argument("packages", nargs="*", metavar="PACKAGE", help="a Python package with skills")
+    parser = Parser(prog="lint", description="Checks skill libraries with their ontologies and scenes.", epilog=_EPILOG)
+    parser.add_argument(
+        "packages", nargs="*", metavar="PACKAGE", help="a Python package with skills, or a file: an ontology or a scene"
+    )
     parser.add_argument("--explain", nargs="?", const="", metavar="CODE", help="explain a code; without one, all")
     parser.add_argument(
         "--uses", nargs="+", default=[], metavar="PACKAGE", help="further packages whose skills are used"
@@ -79,10 +83,16 @@ def _explained(code: str, meaning: Meaning) -> list[str]:
 
 def _lint(given: argparse.Namespace) -> CommandResult:
     logging.getLogger("skiros2_common").setLevel(logging.CRITICAL)  # skipped modules are among the faults
-    logging.getLogger("skiros2_world_model").setLevel(logging.ERROR)
+    logging.getLogger("skiros2_world_model").setLevel(logging.CRITICAL)  # broken files are among the faults, too
     used = [*given.uses, *([_STANDARD] if importlib.util.find_spec(_STANDARD) else [])]
-    with world_model_of([*given.packages, *used], given.workspace, "lint") as wmi:
-        faults = lint_libraries(given.packages, wmi, used)
+    named = [Path(name) for name in given.packages if name.endswith(ENDINGS)]
+    packages = [name for name in given.packages if not name.endswith(ENDINGS)]
+    workspace = given.workspace or (named[0].parent if named else None)
+    folders = [*ontology_folders(packages), *([given.workspace] if given.workspace else [])]
+    with world_model_of([*packages, *used], workspace, "lint", skip_broken=True) as wmi:
+        faults = lint_libraries(packages, wmi, used) if packages else []
+        for file in [*named, *knowledge_files(folders)]:
+            faults += file_faults(file, wmi.model.knowledge_base)
     shown = [fault for fault in faults if fault.severity != NOTE or given.notes]
     counts = Counter(fault.severity for fault in faults)
     failed = counts[ERROR] + (counts[WARNING] if given.strict else 0)

@@ -17,12 +17,16 @@ from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 
 #: The folders of a package that may have ontologies.
-_FOLDERS = ("owl", "ontology", "ontologies")
+_FOLDERS = ("owl", "ontology", "ontologies", "scene")
 
 
 @contextmanager
 def world_model_of(
-    packages: Sequence[str], workspace: Path | None, author: str, scene: Path | None = None
+    packages: Sequence[str],
+    workspace: Path | None,
+    author: str,
+    scene: Path | None = None,
+    skip_broken: bool = False,
 ) -> Iterator[LocalWorldModel]:
     """Yields a world model with the ontologies of the platform, of packages and of a workspace.
 
@@ -30,14 +34,15 @@ def world_model_of(
     :param workspace: a folder, or None.
     :param author: of changes.
     :param scene: a scene file; None: a blank scene.
+    :param skip_broken: logs and skips an ontology that does not parse.
     :raises ConfigurationError: the workspace does not exist, or the scene cannot be read.
     :raises WmException: the scene is refused.
     """
     if workspace is not None and not workspace.is_dir():
         raise ConfigurationError(f"workspace {workspace}: there is no such folder")
     with tempfile.TemporaryDirectory(prefix="skiros-") as folder:
-        _gather([*_folders(packages), *([workspace] if workspace else [])], Path(folder))
-        wm = LocalWorldModel(author, WorldModel(base_ontologies(), Path(folder)))
+        _gather([*ontology_folders(packages), *([workspace] if workspace else [])], Path(folder))
+        wm = LocalWorldModel(author, WorldModel(base_ontologies(), Path(folder), blank_on_error=skip_broken))
         if scene is not None:
             try:
                 shutil.copyfile(scene, Path(folder, scene.name))
@@ -47,7 +52,7 @@ def world_model_of(
         yield wm
 
 
-def _folders(packages: Sequence[str]) -> Iterator[Path]:
+def ontology_folders(packages: Sequence[str]) -> Iterator[Path]:
     """The ontology folders of packages."""
     for package in packages:
         root = package_folder(package.partition(".")[0]) or _root(package)

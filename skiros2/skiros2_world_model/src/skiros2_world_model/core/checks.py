@@ -16,6 +16,13 @@ from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.ontology_lint import (
+    UNKNOWN_CLASS,
+    UNKNOWN_PROPERTY,
+    UNKNOWN_RELATION,
+    WRONG_ENDS,
+    did_you_mean,
+)
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
 from skiros2_world_model.core.report import VIOLATION, WARNING, Finding
 from skiros2_world_model.core.scene import ElementRecord
@@ -277,6 +284,11 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
         )
 
 
+#: The maximum number of unknown names of a file for which the nearest name is searched; each takes some ms.
+_MAX_HINTS = 20
+#: By kind of issue.
+_CODES = {"class": UNKNOWN_CLASS, "relation": UNKNOWN_RELATION, "property": UNKNOWN_PROPERTY, MISFIT: WRONG_ENDS}
+
 KEPT = "kept"
 LEFT_OUT = "left out"
 
@@ -295,14 +307,29 @@ class CollectingChecks(Checks):
         text = text.removeprefix(f"{what}: ")
         self.flaws[Finding(VIOLATION, self.origin, who, what, text)] = done
 
+    def property(self, etype: str, key: str, prop: Property, who: str) -> Property:
+        checked = super().property(etype, key, prop, who)
+        for text in self.ontology.misfits(etype, self.full(key), ""):
+            self._add_issue(MISFIT, text, who)
+        return checked
+
     def finish(self) -> None:
         severity = VIOLATION if self._strict else WARNING
-        for (kind, name), users in self._unknown.items():
+        for number, ((kind, name), users) in enumerate(self._unknown.items()):
             element, *predicate = users[0].split(" ")  # an element, or a relation
             prop = predicate[0] if predicate else name if kind in ("property", "relation") else ""
             others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
-            finding = Finding(severity, self.origin, element, prop, f"{issue_text(kind, name)}{others}")
+            near = did_you_mean(name, self._known_names(kind)) if number < _MAX_HINTS else ""
+            text = f"{issue_text(kind, name)}{near}{others}"
+            finding = Finding(severity, self.origin, element, prop, text, _CODES.get(kind, ""))
             self.flaws[finding] = KEPT
+
+    def _known_names(self, kind: str) -> list[str]:
+        """The declared names of a kind of name."""
+        ontology = self.ontology
+        if kind == "class":
+            return [name for name in ontology.classes() if ontology.types(name)]
+        return {"relation": ontology.relations, "property": ontology.data_properties}.get(kind, list)()
 
 
 class FileChecks(CollectingChecks):
@@ -360,6 +387,15 @@ class SourceLines:
             if index > start and subject.pattern and _ENDS.search(self._lines[index]):
                 break
         return start + 1
+
+
+    def mention(self, name: str) -> int | None:
+        """The number of the first line with a name (`prefix:Local`, or `prefix:` for its declaration)."""
+        if not name:
+            return None
+        pattern = rf"(?<![\w.-]){re.escape(name)}(?![\w-])" if local_name(name) else f"prefix {re.escape(name)}"
+        wanted = re.compile(pattern)
+        return next((i + 1 for i, line in enumerate(self._lines) if wanted.search(line)), None)
 
 
 #: The end of a description: of a Turtle statement, or of an RDF/XML element.

@@ -15,16 +15,20 @@ import pyoxigraph as ox
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
 from skiros2_world_model.core.changes import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import ALIVE_QUERY, STRUCTURE_QUERY, NamedTriple, Ontology
+from skiros2_world_model.core.ontology_lint import OntologyLint, literal_findings
 from skiros2_world_model.core.prefixes import OWL, Prefixes
 from skiros2_world_model.core.query_budget import QueryBudgets
 from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.rdf import RDF_TYPE, parse_term, python_value, read_triples, term_json, term_text
+from skiros2_world_model.core.report import Finding
 from skiros2_world_model.core.triple_store import Answer, StoreLost, TripleStore
 
 log = logging.getLogger(__name__)
 
 _ONTOLOGY_CLASS = ox.NamedNode(OWL + "Ontology")
-_LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
+
+#: The maximum number of logged mistakes of a file.
+_MAX_LOGGED = 10
 
 #: Files of the workspace whose names contain this are ontologies.
 _ONTOLOGY_INFIX = ".owl"
@@ -88,7 +92,8 @@ class KnowledgeBase:
         files = _ontology_files(ontologies, workspace)
         self._files = frozenset(path.resolve() for path in files)
         own = ontologies.resolve() if ontologies is not None else None
-        self._load(files, [path for path in files if skip_broken and path.parent.resolve() != own])
+        given = [path for path in files if path.parent.resolve() != own]
+        self._load(files, given if skip_broken else (), given)
 
     @property
     def index(self) -> Ontology:
@@ -224,10 +229,11 @@ class KnowledgeBase:
 
     # -- loading -----------------------------------------------------------------------------------------------
 
-    def _load(self, files: list[Path], skipped: list[Path]) -> None:
+    def _load(self, files: Sequence[Path], skipped: Sequence[Path], linted: Sequence[Path]) -> None:
         """Reads the ontologies.
 
         :param skipped: files that are logged and skipped when they do not parse.
+        :param linted: files whose mistakes are logged.
         """
         loaded: list[tuple[Path, list[ox.Triple]]] = []
         for path in files:
@@ -243,7 +249,11 @@ class KnowledgeBase:
                 self._declare(triple)
             self.store.extend(ONTOLOGY, triples)
         for path, triples in loaded:
-            self._warn_of_unknown(path, triples)
+            if path in linted and (found := self.lint(path, triples)):
+                lines = [str(finding) for finding in found[:_MAX_LOGGED]]
+                more = [f"and {len(found) - len(lines)} more"] if len(found) > len(lines) else []
+                count = "1 mistake" if len(found) == 1 else f"{len(found)} mistakes"
+                log.warning("\n    ".join([f"ontology {path} has {count}:", *lines, *more]))
 
     def _declare(self, triple: ox.Triple) -> None:
         is_declared = triple.predicate == RDF_TYPE and triple.object == _ONTOLOGY_CLASS
@@ -267,21 +277,16 @@ class KnowledgeBase:
     def _node_name(self, node: Any) -> str:
         return self.prefixes.name(node.value) if isinstance(node, ox.NamedNode) else str(node)
 
-    def _warn_of_unknown(self, path: Path, triples: list[ox.Triple]) -> None:
-        """Warns of undeclared names that individuals of a file use, once for each name."""
-        index = self.index
-        unknown: dict[str, str] = {}
-        for triple in triples:
-            subject, predicate, obj = self._named(triple)
-            if triple.object == _LOWER_CASE_CLASS:
-                unknown.setdefault("owl:class", subject)
-            elif index.individual(subject) is not None:
-                if not index.knows(predicate):
-                    unknown.setdefault(predicate, subject)
-                if predicate == "rdf:type" and not index.knows(obj):
-                    unknown.setdefault(obj, subject)
-        for name, subject in unknown.items():
-            log.warning("%s: %s uses %s, which no ontology declares", path, subject, name)
+    def lint(self, path: Path, triples: Sequence[ox.Triple] | None = None) -> list[Finding]:
+        """The mistakes in an ontology file that is loaded.
+
+        :param triples: those of the file; None: they are read.
+        :raises WrongValue: the file does not parse.
+        """
+        triples = read_triples(path) if triples is None else triples
+        described = {self._node_name(triple.subject) for triple in self.triples()}
+        named = OntologyLint(self.index, described).findings(path, map(self._named, triples))
+        return [*literal_findings(path, triples, self.prefixes), *named]
 
 
 def _ontology_files(ontologies: Path | None, workspace: Path | None) -> list[Path]:

@@ -157,10 +157,14 @@ def parse_triples(content: bytes, origin: str) -> list[ox.Triple]:
         )
         return [quad.triple for quad in quads]
     except SyntaxError as error:
-        line = error.lineno or (_line_of_xml_error(content) if is_xml else None)
-        place = f"{origin}, line {line}" if line else origin
+        line, column = error.lineno, error.offset
+        if not line and is_xml:
+            line, column = _place_of_xml_error(content)
+        place = f"{origin}, line {line}" + (f", column {column}" if column else "") if line else origin
         kind = "RDF/XML" if is_xml else "Turtle"
-        raise WrongValue(f"{place}: expected {kind}: {error.msg}") from None
+        refused = WrongValue(f"{place}: expected {kind}: {error.msg}")
+        refused.position = line or 0, column or 0
+        raise refused from None
 
 
 def parse_n_triples(texts: Iterable[str]) -> list[ox.Triple]:
@@ -259,13 +263,13 @@ class TurtleWriter:
         return str(term)
 
 
-def _line_of_xml_error(content: bytes) -> int | None:
-    """The line of an XML syntax error, for errors that the RDF parser reports without a line."""
+def _place_of_xml_error(content: bytes) -> tuple[int | None, int | None]:
+    """The line and column of an XML syntax error, for errors that the RDF parser reports without them."""
     try:
         expat.ParserCreate().Parse(content, True)
     except expat.ExpatError as error:
-        return error.lineno
-    return None
+        return error.lineno, error.offset + 1
+    return None, None
 
 
 def workspace_file(workspace: Path | None, filename: str) -> Path:

@@ -23,6 +23,7 @@ class Finding:
     :param file: the validated file or context.
     :param element: the element; "": the file as a whole.
     :param property: the property or relation; "": the element as a whole.
+    :param code: the kind of deviation, where `rosrun skiros2_skill lint` explains it.
     """
 
     severity: str
@@ -30,6 +31,7 @@ class Finding:
     element: str
     property: str
     text: str
+    code: str = ""
 
     def __str__(self) -> str:
         what = " ".join(part for part in (self.element, self.property) if part)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import ast
 import functools
 import re
-import select
 import socket
 import threading
 import time
@@ -19,6 +18,7 @@ import rospy
 from rospy.impl.tcpros_base import TCPROSTransport
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.ros.connections import was_closed
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
 
 _Request = TypeVar("_Request")
@@ -172,7 +172,7 @@ class ServicePool:
                 proxy = self._idle.pop() if self._idle else None
             if proxy is None:
                 return rospy.ServiceProxy(self._name, self._kind, persistent=True, headers=self._headers)
-            if not _was_closed(proxy):
+            if not was_closed(proxy.transport):
                 return proxy
             proxy.close()
 
@@ -202,18 +202,6 @@ class ServicePool:
         if time.monotonic() > deadline or rospy.core.is_shutdown_requested():
             raise WmException(f"service {self._name} does not answer: {error}") from error
         time.sleep(_RETRY_PERIOD)
-
-
-def _was_closed(proxy: Any) -> bool:
-    """Whether the server has closed an idle connection: then its end can be read."""
-    connection = getattr(proxy.transport, "socket", None)
-    if connection is None:
-        return True
-    try:
-        readable, _, _ = select.select([connection], [], [], 0)
-    except (OSError, ValueError):
-        return True
-    return bool(readable)
 
 
 def _refusal(text: str) -> str | None:

@@ -37,6 +37,10 @@ MEANINGS: dict[str, Meaning] = {
         "planner choose by the description, and the start of this implementation differs from it.",
         "Declare the parameter as in the description; an implementation may narrow an element's class.",
     ),
+    "domain-range": Meaning(
+        "A relation or property is used with an element of another class than its rdfs:domain or rdfs:range states.",
+        "Correct the relation or the element's class, or widen the statement in the ontology.",
+    ),
     "limits": Meaning(
         "The limits of a parameter do not fit its type, its default or each other, or a specified value is outside.",
         "Correct the limits or the value.",
@@ -65,12 +69,20 @@ MEANINGS: dict[str, Meaning] = {
         "A compound is a part of itself, also through others, without an alternative: its tree has no end.",
         "Name another implementation for the inner one, or take it out.",
     ),
+    "scene": Meaning(
+        "A scene deviates from the ontologies or the shapes, in the way that the text says.",
+        "Correct the scene; rosrun skiros2_world_model validate_scene shows all findings of a file in a table.",
+    ),
     "slow-expand": Meaning(
         "expand takes more than half a second. It runs between ticks and delays all tasks of the robot.",
         "Move computations and calls into a primitive of the tree.",
     ),
+    "syntax": Meaning(
+        "An ontology or scene file does not parse: it is skipped, and the world model starts without it.",
+        "Correct the file at this line and column; the mistake may be at the end of the statement before.",
+    ),
     "unknown-class": Meaning(
-        "No ontology declares the class of a parameter or condition: no element will match.", _DECLARE,
+        "No ontology declares the class of a parameter, condition or element: no element will match.", _DECLARE,
         'Element("skiros:Prodcut")', 'Element("skiros:Product")',
     ),
     "unknown-key": Meaning(
@@ -79,7 +91,7 @@ MEANINGS: dict[str, Meaning] = {
         _CONDITION.format("Dor"), _CONDITION.format("Door"),
     ),
     "unknown-property": Meaning(
-        "No ontology declares the property of a condition: no element will have it.", _DECLARE,
+        "No ontology declares the property of a condition or element: no skill will find it.", _DECLARE,
     ),
     "unknown-relation": Meaning(
         "No ontology declares the relation of a condition, and no reasoner computes it: it will not hold.", _DECLARE,
@@ -103,6 +115,14 @@ MEANINGS: dict[str, Meaning] = {
         "A remap leads to a key that no ancestor or sibling has: the child gets no value by it.",
         "Correct the second name, or add a parameter of that name to the compound.",
         _CHILD.format("TargetLocation", "Shlef"), _CHILD.format("TargetLocation", "Shelf"),
+    ),
+    "unused-prefix": Meaning(
+        "A Turtle file declares a prefix that it does not use.",
+        "Take the declaration out, or correct the prefix of the names that were meant.",
+    ),
+    "wrong-literal": Meaning(
+        "A literal is not of its datatype or of the property's range, or stands where an element or class is expected.",
+        "Correct the value or its datatype.",
     ),
     "wrong-stage": Meaning(
         "A condition of this kind cannot be checked at this stage: a start fails.",

@@ -75,19 +75,24 @@ class JobCell:
             "/gateway": lambda: self.start_gateway("gateway"),
             ROBOT: lambda: self._start_robot(skill),
         }
-        self._starts["/wm"]()
+        self._programs: dict[str, Program] = {}
+        self._start("/wm")
         self.world = world = PlanningWorld(WorldModelInterface("tests"))
         self.shelf, *self.stores = (world.thing("skiros:Location") for _ in range(3))
         self.products = [world.thing("skiros:Product", inside=self.shelf) for _ in range(products)]
         #: A product that is at no place.
         self.lost_product = world.thing("skiros:Product")
         world.thing("cora:Robot", f"skiros:{ROBOT[1:]}")
-        self._starts[ROBOT]()
-        self._starts["/tm"]()
+        self._start(ROBOT)
+        self._start("/tm")
         ros.service(f"{ROBOT}/get_skills", ResourceGetDescriptions)()
-        self.gateway = self._starts["/gateway"]()
+        self.gateway = self._start("/gateway")
         self.rest = Rest(self.parameter("/gateway/address"))
         self.wait_until_ready()
+
+    def _start(self, node: str) -> Program:
+        self._programs[node] = program = self._starts[node]()
+        return program
 
     def _start_robot(self, skill: str) -> Program:
         env = {**self.ros.master.env, "CARRIED": str(self._carried), "STOPPED": str(self._stopped)}
@@ -123,19 +128,20 @@ class JobCell:
         return {"id": job_id, "work_master": "carry", "parameters": parameters}
 
     def kill(self, *nodes: str) -> None:
-        """Kills nodes at once and starts them again."""
-        self.replace(*nodes, processes=[ProcessId(self.ros.master.node_pid(node)) for node in nodes])
+        """Kills nodes at once and starts them again. They may still be starting."""
+        self.replace(*nodes, processes=[ProcessId(self._programs[node].pid) for node in nodes])
 
     def replace(self, *nodes: str, processes: Sequence[ProcessId]) -> None:
         """Kills the processes of nodes, and starts the nodes again."""
-        if "/gateway" in nodes:  # the next one has another free port
-            self.ros.master.delete_parameter("/gateway/address")
         for process in processes:
             process.kill()
         wait_until(lambda: not any(process.running for process in processes), what=f"the end of {nodes}")
-        programs = {node: self._starts[node]() for node in nodes}
+        if "/gateway" in nodes and "/gateway/address" in self.ros.master.parameters():
+            self.ros.master.delete_parameter("/gateway/address")  # the next one has another free port
+        for node in nodes:
+            self._start(node)
         if "/gateway" in nodes:
-            self.gateway, self.rest.address = programs["/gateway"], self.parameter("/gateway/address")
+            self.gateway, self.rest.address = self._programs["/gateway"], self.parameter("/gateway/address")
 
     def jobs(self) -> dict[str, dict[str, Any]]:
         found = self.rest.get("/api/jobs?cleared=true&limit=10000")["jobs"]

@@ -223,6 +223,23 @@ def test_gateway_that_comes_back_learns_the_steps_it_has_missed(cell: JobCell) -
     assert response["changes"]
 
 
+def test_job_that_asks_after_a_restart_continues_when_it_is_resumed(cell: JobCell) -> None:
+    def state() -> str:
+        return str(cell.rest.get("/api/jobs/asks")["state"])
+
+    robot = cell.ros.master.node_pid(ROBOT)
+    os.kill(robot, signal.SIGSTOP)
+    try:
+        assert cell.rest.post("/api/jobs", {**cell.order("asks", 7), "on_restart": "ask"})[0] == 201
+        wait_until(lambda: state() == "Running", what="a running job")
+        cell.kill("/tm")
+    finally:
+        os.kill(robot, signal.SIGCONT)
+    wait_until(lambda: state() == "Interrupted", what="the question")
+    assert cell.rest.post("/api/jobs/asks/resume", {})[0] == 200
+    assert cell.wait_for(["asks"])["asks"]["response"]["outcome"] in ("succeeded", "nothing_to_do")
+
+
 @pytest.mark.parametrize("node", ["/gateway", "/tm", "/wm"])
 def test_job_is_done_once_or_reported_although_a_node_is_killed(cell: JobCell, node: str) -> None:
     before, number = cell.carried(), ("/gateway", "/tm", "/wm").index(node) + 3

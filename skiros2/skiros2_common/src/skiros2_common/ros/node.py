@@ -31,6 +31,7 @@ from skiros2_common.command_line.launch_error import (
 )
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.ros.master_watch import watch_master
+from skiros2_common.ros.topic_polls import close_polls_with_topics
 from skiros2_common.tools.logger import rosout_record
 
 log = logging.getLogger(__name__)
@@ -92,6 +93,7 @@ def run_node(name: str, main: Callable[[], None]) -> None:
         _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
     if launched_by():
         _end_second_launch(name)
+    close_polls_with_topics()
     with shutdown_in_thread():
         try:
             rospy.init_node(name, disable_signals=True)

@@ -13,7 +13,7 @@ from skiros2_common.command_line.ros_packages import package_folder
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_world_model.command_line.scene_file import base_ontologies
 from skiros2_world_model.core.knowledge_base import is_knowledge_file
-from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 
 #: The folders of a package that may have ontologies.
@@ -54,11 +54,10 @@ def world_model_of(
 
 def ontology_folders(packages: Sequence[str]) -> Iterator[Path]:
     """The ontology folders of packages, except that of the platform."""
-    known = {base_ontologies().resolve(), source_ontologies().resolve()}
     for package in packages:
         root = package_folder(package.partition(".")[0]) or _root(package)
         folders = [root / name for name in _FOLDERS] if root is not None else []
-        yield from (folder for folder in folders if folder.is_dir() and folder.resolve() not in known)
+        yield from (folder for folder in folders if folder.is_dir() and not (folder / "skiros.ttl").is_file())
 
 
 def _root(package: str) -> Path | None:

@@ -215,7 +215,9 @@ def become_node(name: str) -> str:
 
     from skiros2_common.ros.master_watch import watch_master
     from skiros2_common.ros.node import bridge_logging, handshake_in_threads
+    from skiros2_common.ros.topic_polls import close_polls_with_topics
 
+    close_polls_with_topics()
     if not rospy.core.is_initialized():
         rospy.init_node(name, anonymous=True, disable_signals=True)
         handshake_in_threads()

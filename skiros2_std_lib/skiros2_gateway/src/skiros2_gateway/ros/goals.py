@@ -59,7 +59,8 @@ class _Tracked:
     :param status: the last listed status; -1: never listed.
     :param ended: when its end was listed (s, monotonic); 0: not yet.
     :param asked: when the task manager was asked for it (s, monotonic); 0: not yet.
-    :param is_sent: whether this process has sent it.
+    :param is_sent: whether this process has sent it, to the task manager's process that runs.
+    :param is_heard: whether feedback has come since the task manager was asked.
     """
 
     since: float
@@ -68,6 +69,7 @@ class _Tracked:
     text: str = ""
     asked: float = 0.0
     is_sent: bool = False
+    is_heard: bool = False
 
 
 class AchieveGoals:
@@ -83,6 +85,7 @@ class AchieveGoals:
         self._goals: dict[str, _Tracked] = {}
         self._was_ready = False
         self._last_status = 0.0  # s, monotonic
+        self._connection: object = None  # the header of the connection to the task manager's process
         self._client = actionlib.ActionClient(ACHIEVE_ACTION, msgs.AchieveAction)
         self._client.pub_goal.impl.set_queue_size(1000)
         self._client.pub_cancel.impl.set_queue_size(1000)
@@ -124,7 +127,8 @@ class AchieveGoals:
             self._ask(goal_id)
 
     def _ask(self, goal_id: str) -> None:
-        self._goals[goal_id].asked = time.monotonic()
+        goal = self._goals[goal_id]
+        goal.asked, goal.is_heard = time.monotonic(), False
         message = msgs.AchieveActionGoal(goal_id=GoalID(id=goal_id))
         message.header.stamp = rospy.Time.now()
         self._client.pub_goal.publish(message)
@@ -138,6 +142,7 @@ class AchieveGoals:
     def _on_feedback(self, message: Any) -> None:
         goal_id, feedback = message.status.goal_id.id, message.feedback
         if goal_id in self._goals:
+            self._goals[goal_id].is_heard = True
             plan, steps = json.loads(feedback.plan or "[]"), json.loads(feedback.steps or "[]")
             self._listener.goal_progress(goal_id, Progress(feedback.phase, feedback.message, plan, steps))
 
@@ -153,6 +158,10 @@ class AchieveGoals:
 
     def _on_status(self, message: Any) -> None:
         self._last_status = now = time.monotonic()
+        if message._connection_header is not self._connection:
+            self._connection = message._connection_header
+            for known in self._goals.values():  # what another process has published meanwhile was missed
+                known.asked, known.is_sent = 0.0, False
         for status in message.status_list:
             goal = self._goals.get(status.goal_id.id)
             if goal is None:
@@ -169,7 +178,10 @@ class AchieveGoals:
         silent = now - self._last_status
         for goal_id, goal in list(self._goals.items()):
             is_overdue = now - goal.since > (FORGOTTEN_AFTER if goal.status >= 0 else UNKNOWN_AFTER)
-            if not goal.asked and silent < 1.0 and (not goal.is_sent or goal.ended or is_overdue) and self.is_ready:
+            is_due = not goal.is_sent or goal.ended or is_overdue
+            if goal.asked:  # the answer may have been lost: each topic has its own connection
+                is_due = not goal.is_heard and goal.status in ACTIVE and now - goal.asked > FORGOTTEN_AFTER
+            if is_due and silent < 1.0 and self.is_ready:
                 self._ask(goal_id)
             elif goal.asked and now - goal.asked < FORGOTTEN_AFTER:
                 continue

@@ -152,9 +152,16 @@ class RosCell:
     def resume(self, goal_id: str) -> None:
         self._paused.discard(goal_id)
         if self._questions.get(goal_id):
-            on_restart = srvs.GoalOnRestartRequest.CONTINUE
-            self._spawn(self._run(functools.partial(set_on_restart, goal_id, on_restart), f"resume job {goal_id}"))
+            self._spawn(self._continue(goal_id))
         self._command_tasks(goal_id, "resume")
+
+    async def _continue(self, goal_id: str) -> None:
+        """Has a goal continue that asks how; reports it as suspended if it still does."""
+        try:
+            await self.in_thread(set_on_restart, goal_id, srvs.GoalOnRestartRequest.CONTINUE)
+        except SkirosError as error:
+            log.error("resume job %s: %s", goal_id, error)
+            self._report_stop(goal_id)
 
     async def _start_restricted(self, goal: Goal) -> None:
         """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""

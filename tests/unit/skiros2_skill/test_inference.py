@@ -187,7 +187,7 @@ def test_conditions_on_two_parameters_are_counted(bench):
         FilterStep("with skiros:State = 'Open'", 1, "Open"),
         FilterStep("skiros:contain any skiros:Product", 0, "In"),
     ]
-    assert "none skiros:contain any skiros:Product" in text
+    assert "none of the remaining 1 skiros:contain any skiros:Product" in text
 
 
 def test_jointly_unsatisfied_conditions_are_named(bench):

@@ -137,6 +137,9 @@ class InferenceFailure:
         if not self.total:
             return f"no {self.wanted} in the scene for parameter {self.key!r}"
         counts = [f"{self.total} {self.wanted} in the scene", *map(str, self.left)]
+        if len(self.left) > 1 and not self.left[-1].count:  # others of the class may satisfy this condition
+            last = self.left[-1]
+            counts[-1] = f"none of the remaining {self.left[-2].count} {last.condition} [{last.label}]"
         nearest = f" ({'; '.join(map(str, self.nearest))})" if self.nearest else ""
         return f"parameter {self.key!r}: {', '.join(counts)}{nearest}"
 

@@ -6,8 +6,9 @@ unreachable too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations, islice
 
 from skiros2_common.core.json_data import JsonData
@@ -16,6 +17,7 @@ from skiros2_task.core.conditions import FactFamilies
 from skiros2_task.core.conditions import Literal as PredicateLiteral
 from skiros2_task.core.engines import Outcome
 from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate, bind, conjuncts
+from skiros2_task.core.no_plan_sentence import label_of, sentence_of
 from skiros2_task.core.reachability import Binding, Deadline, Reached, bindings, explore
 from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import PlanningTask
@@ -100,6 +102,7 @@ class NoPlan(JsonData):
         that skills have as an effect only if they hold already.
     :param left_out: the skills that planning cannot use, with the reasons.
     :param missing_values: parameters as SKILL.PARAMETER: with values for them there would be a plan.
+    :param sentence: the cause in one sentence, with labels; "" if it has none.
     """
 
     verdict: str
@@ -108,6 +111,7 @@ class NoPlan(JsonData):
     missing: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     missing_values: list[str] = field(default_factory=list)
+    sentence: str = ""
     _data_name = "why there is no plan"
 
     def __str__(self) -> str:
@@ -119,7 +123,9 @@ class NoPlan(JsonData):
         return [goal for goal in self.goals if goal.state == UNREACHABLE]
 
     def lines(self) -> Iterator[str]:
-        """Yields the text."""
+        """Yields the text: the sentence, then the details."""
+        if self.sentence:
+            yield self.sentence
         yield f"no plan ({self.verdict}){f': {self.reason}' if self.reason else ''}"
         for goal in self.unreachable:
             yield from goal.lines()
@@ -148,6 +154,7 @@ def explain_no_plan(
     reason: str = "",
     left_out: Sequence[UnusableSkill] = (),
     deadline: Deadline | None = None,
+    world: WorldView | None = None,
 ) -> NoPlan:
     """Explains why a task has no plan. Blocks until the deadline at most.
 
@@ -155,10 +162,12 @@ def explain_no_plan(
     :param reason: the planner's.
     :param left_out: the skills that are not part of the task.
     :param deadline: by default in 5 s.
+    :param world: the snapshot, for the sentence; None: there is none.
     """
     deadline = deadline or Deadline(_TIMEOUT)
     reached = explore(task, deadline)
-    explainer = _Explainer(task, reached, left_out, deadline)
+    name = (lambda eid: eid) if world is None else partial(label_of, world)
+    explainer = _Explainer(task, reached, left_out, deadline, name)
     parts = conjuncts(task.goal)
     contradicted = _contradicted(parts)
     goals = {
@@ -172,15 +181,37 @@ def explain_no_plan(
         reason = f"the planner did not prove it ({outcome.value}{f': {reason}' if reason else ''}), but this does"
         outcome = Outcome.IMPOSSIBLE
     missing = explainer.missing or explainer.circular
-    return NoPlan(outcome.value, reason, found, list(missing), [str(skill) for skill in left_out])
+    sentence = _sentence(found, missing, world) if world is not None else ""
+    return NoPlan(outcome.value, reason, found, list(missing), [str(skill) for skill in left_out], sentence=sentence)
+
+
+def _sentence(goals: Sequence[Fact], missing: Mapping[str, Formula], world: WorldView) -> str:
+    """Returns the cause: that of the first unreachable part of the goal, in its nearest achiever."""
+    fact = next((goal for goal in goals if goal.state == UNREACHABLE), None)
+    while fact is not None:
+        if fact.achievers and fact.achievers[0].obstacles:
+            first = fact.achievers[0]
+            return f"{first.skill} cannot help: {'; '.join(first.obstacles)}."
+        inner = [*fact.parts, *(part for achiever in fact.achievers[:1] for part in achiever.unsatisfied)]
+        fact = inner[0] if inner else None
+    return next((text for formula in missing.values() if (text := sentence_of(formula, world))), "")
 
 
 class _Explainer:
-    """Explains facts of one task. Each fact is explained in full once."""
+    """Explains facts of one task. Each fact is explained in full once.
+
+    :param name: names an element for people.
+    """
 
     def __init__(
-        self, task: PlanningTask, reached: Reached, left_out: Sequence[UnusableSkill], deadline: Deadline
+        self,
+        task: PlanningTask,
+        reached: Reached,
+        left_out: Sequence[UnusableSkill],
+        deadline: Deadline,
+        name: Callable[[str], str],
     ) -> None:
+        self._name = name
         self._task = task
         self._reached = reached
         self._now = Reached(task.init, set(task.init))
@@ -189,8 +220,8 @@ class _Explainer:
         self._explained: set[Formula] = set()
         self._open: list[Formula] = []  # the formulas that are being explained
         #: Facts that no skill has as an effect, and facts that skills have as an effect only if they hold already.
-        self.missing: dict[str, None] = {}
-        self.circular: dict[str, None] = {}
+        self.missing: dict[str, Formula] = {}
+        self.circular: dict[str, Formula] = {}
 
     def holds(self, formula: Formula) -> bool:
         return self._now.may_hold(formula)
@@ -209,7 +240,7 @@ class _Explainer:
         if formula in self._explained:
             fact.note = "see above"
             if formula in self._open:
-                self.circular[fact.text] = None
+                self.circular[fact.text] = formula
             return fact
         self._explained.add(formula)
         self._open.append(formula)
@@ -220,7 +251,7 @@ class _Explainer:
         if not achievers:
             is_skill = isinstance(formula, Atom) and formula.predicate.kind is Kind.CAN
             fact.note = "its manager does not offer it" if is_skill else "no skill brings it about"
-            self.missing[fact.text] = None
+            self.missing[fact.text] = formula
         self._open.pop()
         return fact
 
@@ -246,7 +277,7 @@ class _Explainer:
         keys = {v.name: v.key or "Robot" for v in action.variables}
         known = {keys[name]: value for name, value in given.items() if name in keys}
         wrong = [
-            f"{given[v.name]} is no {' and '.join(v.classes)}"
+            f"{self._name(given[v.name])} is no {' and '.join(v.classes)}"
             for v in action.variables
             if v.name in given and given[v.name] not in self._task.candidates(v.classes)
         ]

@@ -330,5 +330,5 @@ def _without_plan(
         why = NoPlan(outcome.value, reason)
         return PlanningResult(_VERDICTS[outcome], reason, task.notes, task, why=why)
     deadline = Deadline(_EXPLANATION_TIMEOUT, cancelled)
-    why = explain_no_plan(task, outcome, reason, unusable_skills(world, task), deadline)
+    why = explain_no_plan(task, outcome, reason, unusable_skills(world, task), deadline, world)
     return PlanningResult(_VERDICTS[Outcome(why.verdict)], str(why), task.notes, task, why=why)

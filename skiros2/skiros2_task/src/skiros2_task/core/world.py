@@ -21,6 +21,10 @@ TEMPLATE_RELATION = "skiros:hasTemplate"
 _NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition", "skiros:ParameterSet")
 
 
+#: The number of changes of an object that are searched.
+_MAX_ENTRIES = 100
+
+
 class WorldView:
     """A snapshot of the scene. Templates are read on demand."""
 
@@ -185,6 +189,21 @@ class WorldView:
                         index.setdefault(r["type"], {})[(name, r["dst"])] = None
             self._relations = {relation: list(pairs) for relation, pairs in index.items()}
         return self._relations
+
+    def removal(self, eid: str, relation: str) -> tuple[str, str, float] | None:
+        """Returns what held an object last by a relation or a subproperty, with the author and the time of the removal.
+
+        None if the world model's journal does not have it.
+        """
+        try:
+            entries = self._wm.history(eid, limit=_MAX_ENTRIES)
+        except SkirosError:
+            return None
+        for entry in reversed(entries):
+            for found in entry.unrelated:
+                if found["dst"] == eid and self.is_subproperty(str(found["type"]), relation):
+                    return str(found["src"]), entry.author, entry.stamp
+        return None
 
     def computed(self, relation: str) -> bool:
         """Whether a reasoner of this process computes the relation."""

@@ -7,6 +7,8 @@ import json
 import re
 from typing import Any
 
+import pytest
+
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.explanation import EXECUTE, Explanation
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
@@ -81,6 +83,25 @@ def test_failure_and_new_plan_are_printed() -> None:
         "another plan of 1 step of 1 robot, 4.0 s",
         "  > 3 drive by /beta",
     ]
+
+
+def test_arguments_have_labels_and_successful_skills_their_message() -> None:
+    step = {**PLAN[0], "labels": {"To": "Shelf A", "Robot": "alpha"}}
+    assert lines(
+        feedback("running", "", [step], [progress(1, "/alpha", "running")]),
+        feedback("running", "", [step], [progress(1, "/alpha", "succeeded", "arrived in 3 s")]),
+    )[1:] == ['  ▶ 1 drive by /alpha To="Shelf A"', "  ✓ 1 drive by /alpha: arrived in 3 s"]
+
+
+@pytest.mark.parametrize("width", [80, 140])
+def test_long_reason_is_wrapped_not_cut(width: int) -> None:
+    reason = " ".join(f"reason-{number}" for number in range(40))
+    out = io.StringIO()
+    printer = ProgressPrinter(Screen(width, fancy=False), out)
+    printer.on_feedback(feedback("running", "", PLAN, [progress(1, "/alpha", "failed", reason)]))
+    found = out.getvalue().splitlines()
+    assert all(len(line) <= width for line in found)
+    assert " ".join(" ".join(found).split()).endswith(f"x 1 drive by /alpha: {reason}")
 
 
 def test_json_output_has_no_progress() -> None:

@@ -95,8 +95,9 @@ def test_unreachable_goal_overrides_timeout(world: PlanningWorld) -> None:
 def test_impossible_goal_is_explained(world: PlanningWorld) -> None:
     goal = f"(skiros:at {world.robots[0]} {world.products[0]})"
     result = planner(world, PlannerAnswer(Outcome.IMPOSSIBLE, reason="no way")).plan(goal)
-    assert result.message.splitlines()[0] == "no plan (proven impossible): no way"
-    assert f"{world.products[0]} is no skiros:Location" in result.message
+    sentence, verdict, *_ = result.message.splitlines()
+    assert sentence == f"skiros:Drive (drive) cannot help: {world.products[0]} is no skiros:Location."
+    assert verdict == "no plan (proven impossible): no way"
 
 
 def test_planner_is_not_called_for_trivial_goals(world: PlanningWorld) -> None:

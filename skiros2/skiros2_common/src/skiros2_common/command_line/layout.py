@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,19 @@ class Screen:
         """The text on one line, cut to the width."""
         line = plain(line)
         return line if self.width is None else cut(line, self.width)
+
+    def wrapped(self, text: str, indent: str = "") -> list[str]:
+        """The text on as many lines of the width as it needs.
+
+        :param indent: of all lines but the first.
+        """
+        text = plain(text)
+        if self.width is None or columns_of(text) <= self.width:
+            return [text]
+        start = text[: len(text) - len(text.lstrip())]
+        return textwrap.wrap(
+            text.strip(), self.width, initial_indent=start, subsequent_indent=indent, break_on_hyphens=False
+        )
 
 
 def can_redraw(out: TextIO) -> bool:

@@ -58,7 +58,7 @@ def run(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
     explanations = _explanations(manager, skill_run)
     lines, data = _summary(result, explanations, manager.name, display.seconds, _not_given(steps, known))
-    return CommandResult([screen.fitted(line) if screen.width else line for line in lines], data, status)
+    return CommandResult([part for line in lines for part in screen.wrapped(line, "    ")], data, status)
 
 
 def preview(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:

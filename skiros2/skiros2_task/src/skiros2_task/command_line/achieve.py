@@ -142,14 +142,14 @@ class ProgressPrinter:
         line = f"  {symbol if self._screen.fancy else ascii_symbol} {number} {name} by {step['robot']}"
         if state == "running":
             line += f" {format_arguments(planned)}"
-        elif step["message"] and state != "succeeded":
+        elif step["message"]:
             line += f": {step['message']}"
         self._print(line.rstrip(), colour)
 
     def _print(self, text: str, colour: str = "") -> None:
         assert self._out is not None
-        line = self._screen.fitted(f"{self.seconds:6.1f} s  {text}")
-        self._out.write(f"{styled(line, colour, self._out)}\n")
+        for line in self._screen.wrapped(f"{self.seconds:6.1f} s  {text}", " " * 14):
+            self._out.write(f"{styled(line, colour, self._out)}\n")
 
 
 def format_result(result: Any, seconds: float) -> tuple[list[str], dict[str, Any]]:
@@ -176,7 +176,10 @@ def format_result(result: Any, seconds: float) -> tuple[list[str], dict[str, Any
 
 
 def format_arguments(planned: dict[str, Any]) -> str:
-    return ", ".join(f"{key}={value}" for key, value in planned.get("arguments", {}).items() if key != "Robot")
+    """Formats the arguments of a step: labels in quotes as in a plan, else ids."""
+    labels = planned.get("labels", {})
+    given = ((key, value) for key, value in planned.get("arguments", {}).items() if key != "Robot")
+    return ", ".join(f'{key}="{labels[key]}"' if key in labels else f"{key}={value}" for key, value in given)
 
 
 def _count(number: int, noun: str) -> str:

@@ -95,6 +95,7 @@ class Step:
             "label": self.call.label,
             "robot": self.call.manager,
             "arguments": {key: element.id or element.label or element.type for key, element in self.call.arguments},
+            "labels": {key: element.label for key, element in self.call.arguments if element.label},
             "start": self.start,
             "end": self.end,
             "after": sorted(self.after),

@@ -64,7 +64,7 @@ def identify_goal(scene: Path, libraries: Sequence[str], goal: str) -> str:
     try:
         calls = plan(bench, goal, skills, assume=True)
     except Refused as error:
-        lines = [line.strip() for line in str(error).splitlines()]
+        lines = [line.strip().rstrip(".") for line in str(error).splitlines()]
         raise Refused(f"goal {goal!r}: {'; '.join(lines[:2])}") from None
     if not calls:
         raise Refused(f"goal {goal!r} holds already: nothing is to be learned")

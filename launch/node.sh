@@ -3,13 +3,13 @@
 #
 # - DEPLOY false: what the node prints is shown in a terminal window of its own, where xterm and a display are there.
 #   It is also in NAME-window.log beside the other ROS logs. Closing the window does not end the node.
-# - A node that ends with status 78 has found a mistake in the configuration and has named it in one line. No restart
-#   can mend that, though roslaunch would try for ever (respawn="true"): so the whole launch ends, as on Ctrl-C.
-#   Any other end is a crash, and roslaunch starts the node anew.
+# - The node takes the place of this script: the process that roslaunch names, watches and ends is the node.
+# - A node that finds a mistake in the configuration, or itself running already, names it in one line. No restart can
+#   mend that, though roslaunch would try for ever (respawn="true"): so the node ends the launch that the variable
+#   names, as on Ctrl-C. Any other end is a crash, and roslaunch starts the node again.
 deploy=$1
 shift
-export PYTHONUNBUFFERED=1
-trap : INT TERM # roslaunch signals the whole group: the node ends in its own time, then this script
+export PYTHONUNBUFFERED=1 SKIROS2_LAUNCHED_BY=$PPID
 
 case ${deploy,,} in
   true | 1) window= ;;
@@ -21,16 +21,6 @@ if [ -n "$window" ] && [ -n "$DISPLAY" ]; then
   output=$logs/$name-window.log
   mkdir -p "$logs" && : >"$output" || exit
   "$window" -T "$name" -e tail -n +1 -f --pid=$$ "$output" &
-  "$@" >>"$output" 2>&1
-  status=$?
-  [ $status != 78 ] || tail -n 1 "$output" >&2
-else
-  "$@"
-  status=$?
+  exec "$@" >>"$output" 2>&1
 fi
-
-if [ $status = 78 ]; then
-  kill -INT "$PPID"
-  sleep 60 # until roslaunch ends this script too: were it gone earlier, roslaunch would start the node anew
-fi
-exit $status
+exec "$@"

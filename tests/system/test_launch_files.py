@@ -5,12 +5,16 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import socket
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from skiros2_common.core.world_element import Element
 from skiros2_gui.display import Display
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
 from support.ros import INSTALL, Ros, wait_until
 
@@ -29,12 +33,24 @@ def package(tmp_path: Path) -> Path:
     return folder
 
 
+#: A node with a mistake in its configuration.
+BAD = f"""#!{sys.executable}
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.ros.node import run_node
+
+def main():
+    raise ConfigurationError("no such scene: x.ttl")
+
+run_node("bad", main)
+"""
+
+
 def launch(ros: Ros, package: Path, deploy: bool = True, env: dict[str, str] | None = None, **nodes: str) -> Program:
     """Launches shell scripts as nodes, in the way the project's launch files start theirs."""
     tags = ""
     for name, script in nodes.items():
         program = package / name
-        program.write_text(f"#!/bin/bash\n{script}\n")
+        program.write_text(script if script.startswith("#!") else f"#!/bin/bash\n{script}\n")
         program.chmod(0o755)
         tags += (
             f'<node name="{name}" pkg="some_package" type="{name}" respawn="true" output="screen" '
@@ -48,9 +64,10 @@ def launch(ros: Ros, package: Path, deploy: bool = True, env: dict[str, str] | N
 
 
 def test_configuration_error_of_a_node_ends_the_launch(ros: Ros, package: Path) -> None:
-    program = launch(ros, package, good="exec sleep 100", bad="echo 'no such scene: x.ttl' >&2; exit 78")
+    program = launch(ros, package, good="exec sleep 100", bad=BAD)
     program.wait()
-    assert program.output.count("no such scene: x.ttl") == 1
+    assert program.output.splitlines()[-1] == "/bad: no such scene: x.ttl"
+    assert program.output.count("no such scene: x.ttl") == 2
     assert "restarting process" not in program.output
 
 
@@ -60,6 +77,83 @@ def test_crashed_node_is_restarted(ros: Ros, package: Path) -> None:
     os.kill(first, signal.SIGKILL)
     second = int(program.wait_for_line(rf"^run (?!{first}\b)(\d+)")[1])
     assert second != first
+
+
+def pid_of(program: Program, node: str) -> int:
+    """The process that roslaunch names."""
+    return int(program.wait_for_line(rf"process\[{node}-\d+\]: started with pid \[(\d+)\]")[1])
+
+
+@pytest.mark.parametrize("deploy", [True, False])
+def test_process_that_roslaunch_names_is_the_node(
+    ros: Ros, package: Path, xterm: dict[str, str], deploy: bool, tmp_path: Path
+) -> None:
+    program = launch(ros, package, deploy=deploy, env=xterm, one="echo run $$; exec sleep 100")
+    pid = pid_of(program, "one")
+    wait_until(lambda: f"run {pid}" in (program.output + read(tmp_path / "one.window")), what="the node's line")
+
+
+def test_kill_of_the_named_process_loses_no_acknowledged_edit(ros: Ros) -> None:
+    program = ros.launch("skiros2", "world_model_server.launch", gui=False, deploy=True)
+    pid = pid_of(program, "wm")
+    ros.wait_for_node("/wm")
+    wm = WorldModelInterface("tester")
+    part = Element("skiros:Part", "kept")
+    wm.add_element(part)
+    os.kill(pid, signal.SIGKILL)
+    program.wait_for_line("the world model has recovered from its journal")
+    assert WorldModelInterface("tester").get_element(part.id).label == "kept"
+    assert not Path(f"/proc/{pid}").exists()
+
+
+def test_second_launch_ends_with_one_sentence_and_disturbs_nothing(ros: Ros) -> None:
+    first = ros.launch("skiros2", "skiros.launch", gui=False, deploy=True)
+    nodes = {"/wm", "/tm", "/test_robot"}
+    for node in nodes:
+        ros.wait_for_node(node)
+    pids = {node: ros.master.node_pid(node) for node in nodes}
+    second = ros.launch("skiros2", "skiros.launch", gui=False, deploy=True)
+    second.wait()
+    runs = [line for line in second.output.splitlines() if "runs already" in line]
+    assert len(runs) == 1
+    assert second.output.splitlines()[-1] == runs[0]
+    restarted = [line for line in second.output.splitlines() if "restarting process" in line]
+    assert not any(node[1:] in line for node in nodes for line in restarted)
+    assert "Traceback" not in second.output
+    assert first.running
+    assert {node: ros.master.node_pid(node) for node in nodes} == pids
+
+
+def test_launch_ends_with_one_sentence_if_a_port_is_taken(ros: Ros) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        program = ros.launch("skiros2_gateway", "gateway.launch", http_port=port)
+        program.wait()
+    lines = program.output.splitlines()
+    assert lines[-1] == f"/gateway: port {port} on 127.0.0.1: Address already in use"
+    assert "restarting process" not in program.output
+
+
+def test_launch_of_a_robot_with_a_broken_scene_ends_with_file_line_and_column(ros: Ros, tmp_path: Path) -> None:
+    (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
+    program = ros.launch(
+        "skiros2",
+        "skiros.launch",
+        gui=False,
+        deploy=True,
+        workspace_dir=tmp_path,
+        init_scene="broken.ttl",
+        robot_name="nobody",
+    )
+    program.wait()
+    assert "is ready: 1 elements from a blank scene, as broken.ttl was refused" in program.output
+    last = program.output.splitlines()[-1]
+    assert last.startswith(f"/nobody: {tmp_path}/broken.ttl, line 2, column 5: expected Turtle")
+    assert last.endswith("; so the scene is blank, without this robot")
+
+
+def read(file: Path) -> str:
+    return file.read_text() if file.exists() else ""
 
 
 def test_node_can_clean_up_at_the_end_of_a_launch(ros: Ros, package: Path) -> None:
@@ -94,7 +188,7 @@ def test_without_deploy_a_node_has_its_own_output_window(
 def test_configuration_error_is_printed_where_the_launch_was_started(
     ros: Ros, package: Path, xterm: dict[str, str]
 ) -> None:
-    program = launch(ros, package, deploy=False, env=xterm, bad="echo 'no such scene: x.ttl' >&2; exit 78")
+    program = launch(ros, package, deploy=False, env=xterm, bad=BAD)
     program.wait()
     assert "no such scene: x.ttl" in program.output
 

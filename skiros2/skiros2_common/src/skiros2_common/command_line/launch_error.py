@@ -1,16 +1,24 @@
-"""Prints the reason of a failed launch as the last line, after the shutdown lines of roslaunch."""
+"""Ends a launch with a reason, which is printed as the last line, after the shutdown lines of roslaunch."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import signal
+import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import NoReturn
 
 #: The maximum number of generations from roslaunch to a node: a launch-prefix adds some.
 _MAX_GENERATIONS = 4
+
+#: The variable in which `launch/node.sh` names the process of roslaunch.
+_LAUNCHED_BY = "SKIROS2_LAUNCHED_BY"
+#: The time that roslaunch has to end this process (s).
+_GRACE_PERIOD = 60.0
 
 #: Prints the text $2 when the process $1 has ended, at the latest after a minute; roslaunch gives its nodes 15 s.
 _PRINT_AT_END = """
@@ -58,3 +66,33 @@ def _print_at_end(pid: int, text: str) -> None:
     )
     os.close(screen)
     child.returncode = 0  # it is meant to outlive this process
+
+
+def launched_by() -> int:
+    """The process id of the roslaunch that would start this process again; 0 if there is none."""
+    parent = os.getppid()
+    return parent if os.environ.get(_LAUNCHED_BY) == str(parent) else 0
+
+
+def end_launch() -> None:
+    """Ends the launch of this process and waits for its own end. No effect outside a launch. For the main thread."""
+    parent = launched_by()
+    if parent:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+        os.kill(parent, signal.SIGINT)
+        time.sleep(_GRACE_PERIOD)  # were this process gone earlier, roslaunch would start it again
+
+
+def speak_for_launch() -> socket.socket | None:
+    """Returns a socket if this is the first process of its launch that calls this; keep it until the launch has ended.
+
+    Nodes that end their launch for the same reason so print it once.
+    """
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0skiros2-launch-{os.getppid()}")
+    except OSError:
+        claim.close()
+        return None
+    return claim

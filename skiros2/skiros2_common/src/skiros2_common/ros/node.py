@@ -11,14 +11,24 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
+from http.client import HTTPConnection, HTTPException
 from queue import SimpleQueue
+from typing import Any
+from xmlrpc.client import Error as XmlRpcError
+from xmlrpc.client import ServerProxy, Transport
 
 import rosgraph
 import rospy
 import rospy.impl.tcpros_base as tcpros
 
-from skiros2_common.command_line.launch_error import repeat_after_roslaunch
+from skiros2_common.command_line.launch_error import (
+    end_launch,
+    launched_by,
+    repeat_after_roslaunch,
+    speak_for_launch,
+)
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.topic_polls import close_polls_with_topics
@@ -37,6 +47,9 @@ _HANDSHAKE_TIMEOUT = 10.0
 
 #: The maximum size of a header (bytes). The longest ones of ROS clients contain a message definition.
 _MAX_HEADER_BYTES = 4 * 1024 * 1024
+
+#: A node that is ending has this time before its successor takes it for a second one (s); the period of looking.
+_HANDOVER_TIMEOUT, _HANDOVER_PERIOD = 1.0, 0.1
 
 _shutdown_thread: _ShutdownThread | None = None
 
@@ -78,6 +91,8 @@ def run_node(name: str, main: Callable[[], None]) -> None:
         sys.stdout.reconfigure(line_buffering=True)  # a pipe, as of `roslaunch | tee`, gets each message at once
     if not rosgraph.is_master_online():
         _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
+    if launched_by():
+        _end_second_launch(name)
     close_polls_with_topics()
     with shutdown_in_thread():
         try:
@@ -95,6 +110,42 @@ def run_node(name: str, main: Callable[[], None]) -> None:
             return
 
 
+def _end_second_launch(name: str) -> None:
+    """Ends the launch if a node of this name runs already: the master would end that one, and its launch restart it."""
+    given = rospy.names.load_mappings(sys.argv)
+    namespace = given.get("__ns", rosgraph.names.get_ros_namespace())
+    full = rosgraph.names.ns_join(namespace, given.get("__name", name))
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # another node of the launch may end it first
+    end = time.monotonic() + _HANDOVER_TIMEOUT
+    while _answers(full):
+        if time.monotonic() > end:
+            spokesman = speak_for_launch()
+            if spokesman is not None:
+                repeat_after_roslaunch(f"{full} runs already: end its launch first, or set ROS_NAMESPACE for this one")
+            end_launch()
+            os._exit(EXIT_CONFIGURATION)
+        time.sleep(_HANDOVER_PERIOD)
+
+
+def _answers(node: str) -> bool:
+    """Whether a node of this name answers; False if its process was killed."""
+    try:
+        address = rosgraph.Master("/skiros2_start").lookupNode(node)
+        with ServerProxy(address, transport=_QuickTransport()) as proxy:
+            return bool(proxy.getPid("/skiros2_start"))
+    except (rosgraph.MasterException, OSError, XmlRpcError, HTTPException):
+        return False
+
+
+class _QuickTransport(Transport):
+    """A connection with a timeout."""
+
+    def make_connection(self, host: Any) -> HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = _HANDOVER_TIMEOUT
+        return connection
+
+
 def _die(line: str, status: int) -> None:
     """Ends the process with one line on stderr, without waiting for the threads of a partly started node."""
     rospy.signal_shutdown(line)
@@ -102,6 +153,7 @@ def _die(line: str, status: int) -> None:
     sys.stderr.flush()
     if status == EXIT_CONFIGURATION:
         repeat_after_roslaunch(line)
+        end_launch()
     os._exit(status)
 
 

@@ -53,11 +53,11 @@ def world_model_of(
 
 
 def ontology_folders(packages: Sequence[str]) -> Iterator[Path]:
-    """The ontology folders of packages."""
+    """The ontology folders of packages, except that of the platform."""
     for package in packages:
         root = package_folder(package.partition(".")[0]) or _root(package)
-        if root is not None:
-            yield from (root / name for name in _FOLDERS if (root / name).is_dir())
+        folders = [root / name for name in _FOLDERS] if root is not None else []
+        yield from (folder for folder in folders if folder.is_dir() and not (folder / "skiros.ttl").is_file())
 
 
 def _root(package: str) -> Path | None:

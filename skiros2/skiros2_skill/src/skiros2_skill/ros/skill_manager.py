@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.ros.signals import RosSignals
@@ -43,6 +44,18 @@ PREEMPT_TIMEOUT = 10.0  # s
 
 #: How long `tick_once` waits for the tick in progress (s); limited because a hook may send the command.
 TICK_TIMEOUT = 5.0
+
+
+@contextmanager
+def _cause_of_missing_robot() -> Iterator[None]:
+    """Reports that the scene was refused, if it was, in place of its consequence: that it lacks the robot."""
+    try:
+        yield
+    except ConfigurationError as error:
+        refused = (rospy.get_param("wm/refused", None) or {}).get("scene")
+        if not refused:
+            raise
+        raise ConfigurationError(f"{refused}; so the scene is blank, without this robot") from error
 
 
 class SkillManager(DiscoverableNode):
@@ -104,7 +117,8 @@ class SkillManager(DiscoverableNode):
                 self._start()
 
     def _start(self) -> None:
-        self._registration.register(self._library.implementations())
+        with _cause_of_missing_robot():
+            self._registration.register(self._library.implementations())
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)

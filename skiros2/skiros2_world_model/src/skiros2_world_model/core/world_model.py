@@ -82,6 +82,7 @@ class WorldModel:
         self.loaded: dict[str, Path] = {}  #: by context, the last loaded file
         self._readable: set[Path] = set()  # files that were loaded or saved by this world model
         self.flaws: dict[str, frozenset[Finding]] = {}  #: by context, the flaws that loading the file reported
+        self.refused: dict[str, str] = {}  #: by context, why its initial file was refused
         self._contexts = Contexts(self.knowledge_base)
         self._warned: set[tuple[str, str, str]] = set()
         self.advisory_lock = AdvisoryLock()
@@ -315,6 +316,7 @@ class WorldModel:
         target.file = file
         self._contexts[context] = target
         self.loaded[context] = content.path
+        self.refused.pop(context, None)
         self._readable.add(content.path)
         self.flaws[context] = content.flaws
         pending = [PendingChange(RESET if context == SCENE else UPDATE)]
@@ -332,7 +334,7 @@ class WorldModel:
         except SkirosError as error:
             if not blank_on_error or context not in self._contexts:
                 raise ConfigurationError(f"scene {error}") from None
-            target.file = filename
+            target.file, self.refused[context] = filename, str(error)
             log.error("%s; context %s is blank and will be saved to %s", error, context, filename)
 
     def save(self, filename: str, context: str = SCENE) -> Path:

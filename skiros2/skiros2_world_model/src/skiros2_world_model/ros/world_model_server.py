@@ -116,6 +116,10 @@ class Reasoners:
 _Message = TypeVar("_Message")
 
 
+#: The private parameter with the initial files that were refused: by context, why.
+REFUSED_PARAMETER = "~refused"
+
+
 class WorldModelServer:
     """The services and the monitor topic of a world model.
 
@@ -250,6 +254,7 @@ class WorldModelServer:
         if request.action == request.LOAD:
             self._model.load(request.filename, author, context)
             self._validate_file(context)
+            rospy.set_param(REFUSED_PARAMETER, self._model.refused)
             log.info("%s loaded context %s from %s", author, context, request.filename)
         elif request.action == request.SAVE:
             path = self._model.save(request.filename, context)
@@ -297,6 +302,9 @@ def serve_world_model() -> None:
     if model.recovered:
         log.info("to start from the files instead: shut the world model down, or set journal_recover to never")
     origin = "its journal" if model.recovered else scene or "a blank scene"
+    if SCENE in model.refused:
+        origin = f"a blank scene, as {scene} was refused"
+    rospy.set_param(REFUSED_PARAMETER, model.refused)
     log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
     spin()
     running.stop()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import logging
 import socket
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,11 @@ log = logging.getLogger(__name__)
 
 #: Private parameters that are no settings: of every node, and those that the gateway sets.
 _OTHERS = ("verbose", "debug", "address", "stop_address", "opcua_address")
+
+
+#: The time for which a port that is in use is tried again, and the period (s): a killed gateway's process for stops
+#: may have it for a moment.
+_PORT_TIMEOUT, _PORT_PERIOD = 5.0, 0.2
 
 
 def main() -> None:
@@ -93,7 +100,7 @@ async def _serve(settings: Settings) -> None:
         stack.callback(loop.create_task(users.follow(access.set_users)).cancel)
         stack.callback(loop.create_task(keep_days(store, settings.keep_days)).cancel)
         if settings.http_port >= 0:
-            sock = _listen(settings, settings.http_port)
+            sock = await _listen(settings, settings.http_port)
             stop_port = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)
             routers = _live_view(service, cell, settings, stop_port, stack)
             if settings.agents != "off":
@@ -127,19 +134,23 @@ def _live_view(
     return [live_router(view, live, bags, stop_port), page_router(page, stop_port)]
 
 
-def _listen(settings: Settings, port: int) -> socket.socket:
+async def _listen(settings: Settings, port: int) -> socket.socket:
     """
     :raises ConfigurationError: the address is in use.
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        sock.bind((settings.host, port))
-        sock.listen()  # clients that read the address connect at once
-    except OSError as error:
-        raise ConfigurationError(f"port {port} on {settings.host}: {error}") from error
-    return sock
+    end = time.monotonic() + _PORT_TIMEOUT
+    while True:
+        try:
+            sock.bind((settings.host, port))
+            sock.listen()  # clients that read the address connect at once
+            return sock
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE or time.monotonic() > end:
+                raise ConfigurationError(f"port {port} on {settings.host}: {error.strerror or error}") from error
+        await asyncio.sleep(_PORT_PERIOD)
 
 
 async def _start_stop_port(
@@ -151,7 +162,7 @@ async def _start_stop_port(
     """
     if settings.stop_port < 0:
         return -1
-    sock = _listen(settings, settings.stop_port or (http_port + 1 if settings.http_port else 0))
+    sock = await _listen(settings, settings.stop_port or (http_port + 1 if settings.http_port else 0))
     stops = StopProcess(service, settings, sock, lambda: cell.connected)
     stack.push_async_callback(stops.close)
     rospy.set_param("~stop_address", _address(settings, sock))

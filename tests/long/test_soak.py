@@ -46,11 +46,10 @@ KEPT = max(3 * DAY, 15.0)  # s; three simulated days, but long enough to see the
 #: What a node may grow by between two figures: memory (share and MB), and threads and connections. A figure is taken at
 #: a moment when connections of clients that have gone may not be closed yet.
 MEMORY, MEMORY_MB, HANDLES = 0.05, 6.0, 6
-#: Open files: rospy keeps an epoll descriptor of each closed topic until Python's next full garbage collection, about
-#: eight for each robot that was killed.
-FILES = 24
 #: The size that SQLite's log of the jobs reaches before it is written back (KB).
 LOG_KB = 4400
+#: What the days differ by in the size of their jobs (KB), as in the number of rows.
+JOBS_KB = 400
 
 
 class SoakCell(JobCell):
@@ -173,8 +172,10 @@ class Soak:
             found[key] = sum(len(nodes) for _, nodes in entries)
         found["services"] = len(services)
         found["journal KB"] = size(self.cell.folder / "journal")
-        found["jobs KB"] = size(self.cell.folder / "jobs.sqlite")
+        found["jobs log KB"] = size(self.cell.folder / "jobs.sqlite-wal")
         with sqlite3.connect(f"file:{self.cell.folder / 'jobs.sqlite'}?mode=ro", uri=True) as db:
+            pages, page_size = (db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("page_count", "page_size"))
+            found["jobs KB"] = pages * page_size // 1024
             for table in ("jobs", "job_events", "audit"):
                 found[f"{table} rows"] = db.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0]
         return found
@@ -185,13 +186,15 @@ class Soak:
         for earlier, later in ((START, MIDDLE), (MIDDLE, END)):
             before, after = self.figures[earlier], self.figures[later]
             for key, value in after.items():
-                most = before[key] + (FILES if key.endswith("files") else HANDLES)
+                most = before[key] + HANDLES
                 if key.endswith("memory"):
                     most = before[key] * (1.0 + MEMORY) + MEMORY_MB
                 elif key == "journal KB":
                     most = 1024 * JOURNAL_MB * 3  # the file, and its log between two checks
+                elif key == "jobs log KB":
+                    most = LOG_KB
                 elif key == "jobs KB":
-                    most = before[key] * 1.5 + LOG_KB
+                    most = before[key] * 1.5 + JOBS_KB
                 elif key.endswith("rows"):
                     most = before[key] * 1.5 + 200  # as many as the kept days have, which differs from day to day
                 if value > most:

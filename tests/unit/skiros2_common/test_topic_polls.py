@@ -20,6 +20,7 @@ from skiros2_common.ros.topic_polls import close_polls_with_topics
 @pytest.fixture(autouse=True)
 def no_collection(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(topics, "Poller", topics.Poller)
+    monkeypatch.setattr(topics._TopicImpl, "close", topics._TopicImpl.close)
     gc.disable()
     yield
     gc.enable()
@@ -37,6 +38,16 @@ def test_closed_topic_closes_its_descriptor(kind: Any) -> None:
     for number in range(5):
         kind(f"/topic_{number}", String).close()
     assert polls() == before
+
+
+def test_topic_that_somebody_holds_closes_its_descriptor() -> None:
+    close_polls_with_topics()
+    close_polls_with_topics()
+    before = polls()
+    topic = topics._PublisherImpl("/topic", String)
+    topic.close()
+    assert polls() == before
+    topic.check()
 
 
 def test_lost_connection_is_still_noticed() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from skiros2_gateway.core import retention, store
 from skiros2_gateway.core.job import Job, Order, Response, State
-from skiros2_gateway.core.retention import keep_days
+from skiros2_gateway.core.retention import Ages, keep_days
 from skiros2_gateway.core.store import JobStore
 
 DAY = 86_400.0
@@ -64,6 +64,35 @@ def test_jobs_that_have_not_ended_and_the_last_number_are_kept() -> None:
         pass
     assert {job.id for job in kept.jobs()} == {"job-1", "job-3"}
     assert kept.next_sequence() == 4
+
+
+@pytest.mark.parametrize("jump", [DAY, -DAY])
+def test_clock_that_is_set_by_a_day_removes_nothing_early_and_nothing_late(
+    monkeypatch: pytest.MonkeyPatch, jump: float
+) -> None:
+    kept = filled(":memory:", 1, 24)
+    hour = 3600.0
+    wall, begin = time.time(), time.monotonic()
+    ages = Ages(kept, 0.5 * DAY + 60.0)
+
+    def left(at: float, set_by: float = 0.0) -> list[int]:
+        monkeypatch.setattr(time, "monotonic", lambda: begin + at)
+        monkeypatch.setattr(time, "time", lambda: wall + at + set_by)
+        while ages.prune():
+            pass
+        return sorted(int(job.id.partition("-")[2]) for job in kept.jobs())
+
+    assert left(0.0) == [*range(13, 25)]
+    for number in range(25, 31):  # one each hour; the clock is set after three of them
+        left((number - 24) * hour, jump * (number > 27))
+        kept.save(ended_job(number, time.time()), "tests", "Store")
+        kept.audit({"time": time.time(), "user": "a", "way": "", "action": "", "object": "", "outcome": ""})
+        ages.mark()
+    assert left(6.5 * hour, jump) == [*range(20, 31)]
+    assert left(12.5 * hour, jump) == [*range(25, 31)]
+    assert left(15.5 * hour, jump) == [28, 29, 30]
+    assert left(20.0 * hour, jump) == [30]  # the last one stays
+    assert counts(kept) == [1, 1, 0]
 
 
 def test_audit_log_has_a_largest_size(monkeypatch: pytest.MonkeyPatch) -> None:

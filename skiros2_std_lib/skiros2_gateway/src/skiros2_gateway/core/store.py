@@ -11,7 +11,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_gateway.core.job import FINAL, Job
@@ -48,6 +48,16 @@ _PRUNED = 500
 
 #: The idempotency keys of a user that are kept, the newest.
 _MAX_KEYS = 2000
+
+
+class Numbers(NamedTuple):
+    """Numbers of an entry of the jobs' history and of one of the audit log."""
+
+    event: int
+    audit: int
+
+
+NONE, ALL = Numbers(0, 0), Numbers(2**62, 2**62)
 
 
 class JobStore:
@@ -149,25 +159,37 @@ class JobStore:
         keys = ("number", "time", "author", "method", "state", "substate", "comment")
         return [dict(zip(keys, row, strict=True)) for row in rows]
 
-    def prune(self, before: float) -> int:
+    def last_numbers(self) -> Numbers:
+        """Returns the numbers of the newest entries."""
+        (row,) = self._read(
+            "SELECT (SELECT COALESCE(MAX(number), 0) FROM job_events), (SELECT COALESCE(MAX(number), 0) FROM audit)"
+        )
+        return Numbers(*row)
+
+    def prune(self, before: float, dated: Numbers = ALL, old: Numbers = NONE) -> int:
         """Removes some of the jobs that ended before a time (s since the epoch), with their history, and of the older
         audit entries. Returns how many; 0: nothing is left to remove.
 
         Jobs that have not ended, or whose response is incomplete, stay.
+
+        :param dated: the last entries whose time counts.
+        :param old: the last entries that are old, whatever their time is.
         """
         with self._transaction() as db:
             # The last job stays: its number is the highest that was given.
             ended = db.execute(
-                "SELECT id FROM jobs WHERE is_open = 0 AND ended < ? AND sequence < (SELECT MAX(sequence) FROM jobs)"
-                " LIMIT ?",
-                (before, _PRUNED),
+                "SELECT id FROM jobs, (SELECT job, MAX(number) AS last FROM job_events GROUP BY job) ON id = job"
+                " WHERE is_open = 0 AND (last <= ? OR ended < ? AND last <= ?)"
+                " AND sequence < (SELECT MAX(sequence) FROM jobs) LIMIT ?",
+                (old.event, before, dated.event, _PRUNED),
             ).fetchall()
             db.executemany("DELETE FROM job_events WHERE job = ?", ended)
             db.executemany("DELETE FROM jobs WHERE id = ?", ended)
             removed = db.execute(
-                "DELETE FROM audit WHERE number IN (SELECT number FROM audit WHERE time < ?"
-                " OR number <= (SELECT MAX(number) FROM audit) - ? ORDER BY number LIMIT ?)",
-                (before, _MAX_AUDIT, _PRUNED),
+                "DELETE FROM audit WHERE number IN (SELECT number FROM audit"
+                " WHERE number <= ? OR time < ? AND number <= ? OR number <= (SELECT MAX(number) FROM audit) - ?"
+                " ORDER BY number LIMIT ?)",
+                (old.audit, before, dated.audit, _MAX_AUDIT, _PRUNED),
             ).rowcount
         return len(ended) + removed
 

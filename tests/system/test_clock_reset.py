@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from rosgraph_msgs.msg import Clock
 
-from support.ros import INSTALL, Ros, wait_until
+from support.ros import INSTALL, Ros, RosMaster, wait_until
 
 
-def test_action_servers_survive_a_clock_that_is_reset(ros: Ros, tmp_path: Path) -> None:
-    ros.master.set_parameter("/use_sim_time", True)
+@pytest.fixture
+def clock(ros_master: RosMaster) -> Iterator[rospy.Publisher]:
+    ros_master.set_parameter("/use_sim_time", True)
+    publisher = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
+    yield publisher
+    publisher.unregister()
+    ros_master.delete_parameter("/use_sim_time")
+
+
+def test_action_servers_survive_a_clock_that_is_reset(clock: rospy.Publisher, ros: Ros, tmp_path: Path) -> None:
     ros.master.set_parameter("/wm/workspace_dir", str(tmp_path))
-    clock = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
     clock.publish(Clock(rospy.Time.from_sec(100.0)))
     world_model = ros.program(str(INSTALL / "lib/skiros2_world_model/world_model_server_node"), "__name:=wm")
     world_model.wait_for_line("the world model is ready")
@@ -36,4 +45,3 @@ def test_action_servers_survive_a_clock_that_is_reset(ros: Ros, tmp_path: Path) 
         assert node.running
         assert "Traceback" not in node.output
         assert "MovedBackwards" not in node.output
-    ros.master.delete_parameter("/use_sim_time")

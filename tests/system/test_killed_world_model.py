@@ -21,7 +21,7 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
 from support.ros import INSTALL, Ros, wait_until
 
-KILLS = 50
+KILLS = 20
 WRITERS = 3
 ROOT = "skiros:Scene-0"
 NODE = INSTALL / "lib/skiros2_world_model/world_model_server_node"
@@ -77,16 +77,23 @@ class Writer:
         return counts[0], counts[1], {elements[eid].value_of("skiros:Key"): holders.get(eid, "") for eid in parts}
 
     def _work(self) -> None:
-        try:
-            while True:
-                count = self.acknowledged + 1
-                operations, parts = self._request(count)
-                self._asked = count, count, parts
-                self.wmi.transact(operations)
-                self.acknowledged, self._parts, self._asked = count, parts, None
-        except WmException as error:
-            if not ("broke off" in str(error) or "does not answer" in str(error)):
-                self.error = error
+        before = self.acknowledged
+        while True:
+            try:
+                self._write()
+            except WmException as error:
+                if "does not answer" in str(error) and self.acknowledged == before:
+                    continue  # a busy machine: the node, which runs, was not reached in time
+                if not ("broke off" in str(error) or "does not answer" in str(error)):
+                    self.error = error
+                return
+
+    def _write(self) -> None:
+        count = self.acknowledged + 1
+        operations, parts = self._request(count)
+        self._asked = count, count, parts
+        self.wmi.transact(operations)
+        self.acknowledged, self._parts, self._asked = count, parts, None
 
     def _request(self, count: int) -> tuple[list[Operation], dict[str, str]]:
         counted = ElementChanges({"skiros:Count": Property("skiros:Count", count)})

@@ -98,7 +98,8 @@ class _System:
         self._on_restart = on_restart
         self._session = ""
         self._started = time.monotonic()
-        self._earlier = frozenset(store.meta("managers") or ()) if store is not None else frozenset()
+        # Those of a process that left no goal are waited for by none.
+        self._earlier = frozenset(store.meta("managers") or () if store is not None and store.open_goals() else ())
         self._found: set[str] = set()
 
     def restart(self) -> Restart:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import sys
 import urllib.error
@@ -232,11 +233,12 @@ class Rest:
             headers = {"Authorization": f"Bearer {TOKENS[role]}", "Content-Type": "application/json"}
             request = urllib.request.Request(self.address + path, data, headers, method=method)
             try:
-                with urllib.request.urlopen(request, timeout=20.0) as answer:
-                    return answer.status, json.loads(answer.read())
-            except urllib.error.HTTPError as error:
-                return error.code, json.loads(error.read())
-            except (OSError, ValueError):  # it was killed, perhaps while it answered
+                try:
+                    with urllib.request.urlopen(request, timeout=20.0) as answer:
+                        return answer.status, json.loads(answer.read())
+                except urllib.error.HTTPError as error:
+                    return error.code, json.loads(error.read())
+            except (OSError, http.client.HTTPException, ValueError):  # it was killed, perhaps while it answered
                 return None
 
         return tuple(wait_until(once, 60.0, f"an answer of {path}"))

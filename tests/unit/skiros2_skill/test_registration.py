@@ -84,16 +84,29 @@ def test_registration_after_scene_change_creates_no_duplicates(
 def test_refused_skill_invalidates_registration(
     wmi: LocalWorldModel, library: SkillLibrary, registration: Registration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(element: Element) -> str:
+    def refuse(elements: list[Element]) -> list[Element]:
         raise WmException("not now")
 
-    monkeypatch.setattr(wmi, "add_element", refuse)
+    monkeypatch.setattr(wmi, "add_elements", refuse)
     with pytest.raises(WmException):
         registration.register_skills(library.implementations())
     monkeypatch.undo()
     assert not registration.is_registered()
     assert registration.register(library.implementations())
     assert skills(wmi, registration.robot_id) == ["counter", "wait"]
+
+
+def test_all_skills_appear_and_disappear_at_once(
+    wmi: LocalWorldModel, library: SkillLibrary, registration: Registration
+) -> None:
+    """Else a goal that is planned meanwhile is impossible, for lack of a skill that is about to be registered."""
+    seen: list[list[str]] = []
+    wmi.add_listener(lambda change: seen.append(skills(wmi, registration.robot_id)))
+    registration.register_skills(library.implementations())
+    registration.unregister()
+    assert [labels for labels, before in zip(seen, [["counter", "wait"], *seen], strict=False) if labels != before] == [
+        [], ["counter", "wait"], [],
+    ]  # fmt: skip
 
 
 def test_valid_registration_is_not_repeated(

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from skiros2_common.core.world_element import Element
 from skiros2_task.core.engines import FoundPlan, Limits, Outcome, PlannerAnswer
-from skiros2_task.core.formula import Kind, Predicate
+from skiros2_task.core.formula import Atom, Kind, Predicate
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.store import Archive
 from skiros2_task.core.task import PlanningTask, PlanStep
@@ -117,6 +118,42 @@ def test_reading_the_world_for_a_goal_needs_no_query(world: PlanningWorld, monke
     planner = TaskPlanner(world.wm, GivenAnswer(PlannerAnswer(Outcome.FAILED)), Limits(30.0))
     for goal in (drive_goal(world), f"(forall (?p - skiros:Product) (skiros:contain {world.places[-1]} ?p))"):
         assert planner.read_task(goal).init
+
+
+def test_goals_share_one_reading_of_the_scene_until_it_changes(
+    world: PlanningWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readings, resolve = [], type(world.wm).resolve_elements
+    monkeypatch.setattr(
+        type(world.wm), "resolve_elements", lambda self, wanted: readings.append(wanted) or resolve(self, wanted)
+    )
+    planner = TaskPlanner(world.wm, GivenAnswer(PlannerAnswer(Outcome.FAILED)), Limits(30.0))
+    (robot,), (here, there) = world.robots, world.places
+    for number in range(1, 4):
+        for place in world.places:
+            task = planner.read_task(f"(skiros:at {robot} {place})")
+            assert Atom(AT, (robot, here)) in task.init
+            assert Atom(AT, (robot, there)) not in task.init
+        assert len(readings) == number
+        world.wm.set_relation(robot, "skiros:at", here, False)
+        world.relate(robot, "skiros:at", there)
+        here, there = there, here
+
+
+def test_objects_of_one_goal_are_not_in_the_next(world: PlanningWorld) -> None:
+    world.wm.add_individual(Element("skiros:Location", "skiros:somewhere"))
+    planner = TaskPlanner(world.wm, GivenAnswer(PlannerAnswer(Outcome.FAILED)), Limits(30.0))
+    assert "skiros:somewhere" in planner.read_task(f"(skiros:at {world.robots[0]} skiros:somewhere)").objects
+    assert "skiros:somewhere" not in planner.read_task(drive_goal(world)).objects
+
+
+def test_manager_that_appears_is_known_without_a_change_of_the_scene(world: PlanningWorld) -> None:
+    running = {"/other": ""}
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    planner = TaskPlanner(world.wm, given, Limits(30.0), running=lambda named: dict(running))
+    assert not planner.read_task(drive_goal(world)).actions
+    running["/alpha"] = ""
+    assert planner.read_task(drive_goal(world)).actions
 
 
 def test_view_has_the_names_of_the_ontologies(world: PlanningWorld) -> None:

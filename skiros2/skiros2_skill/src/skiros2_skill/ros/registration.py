@@ -16,6 +16,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.devices import DEVICE_HOLDER, release_stale_devices
 from skiros2_skill.core.library.library import Implementation
+from skiros2_world_model.core.changes import Remove
 from skiros2_world_model.core.last_will import CleanupAction
 
 log = logging.getLogger(__name__)
@@ -97,19 +98,19 @@ class Registration:
         self._place()
 
     def register_skills(self, implementations: Iterable[Implementation]) -> None:
-        """Registers the skills; those of a former process are replaced."""
+        """Registers the skills, all at once; those of a former process are replaced."""
         self.remove_skills()
         self._skills = None
-        added = {}
+        elements = []
         for implementation in implementations:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
             element.setProperty("skiros:PythonModule", implementation.module)
             element.setProperty("rdfs:comment", purpose_of(type(implementation.declared.skill_description)))
             element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
-            self._wmi.add_element(element)
-            added[element.id] = (element.type, element.label)
-        self._skills = added
+            elements.append(element)
+        self._wmi.add_elements(elements)
+        self._skills = {element.id: (element.type, element.label) for element in elements}
 
     def is_registered(self) -> bool:
         """Whether the world model has the robot with this manager and all registered skills."""
@@ -121,11 +122,12 @@ class Registration:
         return {e.id: (e.type, e.label) for e in found if e is not None} == self._skills
 
     def remove_skills(self) -> None:
-        """Removes all skills of the robot, with their parameters and conditions."""
-        for relation in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""):
-            skill = self._wmi.find_element(relation["dst"])
-            if skill is not None:  # else the last will of a former process has just removed it
-                self._wmi.remove_element(skill, True, "skiros:skillProperty")
+        """Removes all skills of the robot at once, with their parameters and conditions."""
+        relations = self._wmi.get_relations(self.robot_id, "skiros:hasSkill", "")
+        # The last will of a former process may have just removed some.
+        ids = [r["dst"] for r in relations if self._wmi.find_element(r["dst"]) is not None]
+        if ids:
+            self._wmi.transact([Remove(eid, True, "skiros:skillProperty") for eid in ids])
 
     def _will(self) -> list[CleanupAction]:
         """The last will: removes the skills and releases the devices of the manager."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 
 from skiros2_common.core.names import full_name, local_name
 
@@ -21,6 +22,7 @@ _RESERVED = frozenset(
 )
 
 
+@lru_cache(maxsize=50_000)  # names of elements: each goal asks for all of them after each change
 def pddl_name(text: str) -> str:
     """Returns a text as a PDDL name: `skiros:Large Box-1` becomes `skiros_large_box-1`."""
     name = re.sub(r"[^a-z0-9_-]", "_", text.lower())

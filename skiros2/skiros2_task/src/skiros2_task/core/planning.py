@@ -28,7 +28,7 @@ from skiros2_task.core.reachability import Deadline
 from skiros2_task.core.skills import Robot, RunningManagers, assume_values, no_managers
 from skiros2_task.core.store import Archive, Durations
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.world import WorldView
+from skiros2_task.core.world import WorldView, WorldViews
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 log = logging.getLogger(__name__)
@@ -141,7 +141,7 @@ class TaskPlanner:
         self._limits = limits
         self._archive = archive
         self._durations = durations or Durations()
-        self._running = running
+        self._views = WorldViews(wm, running)
 
     def plan(
         self,
@@ -241,7 +241,7 @@ class TaskPlanner:
         return make_task(world, _read(goal, world))
 
     def _view(self, asked_by: str = "") -> WorldView:
-        world = WorldView(self.wm, self._running)
+        world = self._views.current()
         world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
         return world
 

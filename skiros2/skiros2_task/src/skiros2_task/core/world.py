@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+import copy
+import threading
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import product
 
@@ -37,17 +39,27 @@ class WorldView:
         self._all: dict[str, Element] = {e.id: e for e in wm.resolve_elements(Element())}
         self.robots: tuple[Robot, ...] = read_robots(self._all, running)
         skill_parts = self._skill_parts()
+        types = {e.type for e in self._all.values()}
+        others = {cls for cls in types if any(self.is_subclass(cls, parent) for parent in _NOT_OBJECTS)}
         #: The elements that goals and parameters may refer to, by id; a template that stands for itself, by name.
         self.objects: dict[str, Element] = {
             eid: e
             for eid, e in self._all.items()
-            if eid not in skill_parts and not any(self.is_subclass(e.type, cls) for cls in _NOT_OBJECTS)
+            if eid not in skill_parts and e.type not in others
         }
         #: The objects that are not in the scene: templates that stand for themselves, and objects to create.
         self.stand_ins: set[str] = set()
         self.to_create: set[str] = set()
         self._relations: dict[str, list[tuple[str, str]]] | None = None
         self._members: dict[str, tuple[str, ...]] = {}
+
+    def fork(self) -> WorldView:
+        """Returns a view of the same snapshot, with objects of its own."""
+        self._relation_index()
+        view = copy.copy(self)
+        view.objects, view._members = dict(self.objects), dict(self._members)
+        view.stand_ins, view.to_create = set(self.stand_ins), set(self.to_create)
+        return view
 
     def _skill_parts(self) -> set[str]:
         """Returns the ids of skills, parameters and conditions, also of classes that the ontology lacks."""
@@ -247,6 +259,35 @@ class WorldView:
             return bool(self._wm.check_relation(self.objects[subject], relation, self.objects[obj], True, abstract))
         except SkirosError:
             return False  # the element was removed since the snapshot
+
+
+class WorldViews:
+    """Views of the current scene. All that ask before it changes share one reading of it. Thread-safe."""
+
+    def __init__(self, wm: WorldModelPort, running: RunningManagers = no_managers) -> None:
+        self._wm = wm
+        self._running = running
+        self._mutex = threading.Lock()
+        self._view: WorldView | None = None
+        self._version = -1
+        self._named: Collection[str] = ()
+        self._managers: Mapping[str, str] = {}
+
+    def current(self) -> WorldView:
+        """Returns a view of the current scene, with objects of its own.
+
+        :raises WmException: the world model does not answer.
+        """
+        with self._mutex:
+            version = self._wm.version  # before the scene: a change meanwhile is read again
+            known = version == self._version != -1 and self._running(self._named) == self._managers
+            if self._view is None or not known:
+                self._view, self._version = WorldView(self._wm, self._find), version
+            return self._view.fork()
+
+    def _find(self, named: Collection[str]) -> Mapping[str, str]:
+        self._named, self._managers = named, self._running(named)
+        return self._managers
 
 
 def _template_of(element: Element) -> str:

@@ -17,7 +17,7 @@ from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.client.description import Step
-from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel

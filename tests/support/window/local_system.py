@@ -15,13 +15,14 @@ from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChange
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner, Simulator
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
-from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.runtime.diagnosis import inspect, signal_bounds
 from skiros2_skill.core.runtime.history import History
-from skiros2_skill.core.runtime.request import SkillRequest, StartPreview, TaskStarter
+from skiros2_skill.core.runtime.request import SkillRequest, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_skill.ros.messages import progress_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.changes import RESET, Change

@@ -4,7 +4,8 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_skill.core.engine.breakpoints import Breakpoint, Breakpoints
+from skiros2_skill.core.breakpoint import Breakpoint
+from skiros2_skill.core.engine.breakpoints import Breakpoints
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.skill import ParallelFf, SelectorStar, Serial, Skill

@@ -17,8 +17,8 @@ from skiros2_skill.client.description import Why, find_skill, read_skill
 from skiros2_skill.command_line import connection, program, queries
 from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.queries import World
-from skiros2_skill.core.engine.breakpoints import Breakpoint
-from skiros2_skill.core.runtime.request import StartPreview
+from skiros2_skill.core.breakpoint import Breakpoint
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_skill.ros.registration import Registration
 from unit.skiros2_skill.skills import CONTAINER, INFERRED, OBJECT, OPTIONAL, REQUIRED, contains, describe, primitive
 

@@ -8,7 +8,7 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_runs.core.states import TaskState
-from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.skill import ParallelFf, ParallelFs, SerialStar, Skill, SkillBase
 from unit.skiros2_skill.skills import INFERRED, OPTIONAL, REQUIRED, Work, describe, primitive

@@ -10,8 +10,8 @@ from typing import Any, Protocol
 from skiros2_common.core.signals import SignalSource
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why
-from skiros2_skill.core.engine.breakpoints import Breakpoint
-from skiros2_skill.core.runtime.request import StartPreview
+from skiros2_skill.core.breakpoint import Breakpoint
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 

@@ -10,7 +10,7 @@ from skiros2_gui.app.events import ManagersChanged
 from skiros2_gui.app.system import Manager
 from skiros2_gui.app.window import Window
 from skiros2_runs.core.frame import Shape
-from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START, NODE, WHEN, Breakpoint
+from skiros2_skill.core.breakpoint import AT_END, BEFORE_START, NODE, WHEN, Breakpoint
 
 #: Descriptions, by kind and when.
 _TEXTS = {

@@ -22,7 +22,7 @@ from skiros2_gui.skills.catalogue import Offer, RobotRow, offers_of, rows_of
 from skiros2_gui.skills.form import ElementChoice, Field, Form, ValueMode, element_choices
 from skiros2_gui.skills.recent import RecentValues, Values, entered
 from skiros2_skill.client.description import Skill, Step
-from skiros2_skill.core.runtime.request import StartPreview
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 #: The job queue of previews.

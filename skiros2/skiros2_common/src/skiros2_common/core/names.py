@@ -8,10 +8,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from skiros2_common.core.world_model_port import OntologyPort
+from typing import Protocol
 
 DEFAULT_PREFIX = "skiros"
 
@@ -20,6 +17,13 @@ ANY_TYPE = ("", "Unknown", "skiros:Unknown")
 
 #: The highest number of an id. A longer sequence of digits is part of the name.
 LAST_ID_NUMBER = 10**18 - 1
+
+
+class ClassHierarchy(Protocol):
+    """The classes of the ontologies, as the world model knows them."""
+
+    def is_subclass(self, child: str, parent: str) -> bool: ...
+    def get_sub_classes(self, parent_class: str, recursive: bool = True) -> list[str]: ...
 
 
 @lru_cache(maxsize=10_000)
@@ -54,7 +58,7 @@ def local_name(name: str) -> str:
     return name.rpartition(":")[2]
 
 
-def is_of_class(name: str, wanted: str, wmi: OntologyPort | None) -> bool:
+def is_of_class(name: str, wanted: str, wmi: ClassHierarchy | None) -> bool:
     """Whether a class is the wanted one (see `ANY_TYPE`) or a subclass of it.
 
     :param wmi: the world model, queried if the names differ; None: different names are different classes.

@@ -12,11 +12,10 @@ from skiros2_common.core.condition import (
     near_matches,
 )
 from skiros2_common.core.condition_record import Cost
-from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name, id_order
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_element import Element, reasoners
 
 if TYPE_CHECKING:
     from skiros2_common.core.world_model_port import WorldModelPort

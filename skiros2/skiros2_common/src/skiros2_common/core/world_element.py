@@ -6,9 +6,8 @@ import builtins
 import logging
 from collections.abc import Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
-from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY, DiscreteReasoner, reasoners, set_reasoners
 from skiros2_common.core.element_content import (
     ElementChanges,
     ElementContent,
@@ -17,16 +16,17 @@ from skiros2_common.core.element_content import (
     selected,
 )
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_common.core.names import full_name, id_number, is_of_class, spellings
+from skiros2_common.core.names import ClassHierarchy, full_name, id_number, is_of_class, spellings
 from skiros2_common.core.property import DATATYPES, Property, converted_property, same_value
+from skiros2_common.core.reasoner_registry import Owner, ReasonerRegistry
 from skiros2_common.core.revision import local_revision
-
-if TYPE_CHECKING:
-    from skiros2_common.core.world_model_port import OntologyPort
 
 log = logging.getLogger(__name__)
 
-__all__ = ["REASONER_PROPERTY", "Element", "ElementChanges", "RelationDict"]
+__all__ = ["REASONER_PROPERTY", "Element", "ElementChanges", "Reasoner", "RelationDict", "reasoners", "set_reasoners"]
+
+#: The property of an element that names its reasoners.
+REASONER_PROPERTY = "skiros:DiscreteReasoner"
 
 
 class Element(ElementContent):
@@ -263,7 +263,7 @@ class Element(ElementContent):
 
     # -- data of reasoners -------------------------------------------------------------------------------------
 
-    def _getReasoner(self, get_code: str) -> DiscreteReasoner:
+    def _getReasoner(self, get_code: str) -> Reasoner:
         return reasoners.get(get_code)
 
     def getAssociatedReasonerId(self, key: str) -> str:
@@ -310,7 +310,7 @@ class Element(ElementContent):
 
     # -- comparison --------------------------------------------------------------------------------------------
 
-    def isInstance(self, abstract: Element, wmi: OntologyPort | None) -> bool:
+    def isInstance(self, abstract: Element, wmi: ClassHierarchy | None) -> bool:
         """Whether this element matches the description `abstract`.
 
         It matches if its class is the same or a subclass, its label is equal (unless `abstract` has none), and it has
@@ -326,3 +326,38 @@ class Element(ElementContent):
             if not all(self.hasProperty(key, v) for v in prop.values if v not in ("", None)):
                 return False
         return all(self.hasRelation(*relation_key(r)) for r in abstract._rels)
+
+
+class Reasoner(Owner, Protocol):
+    """A reasoner as elements and clients of the world model see it; see `DiscreteReasoner`."""
+
+    def addProperties(self, element: Element) -> None: ...
+    def removeProperties(self, element: Element) -> None: ...
+    def hasData(self, element: Element, get_code: str) -> bool: ...
+    def getData(self, element: Element, get_code: str) -> Any: ...
+    def setData(self, element: Element, data: Any, set_code: str) -> Any: ...
+    def computeRelations(self, sub: Element, obj: Element, with_metrics: bool = False) -> list[Any]: ...
+
+
+#: The reasoners of this process, filled by world-model interfaces and servers from their plugin packages.
+reasoners: ReasonerRegistry[Reasoner] = ReasonerRegistry()
+
+
+def set_reasoners(element: Element, names: Sequence[str]) -> None:
+    """Sets the reasoners of an element: added ones add their properties, removed ones remove theirs."""
+    before = list(element.getProperty(REASONER_PROPERTY).values) if element.hasProperty(REASONER_PROPERTY) else []
+    for name in dict.fromkeys([*before, *names]):
+        if (name in before) == (name in names):
+            continue
+        try:
+            reasoner = reasoners.get(name)
+        except UnknownName as error:
+            log.error("%r: %s", element, error)
+            continue
+        if name in names:
+            reasoner.addProperties(element)
+        else:
+            reasoner.removeProperties(element)
+    if not element.hasProperty(REASONER_PROPERTY):
+        element.appendProperty(REASONER_PROPERTY, str)  # without a name yet
+    element.getProperty(REASONER_PROPERTY).setValues(list(names))

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, Protocol
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.element_content import RelationDict
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_element import Element, Reasoner
 
 #: The calls that change the world model or the client; the others only read.
 _CHANGING_CALLS = frozenset({
@@ -166,7 +165,7 @@ class WorldModelPort(OntologyPort, Protocol):
     ) -> Element: ...
     def set_relation(self, subj: Element | str, pred: str, obj: Element | str, value: bool = True) -> bool: ...
     def get_relations(self, subj: Element | str, pred: str, obj: Element | str) -> list[RelationDict]: ...
-    def get_reasoner(self, pred: str) -> DiscreteReasoner | None: ...
+    def get_reasoner(self, pred: str) -> Reasoner | None: ...
     def get_reasoner_relations(self, subj: Element | str, pred: str, obj: Element | str) -> list[RelationDict]: ...
     def check_relation(
         self, subj: Element | str, pred: str, obj: Element | str, state: bool, abstract: bool

@@ -17,8 +17,8 @@ from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.client.skill_run import SkillRun, SkillRunner
 from skiros2_skill.client.stop_line import NoStopService, StopLine
-from skiros2_skill.core.engine.breakpoints import Breakpoint
-from skiros2_skill.core.runtime.request import StartPreview
+from skiros2_skill.core.breakpoint import Breakpoint
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_world_model.ros.service_pool import ServicePool
 

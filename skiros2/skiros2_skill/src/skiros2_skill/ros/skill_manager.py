@@ -18,7 +18,7 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.ros.signals import RosSignals
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.library.reload import reloading
 from skiros2_skill.core.lint.linter import log_faults

@@ -8,9 +8,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import product
 
-from skiros2_common.core.discrete_reasoner import reasoners, relations_of
+from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import full_name
+from skiros2_common.core.reasoner_registry import relations_of
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.skills import Robot, RunningManagers, no_managers, read_robots
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, cast
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, reasoners
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.names import full_name
-from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.core.reasoner_registry import data_of
+from skiros2_common.core.world_element import Element, Reasoner, RelationDict
 from skiros2_world_model.core.changes import SCENE, Change, Operation, Outcome, Relate
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.queries import SceneReader
@@ -126,7 +127,7 @@ class ReasonerWorldModel:
         """The relation, followed by all its subproperties."""
         return _itself_first(name, self._model.ontology.subproperties)
 
-    def get_reasoner(self, name: str) -> DiscreteReasoner | None:
+    def get_reasoner(self, name: str) -> Reasoner | None:
         """Returns the reasoner with a class name, or the one that owns a code, property or relation; None if it does
         not exist."""
         return reasoners.find(name)

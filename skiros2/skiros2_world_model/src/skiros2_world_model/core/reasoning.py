@@ -7,10 +7,11 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import full_name
+from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element
 from skiros2_world_model.core.changes import ADD, REMOVE, UPDATE, Operation
 from skiros2_world_model.core.checks import Checks, made_property

@@ -9,10 +9,11 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners, relations_of
+from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.core.reasoner_registry import relations_of
+from skiros2_common.core.world_element import Element, Reasoner, RelationDict
 from skiros2_world_model.core.changes import (
     relation_dict,
 )
@@ -161,7 +162,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
             found = self._related(id_of(subj), self._name(pred) if pred else "", id_of(obj))
         return [{**r, "src": "-1"} for r in found] if id_of(subj) and pred and id_of(obj) else found
 
-    def get_reasoner(self, pred: str) -> DiscreteReasoner | None:
+    def get_reasoner(self, pred: str) -> Reasoner | None:
         """Returns the reasoner with a class name, or the one that owns a code, property or relation; None if it does
         not exist."""
         return reasoners.find(pred)
@@ -293,7 +294,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
             for other in others
         )
 
-    def _computes(self, pred: str) -> DiscreteReasoner | None:
+    def _computes(self, pred: str) -> Reasoner | None:
         """The reasoner that computes a relation; None when no reasoner does."""
         reasoner = reasoners.find_or_load(pred)
         if reasoner is None or full_name(pred) not in map(full_name, relations_of(reasoner)):

@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Collection, Sequence
 
-from skiros2_common.core.discrete_reasoner import data_of, reasoners
+from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.names import full_name
+from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
 from skiros2_world_model.core.changes import (
     TEMPLATE,

@@ -11,7 +11,7 @@ from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.widgets.bars import FOLDS
 from skiros2_gui.run.widgets.graph import TreeItem
 from skiros2_runs.core.states import style_of
-from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START
+from skiros2_skill.core.breakpoint import AT_END, BEFORE_START
 
 #: The range of scales.
 _SMALLEST, _LARGEST = 0.005, 4.0

@@ -12,14 +12,13 @@ from itertools import groupby
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.primitive import PrimitiveBase
-from skiros2_common.core.source_location import SourceLocation
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.library.description import Descriptions, Undescribed
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, Fault, description_faults
 from skiros2_skill.core.lint.preempt import preempt_faults
-from skiros2_skill.core.lint.tree import tree_faults
+from skiros2_skill.core.lint.tree import Cycles, tree_faults
 from skiros2_skill.core.tree.compound import SkillBase
 
 log = logging.getLogger(__name__)
@@ -34,7 +33,7 @@ class Linter:
 
     def __init__(self, classes: Iterable[type], wmi: WorldModelPort | None = None) -> None:
         self.descriptions = Descriptions(wmi, classes)
-        self._cycles: dict[frozenset[type], tuple[type, SourceLocation | None]] = {}
+        self._cycles = Cycles()
 
     @classmethod
     def of(cls, descriptions: Descriptions) -> Linter:
@@ -53,11 +52,7 @@ class Linter:
             text = f"describing it raised {found.reason}"
             return [Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, *found.location, "the skill is skipped")]
         own = [*description_faults(found, self.descriptions.wmi), *preempt_faults(found, self.descriptions)]
-        return _in_order([*own, *(tree_faults(found, self) if tree else ())])
-
-    def reports_cycle(self, classes: Iterable[type], cls: type, place: SourceLocation | None) -> bool:
-        """Whether to report a cycle of classes at this source location: only the first caller reports it."""
-        return self._cycles.setdefault(frozenset(classes), (cls, place)) == (cls, place)
+        return _in_order([*own, *(tree_faults(found, self.descriptions, self._cycles) if tree else ())])
 
 
 def log_faults(library: SkillLibrary, classes: Sequence[type]) -> None:

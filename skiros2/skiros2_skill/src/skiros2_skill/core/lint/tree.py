@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.source_location import SourceLocation
 from skiros2_skill.core.library.description import Described, Descriptions, ReadOnlyWorldModel
 from skiros2_skill.core.lint.faults import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Fault, fault_of, fits, type_name
 from skiros2_skill.core.tree.node import SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
-
-if TYPE_CHECKING:
-    from skiros2_skill.core.lint.linter import Linter
 
 _EXPAND_TIMEOUT = 0.5  # s
 
@@ -38,11 +36,22 @@ class _Libraries:
         """See `SkillLibrary.require_type`."""
 
 
-def tree_faults(described: Described, linter: Linter) -> Iterator[Fault]:
+class Cycles:
+    """The cycles of compounds that one linter has reported."""
+
+    def __init__(self) -> None:
+        self._reported: dict[frozenset[type], tuple[type, SourceLocation | None]] = {}
+
+    def reports(self, classes: Iterable[type], cls: type, place: SourceLocation | None) -> bool:
+        """Whether to report a cycle of classes at this source location: only the first caller reports it."""
+        return self._reported.setdefault(frozenset(classes), (cls, place)) == (cls, place)
+
+
+def tree_faults(described: Described, descriptions: Descriptions, cycles: Cycles) -> Iterator[Fault]:
     """The faults of a compound's tree; none for a primitive, or when every start expands again."""
     if not described.is_compound or described.skill.expand_on_start:
         return
-    trees = Trees(linter)
+    trees = Trees(descriptions, cycles)
     root = trees.of(described)
     if root is None:
         reason = trees.reasons[described.cls]
@@ -59,9 +68,9 @@ def tree_faults(described: Described, linter: Linter) -> Iterator[Fault]:
 class Trees:
     """The trees of compounds, expanded without parameter values. For one check."""
 
-    def __init__(self, linter: Linter) -> None:
-        self.linter = linter
-        self.descriptions = linter.descriptions
+    def __init__(self, descriptions: Descriptions, cycles: Cycles) -> None:
+        self.descriptions = descriptions
+        self.cycles = cycles
         self.reasons: dict[type, str] = {}
         self._roots: dict[type, SkillWrapper | None] = {}
         self._names: dict[type, tuple[set[str], bool]] = {}
@@ -212,7 +221,7 @@ def _child_faults(described: Described, root: SkillWrapper, node: SkillWrapper, 
     yield from _type_faults(described, root, node, options, child, trees)
     yield from _missing_faults(described, root, node, options, child, trees)
     cycle = trees.cycle(described, node, set())
-    if cycle and trees.linter.reports_cycle([step.cls for step in cycle], described.cls, location):
+    if cycle and trees.cycles.reports([step.cls for step in cycle], described.cls, location):
         through = " and ".join(step.name for step in cycle[:-1])
         text = f"it is a part of itself{f' through {through}' if through else ''}, without an alternative"
         yield fault_of(described, WARNING, "recursion", text, location)

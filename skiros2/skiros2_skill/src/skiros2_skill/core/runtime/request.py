@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
@@ -30,6 +30,7 @@ from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_skill.core.tree.node import Root
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -271,20 +272,6 @@ class TaskRefused(Refused):
     def __init__(self, record: Record) -> None:
         super().__init__(record.message)
         self.record = record
-
-
-@dataclass(frozen=True)
-class StartPreview:
-    """What a start would do.
-
-    :param label: of the implementation that would run the first skill; "" if none would.
-    :param elements: the inferred elements and the robot, by key; without their properties.
-    :param refusal: why the skills would not start; None if they would.
-    """
-
-    label: str = ""
-    elements: Mapping[str, Element] = field(default_factory=dict)
-    refusal: Explanation | None = None
 
 
 class TaskStarter:

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
+import actionlib
+import actionlib.msg
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from rosgraph_msgs.msg import Clock
 
-from support.ros import INSTALL, Ros, RosMaster, wait_until
+from skiros2_common.ros.goal_server import GoalServer
+from support.ros import INSTALL, Ros, wait_until
 
 
 @pytest.fixture
-def clock(ros_master: RosMaster) -> Iterator[rospy.Publisher]:
-    ros_master.set_parameter("/use_sim_time", True)
+def clock(ros: Ros) -> Iterator[rospy.Publisher]:
+    ros.master.set_parameter("/use_sim_time", True)
     publisher = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
     yield publisher
     publisher.unregister()
-    ros_master.delete_parameter("/use_sim_time")
+    ros.master.delete_parameter("/use_sim_time")
 
 
 def test_action_servers_survive_a_clock_that_is_reset(clock: rospy.Publisher, ros: Ros, tmp_path: Path) -> None:
@@ -45,3 +50,37 @@ def test_action_servers_survive_a_clock_that_is_reset(clock: rospy.Publisher, ro
         assert node.running
         assert "Traceback" not in node.output
         assert "MovedBackwards" not in node.output
+
+
+class Obedient(GoalServer):
+    """An action whose goals succeed at once."""
+
+    def _begin(self, handle: Any) -> None:
+        handle.set_accepted()
+        handle.set_succeeded(actionlib.msg.TestResult())
+
+    def _unfinished_handles(self) -> Iterable[Any]:
+        return ()
+
+
+@pytest.mark.parametrize("days", [1, -1])
+def test_ended_goals_are_listed_as_long_as_usual_when_the_clock_is_set(
+    ros: Ros, monkeypatch: pytest.MonkeyPatch, days: int
+) -> None:
+    kept, now = 1.0, rospy.Time.now
+    name = f"obedient_{days % 3}"
+    ros.master.set_parameter(f"/{name}/status_list_timeout", 0.0)
+    server = Obedient(f"/{name}", actionlib.msg.TestAction, status_kept=kept)
+    server.start()
+    status = ros.messages(f"/{name}/status", GoalStatusArray)
+    client = actionlib.ActionClient(f"/{name}", actionlib.msg.TestAction)
+    assert client.wait_for_server(rospy.Duration(10.0))
+    client.send_goal(actionlib.msg.TestGoal(1))
+    wait_until(lambda: status.all and status.all[-1].status_list, what="a listed goal")
+    begin = time.monotonic()
+    monkeypatch.setattr(rospy.Time, "now", lambda: now() + rospy.Duration(days * 86_400))
+    wait_until(lambda: not status.all[-1].status_list, what="the end of its listing")
+    monkeypatch.undo()
+    assert time.monotonic() - begin > 0.7 * kept
+    client.stop()
+    server.close()

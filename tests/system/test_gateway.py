@@ -41,6 +41,7 @@ def cell(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Ite
 
 
 def test_job_becomes_a_goal_and_its_response_says_what_changed(cell: JobCell) -> None:
+    assert cell.parameter("/wm/journal_sync") is True  # a job that is done loses no change
     status, job = cell.rest.post("/api/jobs", cell.order("first", 0))
     assert (status, job["goal"]) == (201, f'(skiros:contain "{cell.stores[0]}" "{cell.products[0]}")')
     job = cell.wait_for(["first"])["first"]

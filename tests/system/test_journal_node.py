@@ -43,6 +43,13 @@ def kill(ros: Ros, node: Program) -> None:
     node.wait()
 
 
+def test_running_node_follows_the_parameter_for_syncs(ros: Ros, start: Callable[..., Program]) -> None:
+    node = start()
+    for wanted, line in ((True, "each change is synced"), (False, "each change is no longer synced")):
+        ros.master.set_parameter("/wm/journal_sync", wanted)
+        node.wait_for_line(line)
+
+
 @pytest.mark.parametrize("make_cache", [False, True])
 def test_killed_node_recovers_its_scene_and_clients_continue(
     ros: Ros, start: Callable[..., Program], make_cache: bool

@@ -48,6 +48,20 @@ def test_subproperty_inherits_domain_and_range(ontology: Ontology) -> None:
     ]
 
 
+def test_reader_during_a_check_gets_all_of_its_result(ontology: Ontology, monkeypatch: pytest.MonkeyPatch) -> None:
+    relation, found = ("a:Bone", "a:gnaws", "a:Dog"), []
+    check = ontology.is_subclass
+
+    def check_later(child: str, parent: str) -> bool:
+        monkeypatch.undo()
+        found.append(list(ontology.misfits(*relation)))  # as another thread does meanwhile
+        return check(child, parent)
+
+    monkeypatch.setattr(ontology, "is_subclass", check_later)
+    assert ontology.misfits(*relation) == found[0]
+    assert len(found[0]) == 2
+
+
 def test_unknown_classes_break_no_rule(ontology: Ontology) -> None:
     assert ontology.misfits("a:Cat", "a:eats", "") == []
 

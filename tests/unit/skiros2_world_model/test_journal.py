@@ -125,6 +125,22 @@ def test_a_world_model_that_was_killed_comes_back_as_it_was(lives: Lives) -> Non
     assert len(again.query_ontology("SELECT ?c WHERE { ?x rdfs:comment ?c }", context="scene")) == 1
 
 
+def test_syncs_may_begin_and_end_while_the_world_model_runs(lives: Lives) -> None:
+    wm = lives.start()
+    assert lives.journal is not None
+
+    def synchronous() -> int:
+        assert lives.journal is not None
+        return int(lives.journal._file.writer.execute("PRAGMA synchronous").fetchone()[0])
+
+    normal, full = 1, 2  # of SQLite; in its log's mode, only `full` syncs each commit
+    assert synchronous() == normal
+    for wanted, expected in ((True, full), (False, normal), (True, full)):
+        lives.journal.full_sync = wanted
+        assert synchronous() == expected
+        wm.add_element(box())
+
+
 def test_a_number_is_not_given_again_after_a_restart(lives: Lives) -> None:
     wm = lives.start()
     one = box()

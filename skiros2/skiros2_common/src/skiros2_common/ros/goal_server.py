@@ -59,7 +59,11 @@ class _StatusTimer:
 
 
 class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
-    """actionlib's server with a status by the wall clock: its own timer ends when a simulated clock is reset."""
+    """actionlib's server with times of the monotonic clock.
+
+    Its own timer of the status ends when a simulated clock is reset, and goals that have ended leave its own list at
+    once, or only days later, when the wall clock is set.
+    """
 
     def initialize(self) -> None:
         name, queue_size = rospy.remap_name(self.ns), rospy.get_param("actionlib_server_sub_queue_size", -1)
@@ -76,7 +80,22 @@ class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
         self.status_list_timeout = rospy.Duration(rospy.get_param(f"{name}/status_list_timeout", 5.0))
         parameter = rospy.search_param("actionlib_status_frequency")
         frequency = rospy.get_param(parameter) if parameter else _STATUS_FREQUENCY
+        self._ended: dict[int, tuple[Any, float]] = {}  # trackers of ended goals, and when they were seen to have ended
         self.status_timer = _StatusTimer(self, 1.0 / frequency if frequency > 0.0 else None)
+
+    def publish_status(self) -> None:
+        now, timeout = time.monotonic(), self.status_list_timeout.to_sec()
+        with self.lock:
+            known, self._ended = self._ended, {}
+            for tracker in self.status_list:
+                if tracker.handle_destruction_time != rospy.Time():
+                    self._ended[id(tracker)] = known.get(id(tracker), (tracker, now))
+            expired = {key for key, (_, ended) in self._ended.items() if now - ended > timeout}
+            self.status_list[:] = [tracker for tracker in self.status_list if id(tracker) not in expired]
+            message = GoalStatusArray(status_list=[tracker.status for tracker in self.status_list])
+            message.header.stamp = rospy.Time.now()
+            if not rospy.is_shutdown():
+                self.status_pub.publish(message)
 
 
 class _KeepingServer(_ActionServer):

@@ -56,6 +56,7 @@ class Journal:
             options = f"{KILLED}, {ALWAYS} or {NEVER}"
             raise ConfigurationError(f"journal {path}: journal_recover is {recover!r}, expected {options}")
         self.path = path
+        self._full_sync = full_sync
         #: The number of the last change; valid after `restore`.
         self.last = 0
         self._origin = origin
@@ -64,6 +65,17 @@ class Journal:
         self._next_numbers: dict[str, int] = {}
         self._shared: sqlite3.Connection | None = None  # within `together`
         self._retention = Retention(self._file, days, max_bytes)
+
+    @property
+    def full_sync(self) -> bool:
+        """Whether each request is synced to disk. It may be set at any time, by any thread."""
+        return self._full_sync
+
+    @full_sync.setter
+    def full_sync(self, wanted: bool) -> None:
+        if wanted != self._full_sync:
+            self._file.set_full_sync(wanted)
+            self._full_sync = wanted
 
     # -- start and end -----------------------------------------------------------------------------------------
 

@@ -88,6 +88,16 @@ class JournalFile:
         except sqlite3.DatabaseError as error:
             self.writer = self._move_aside(error)
 
+    def set_full_sync(self, full_sync: bool) -> None:
+        """Syncs every further commit to disk, or no longer. The first one also syncs those before. Any thread."""
+        with self.writing:
+            self._full_sync = full_sync
+            self.writer.execute(self._synchronous)
+
+    @property
+    def _synchronous(self) -> str:
+        return f"PRAGMA synchronous={'FULL' if self._full_sync else 'NORMAL'}"
+
     def check(self) -> None:
         """Checks the integrity of the whole file.
 
@@ -147,7 +157,7 @@ class JournalFile:
                 raise sqlite3.DatabaseError("file is not a journal of this version")
             db.execute(f"PRAGMA page_size={_PAGE_SIZE}")
             db.execute("PRAGMA journal_mode=WAL")
-            db.execute(f"PRAGMA synchronous={'FULL' if self._full_sync else 'NORMAL'}")
+            db.execute(self._synchronous)
             db.execute("PRAGMA wal_autocheckpoint=0")  # retention checkpoints, so that no request waits for the disk
             db.execute(f"PRAGMA journal_size_limit={LOG_LIMIT}")
             if is_new:

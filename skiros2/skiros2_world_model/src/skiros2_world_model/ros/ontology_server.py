@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import socket
+import sqlite3
+import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -29,6 +32,9 @@ log = logging.getLogger(__name__)
 
 _SWITCH = {"true": True, "1": True, "": True, "false": False, "0": False}
 _MEGABYTE = 1 << 20
+
+#: The period in which the parameter for syncs is followed (s).
+_SYNC_PERIOD = 1.0
 
 
 def ontology_folder() -> Path:
@@ -67,8 +73,30 @@ def open_journal(workspace: Path, initial: Sequence[tuple[str, str]]) -> Journal
         str(rospy.get_param("~journal_recover", KILLED)).strip(),
         _number("~journal_days", 30.0),
         int(_number("~journal_megabytes", 1024.0) * _MEGABYTE),
-        bool(rospy.get_param("~journal_sync", False)),
+        _syncs(),
     )
+
+
+def follow_sync(journal: Journal) -> None:
+    """Follows the parameter `~journal_sync` in a thread: a gateway sets it when it starts, perhaps later."""
+
+    def follow() -> None:
+        while not rospy.is_shutdown():
+            time.sleep(_SYNC_PERIOD)
+            try:
+                wanted = _syncs()
+                if wanted != journal.full_sync:
+                    journal.full_sync = wanted
+                    log.info("each change is %s", "synced to disk" if wanted else "no longer synced to disk")
+            except (OSError, rospy.ROSException, sqlite3.Error) as error:
+                log.debug("~journal_sync cannot be followed: %s", error)
+
+    threading.Thread(target=follow, name="journal sync", daemon=True).start()
+
+
+def _syncs() -> bool:
+    """Whether each change is to be synced to disk. The master publishes the parameter to this node."""
+    return bool(rospy.get_param_cached("~journal_sync", False))
 
 
 def _default_path() -> Path:

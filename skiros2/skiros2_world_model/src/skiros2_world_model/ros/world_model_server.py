@@ -32,6 +32,7 @@ from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.last_will import LastWillService
 from skiros2_world_model.ros.ontology_server import (
     OntologyServices,
+    follow_sync,
     ontology_folder,
     open_journal,
     query_budgets,
@@ -305,6 +306,8 @@ def serve_world_model() -> None:
     if SCENE in model.refused:
         origin = f"a blank scene, as {scene} was refused"
     rospy.set_param(REFUSED_PARAMETER, model.refused)
+    if journal is not None:
+        follow_sync(journal)
     log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
     spin()
     running.stop()

@@ -88,6 +88,7 @@ async def _serve(settings: Settings) -> None:
     access = Access(users.users, store, settings.rate, settings.burst)
     approvals = Approvals(events, is_needed=settings.agents == "ask", timeout=settings.approval_timeout)
     service = Service(store, access, control, events, approvals)
+    rospy.set_param("wm/journal_sync", True)  # a job that is done has not lost its changes, also after a power failure
     cell = RosCell(control, events, masters, settings.jobs_at_once)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)

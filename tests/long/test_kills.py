@@ -21,7 +21,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_gateway.ros.goals import set_on_restart
 from skiros2_msgs import msg as msgs
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support.job_cell import ROBOT, JobCell
+from support.job_cell import RESTART, ROBOT, JobCell
 from support.ros import Ros, wait_until
 
 pytestmark = pytest.mark.long
@@ -32,6 +32,8 @@ POLICIES = ("", "continue", "ask", "abort")
 #: Goals and jobs under way at once.
 AT_ONCE = 3
 REACHED = ("succeeded", "nothing_to_do")
+#: How long a goal or a job may take, with several restarts beside other load (s).
+PATIENCE = 900.0
 
 
 class Goals:
@@ -54,7 +56,7 @@ class Goals:
 
     def wait(self, goal_id: str) -> Any:
         """Returns the result. Answers a question with `continue`."""
-        end = time.monotonic() + 300.0
+        end = time.monotonic() + PATIENCE
         while goal_id not in self.results:
             assert time.monotonic() < end, f"{goal_id} has not ended"
             self._publisher.publish(self._waiting[goal_id])
@@ -86,7 +88,7 @@ def persist(call: Any) -> Any:
         except (SkirosError, rospy.ServiceException):
             return None
 
-    return wait_until(once, 120.0, "an answer")[0]
+    return wait_until(once, RESTART, "an answer")[0]
 
 
 class Client(threading.Thread):
@@ -120,7 +122,7 @@ class Client(threading.Thread):
             state, message = result.state, result.message
         else:
             order = {"id": name, "work_master": "carry", "parameters": {"Product": product, "Place": store}}
-            wait_until(lambda: self._post({**order, "on_restart": policy}), 60.0, f"that {name} is stored")
+            wait_until(lambda: self._post({**order, "on_restart": policy}), RESTART, f"that {name} is stored")
             state, message = self._wait_for_job(name)
         is_there = store == persist(lambda: place_of(wm, product))
         times = cell.carried()[product, store]
@@ -140,7 +142,7 @@ class Client(threading.Thread):
         return status in (200, 201)
 
     def _wait_for_job(self, name: str) -> tuple[str, str]:
-        end = time.monotonic() + 300.0
+        end = time.monotonic() + PATIENCE
         while True:
             assert time.monotonic() < end, f"{name} has not ended"
             _, job = self._cell.rest.request("GET", f"/api/jobs/{name}", None, "operate")
@@ -180,13 +182,13 @@ def test_kills_lose_nothing_and_nothing_is_done_twice(ros: Ros, tmp_path: Path) 
     total = GOALS + JOBS
     for k in range(KILLS):
         due = k * total // KILLS
-        wait_until(lambda due=due: sum(c.ended for c in clients) >= due, 600.0, f"{due} ends before the next kill")
+        wait_until(lambda due=due: sum(c.ended for c in clients) >= due, PATIENCE, f"{due} ends before the next kill")
         time.sleep(chance.uniform(0.0, 0.7))  # the moment of the kill
         nodes = NODES if chance.random() < 0.1 else (NODES[k % len(NODES)],)
         cell.kill(*nodes)
         killed["all" if len(nodes) > 1 else nodes[0]] += 1
     for client in clients:
-        client.join(600.0)
+        client.join(PATIENCE)
     goals.close()
     outcomes = sum((client.outcomes for client in clients), Counter())
     wrong = [text for client in clients for text in client.wrong]

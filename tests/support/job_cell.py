@@ -26,6 +26,9 @@ TOKENS = {name: f"{name}-0123456789abcdef" for name in ("agent", "view", "operat
 PERSONS = ("approve", "maintain")
 ROBOT = "/porter"
 
+#: How long a restart of nodes may take beside other load (s).
+RESTART = 300.0
+
 MASTERS = {
     "work_masters": [
         {
@@ -118,11 +121,11 @@ class JobCell:
     def parameter(self, name: str) -> Any:
         """Waits for a parameter, and returns it."""
         master = self.ros.master
-        wait_until(lambda: name in master.parameters(), 60.0, f"a parameter {name}")
+        wait_until(lambda: name in master.parameters(), RESTART, f"a parameter {name}")
         return master.parameter(name)
 
     def wait_until_ready(self) -> None:
-        wait_until(lambda: self.rest.get("/api/state")["ready"], 60.0, "a gateway that can start jobs")
+        wait_until(lambda: self.rest.get("/api/state")["ready"], RESTART, "a gateway that can start jobs")
 
     def order(self, job_id: str, product: int, store: int = 0) -> dict[str, Any]:
         parameters = {"Product": self.products[product], "Place": self.stores[store]}
@@ -241,4 +244,4 @@ class Rest:
             except (OSError, http.client.HTTPException, ValueError):  # it was killed, perhaps while it answered
                 return None
 
-        return tuple(wait_until(once, 60.0, f"an answer of {path}"))
+        return tuple(wait_until(once, RESTART, f"an answer of {path}"))

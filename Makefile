@@ -41,7 +41,7 @@ compiled-tests: setup
 
 lint: setup  ## check style and types
 	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .
-	@echo "mypy" && $(python) -m mypy --no-error-summary
+	@echo "mypy" && MYPYPATH=$$($(python) tests/support/packages.py) $(python) -m mypy --no-error-summary
 
 # Exit status: 0 none is known, 1 there are some, 2 not checked: no service of advisories answers.
 audit: setup  ## look for known vulnerabilities of the pinned packages (pip-audit, npm audit); needs a network, and says if there is none

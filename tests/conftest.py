@@ -13,13 +13,18 @@ import gc
 import os
 import resource
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
 
-from support.ros import Ros, RosMaster, SharedSystem
+from support.packages import source_folders
+
+sys.path[:0] = [str(folder) for folder in source_folders()]
+
+from support.ros import Ros, RosMaster, SharedSystem  # noqa: E402
 
 pytest_plugins = ["skiros2_skill.testing", "skiros2_bags.testing"]
 

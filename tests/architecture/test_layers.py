@@ -20,7 +20,9 @@ OUTSIDE = {
     "skiros2_world_model": {"numpy", "rdflib", "pyoxigraph", "oxrdflib", "pyshacl"},
     "skiros2_skill": {"numpy"},
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
+    "skiros2_motion": {"numpy", "PyKDL"},
     "skiros2_std_reasoners": {"numpy"},
+    "skiros2_std_skills": set(),
     "skiros2_perception": {"numpy", "scipy"},
     "skiros2_bags": {"numpy", "rosbags", "lz4", "matplotlib", "mcap", "rerun"},
     "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl"},
@@ -31,11 +33,13 @@ OUTSIDE = {
     "skiros2_gateway": {"numpy", "pydantic", "yaml"},
     "skiros2_gui": {"numpy"},
 }
+MOTION = {"skiros2_motion.core", "skiros2_std_reasoners.core"}
 #: Of lower packages, only the port.
 PORTS = {
     "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.world_model_abstract_interface"},
     "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
-    "skiros2_perception": {"skiros2_std_reasoners.core"},
+    "skiros2_std_reasoners": {"skiros2_motion.core"},
+    "skiros2_perception": MOTION,
     "skiros2_bags": {
         "skiros2_runs.core",
         "skiros2_world_model.core",
@@ -43,25 +47,19 @@ PORTS = {
         "skiros2_task.core",
         "skiros2_std_reasoners.core",
     },
-    "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
-    "skiros2_sim_skills": {"skiros2_runs.core", "skiros2_sim.core.names", "skiros2_std_reasoners.core"},
-    "skiros2_contact_skills": {"skiros2_sim.core", "skiros2_sim_skills.core", "skiros2_std_reasoners.core"},
-    "skiros2_teaching": {
-        "skiros2_world_model.core",
-        "skiros2_sim.core",
-        "skiros2_sim_skills.core",
-        "skiros2_contact_skills.core",
-        "skiros2_std_reasoners.core",
-    },
+    "skiros2_sim": {"skiros2_world_model.core", *MOTION, "skiros2_std_skills.core"},
+    "skiros2_sim_skills": {"skiros2_runs.core", *MOTION},
+    "skiros2_contact_skills": MOTION,
+    "skiros2_teaching": {"skiros2_world_model.core", *MOTION, "skiros2_contact_skills.core"},
     "skiros2_gateway": {
         "skiros2_runs.core",
         "skiros2_skill.core",
         "skiros2_task.core",
         "skiros2_world_model.core",
-        "skiros2_std_reasoners.core",
+        *MOTION,
         "skiros2_bags.core",
     },
-    "skiros2_learning": {"skiros2_skill.core", "skiros2_sim.core", "skiros2_std_reasoners.core"},
+    "skiros2_learning": {"skiros2_skill.core", "skiros2_sim.core", "skiros2_motion.core"},
     # Presenters are at the top; what commands show as text is plain Python too.
     "skiros2_gui": {
         "skiros2_runs.core",
@@ -73,7 +71,7 @@ PORTS = {
         "skiros2_task.core",
         "skiros2_task.command_line",
         "skiros2_bags.core",
-        "skiros2_std_reasoners.core",
+        *MOTION,
         "skiros2_learning.core",
         "skiros2_teaching.core",
     },
@@ -145,16 +143,18 @@ def test_packages_import_no_higher_package() -> None:
     ]
 
 
-def test_skills_of_real_arms_need_no_physics_engine() -> None:
-    """A robot has no PyBullet: their ROS modules must not reach it by any import."""
+def test_skills_of_real_arms_need_no_simulator() -> None:
+    """A robot has no PyBullet: its skills and drivers must not reach the simulator by any import."""
     modules = {file.module: file for file in FILES if file.part != "nodes"}
-    waiting = [name for name in modules if name.startswith(("skiros2_contact_skills.ros.", "skiros2_teaching.ros."))]
+    packages = ("skiros2_motion.", "skiros2_contact_skills.", "skiros2_teaching.")
+    waiting = [name for name in modules if name.startswith(packages)]
     assert waiting
     seen = {name: name for name in waiting}  # how it was reached
     while waiting:
         name = waiting.pop()
         for imported in modules[name].runtime_imports():
-            assert imported.partition(".")[0] != "pybullet", f"{seen[name]} -> pybullet"
+            top = imported.partition(".")[0]
+            assert top not in ("pybullet", "skiros2_sim", "skiros2_sim_skills"), f"{seen[name]} -> {imported}"
             found = _module_of(imported, modules)
             if found and found not in seen:
                 seen[found] = f"{seen[name]} -> {found}"

@@ -12,11 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.measurement import Measurement
-from skiros2_contact_skills.insertion_study import ARM, GRIPPER
+from skiros2_learning.local.insertion_study import ARM, GRIPPER
 from skiros2_sim.core.arm_controller import CONTROL_RATE, ArmController
-from skiros2_sim.core.names import SWITCH_CONTROLLER, controller_topics
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World
+from skiros2_std_skills.core.driver_names import SWITCH_CONTROLLER, controller_topics
 from support.ros import Ros
 
 SCENE = Path(__file__).resolve().parents[2] / "skiros2_std_lib/skiros2_contact_skills/scene/piston_scene.ttl"

@@ -21,7 +21,7 @@ import tomllib  # noqa: E402
 folders = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]["pythonpath"]
 sys.path[:0] = [str(ROOT / folder) for folder in folders]
 
-from skiros2_contact_skills.insertion_study import InsertionRun, InsertionStudy  # noqa: E402 - after the path
+from skiros2_learning.local.insertion_study import InsertionRun, InsertionStudy  # noqa: E402 - after the path
 
 #: Errors of the estimated pose (mm, degrees).
 POSITIONS, ANGLES = (0.0, 1.0, 2.0, 3.0), (0.0, 1.0, 2.0)

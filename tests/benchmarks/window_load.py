@@ -11,12 +11,12 @@ import sys
 import rospy
 
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.progress import IDLE, RUNNING, SUCCESS, random_tree
 

@@ -11,13 +11,13 @@ import rospy
 from geometry_msgs.msg import Vector3, Wrench
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_contact_skills.core.compliant_arm import ArmState, CompliantArm
-from skiros2_contact_skills.core.simulated_arm import SimulatedArm
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
+from skiros2_motion.core.geometry import Pose, Vector
+from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.spiral import SpiralGoal
+from skiros2_sim.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, Vector
 from support.ros import Ros, RosMaster, wait_until
 from support.simulated_cell import ARM, GRIPPER, ROBOT, bench
 from support.simulator_client import WAIT, SimulatorClient

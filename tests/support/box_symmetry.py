@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, angle_between, conjugated, multiplied
 from skiros2_sim.core.perception import least_turned
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between, conjugated, multiplied
 
 
 def turn_between(a: Pose, b: Pose, size: Vector) -> float:

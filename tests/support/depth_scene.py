@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import Pose, Vector, from_euler
 from skiros2_perception.core.shape import Shape, box_shape
 from skiros2_perception.core.transforms import moved
 from skiros2_perception.core.view import Sensor, View
 from skiros2_sim.core.camera import Lens, looking_at, picture_from
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import Pose, Vector, from_euler
 from support.simulated_cell import at
 
 TABLE, BLOCK, PART = "demo:Workstation-1", "skiros:Product-2", "skiros:Product-3"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from skiros2_motion.core.geometry import Pose, Vector
+from skiros2_motion.core.motion import Motion, Outcome, State
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
 from skiros2_sim.core.drive_path import Pose2D
 from skiros2_sim.core.gripper import GripperMotion
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint
-from skiros2_sim.core.motion import Motion, Outcome, State
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, Vector
 from support.simulated_cell import ARM, ROBOT
 
 #: The tool points down, its fingers move along y of the map.

@@ -13,6 +13,7 @@ from actionlib_msgs.msg import GoalStatus
 
 from control_msgs.msg import FollowJointTrajectoryResult, GripperCommandResult
 from controller_manager_msgs.srv import SwitchControllerResponse
+from skiros2_motion.core.geometry import composed, inverted
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.arm_planning import ArmPlanning, PlanningGoal
 from skiros2_sim.core.base_motion import BaseMotion
@@ -27,7 +28,6 @@ from skiros2_sim.ros.planning import plan_result
 from skiros2_sim_msgs.msg import CartesianMotionResult, Detection
 from skiros2_sim_msgs.srv import DetectResponse
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import composed, inverted
 from support.stand_in_drivers import Answer, Client, StandInDrivers, pose_of
 
 

@@ -10,7 +10,7 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_sim_msgs.srv import SetPose
-from skiros2_sim_skills.core.places import pose_in_scene
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 
 
 class PutBack(SkillDescription):

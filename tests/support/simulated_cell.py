@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector
 from skiros2_sim.core.scene_spec import ArmSpec, BaseSpec, BodySpec, GripperSpec, RobotSpec, SceneSpec
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 
 ROBOT, BASE, ARM, GRIPPER = "cora:Robot-1", "rparts:RoboticBase-2", "rparts:ArmDevice-3", "rparts:GripperEffector-4"
 TABLE_1, TABLE_2 = "demo:Workstation-6", "demo:Workstation-7"

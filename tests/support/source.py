@@ -8,29 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from support.ros import ROOT
+from support.packages import ROOT, package_folders
 
-#: The folders of the packages, bottom first: a package imports itself and what stands before it.
-PACKAGES = {
-    "skiros2_common": "skiros2/skiros2_common",
-    "skiros2_runs": "skiros2/skiros2_runs",
-    "skiros2_world_model": "skiros2/skiros2_world_model",
-    "skiros2_skill": "skiros2/skiros2_skill",
-    "skiros2_task": "skiros2/skiros2_task",
-    "skiros2_std_reasoners": "skiros2_std_lib/skiros2_std_reasoners",
-    "skiros2_std_skills": "skiros2_std_lib/skiros2_std_skills",
-    "skiros2_perception": "skiros2_std_lib/skiros2_perception",
-    "skiros2_demo_skills": "skiros2_std_lib/skiros2_demo_skills",
-    "skiros2_bags": "skiros2_std_lib/skiros2_bags",
-    "skiros2_sim": "skiros2_std_lib/skiros2_sim",
-    "skiros2_sim_skills": "skiros2_std_lib/skiros2_sim_skills",
-    "skiros2_contact_skills": "skiros2_std_lib/skiros2_contact_skills",
-    "skiros2_teaching": "skiros2_std_lib/skiros2_teaching",
-    "skiros2_learning": "skiros2_std_lib/skiros2_learning",
-    "skiros2_local": "skiros2_std_lib/skiros2_local",
-    "skiros2_gui": "skiros2_gui",
-    "skiros2_gateway": "skiros2_std_lib/skiros2_gateway",
-}
+#: The folders of the packages with Python, bottom first: a package imports itself and what stands before it.
+PACKAGES = {name: folder for name, folder in package_folders().items() if (ROOT / folder / "src").is_dir()}
 #: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the
 #: folder `ros` its ROS adapters, and every other module of a subject is a core.
 WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "learning", "teach", "view3d")

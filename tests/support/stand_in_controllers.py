@@ -36,11 +36,11 @@ from controller_manager_msgs.srv import (
     SwitchController,
     SwitchControllerResponse,
 )
+from skiros2_motion.core.geometry import Pose, composed, inverted, rotated
+from skiros2_motion.core.motion import State
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint
-from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, rotated
 from support.simulated_cell import ARM, GRIPPER, ROBOT, bench
 
 PERIOD = 1.0 / 30.0

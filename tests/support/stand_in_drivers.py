@@ -18,10 +18,10 @@ from move_base_msgs.msg import MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryResult, GripperCommandResult
 from controller_manager_msgs.srv import SwitchControllerResponse
+from skiros2_motion.core.geometry import Pose, composed
 from skiros2_sim_msgs.msg import CartesianMotionGoal, CartesianMotionResult, Detection
 from skiros2_sim_msgs.srv import DetectResponse
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed
 
 #: The answer to a goal: how it ended, its result, and the driver's words.
 Answer = tuple[int, Any, str]
@@ -181,8 +181,8 @@ class _Watch:
 
 def install(monkeypatch: pytest.MonkeyPatch, drivers: StandInDrivers) -> None:
     """Has the skills of this process talk to these drivers."""
-    from skiros2_sim_skills import drivers as module
     from skiros2_std_skills import action_client_primitive
+    from skiros2_std_skills import drivers as module
 
     monkeypatch.setattr(module.actionlib, "SimpleActionClient", lambda name, kind: Client(drivers, name))
     monkeypatch.setattr(action_client_primitive, "ServerWatch", _Watch)
@@ -197,6 +197,6 @@ def pose_of(message: Any) -> Pose:
 
 def true_things(wmi: Any, *elements: Any) -> dict[str, tuple[Pose, float]]:
     """Things where the world model has them."""
-    from skiros2_sim_skills.core.places import pose_in_scene
+    from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 
     return {e.id: (pose_in_scene(wmi, e)[1], space.numbers(e, space.SIZE)[0] or 0.0) for e in elements}

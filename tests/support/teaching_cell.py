@@ -13,16 +13,16 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills.arms import provided_arms
-from skiros2_contact_skills.core.simulated_arm import SimulatedArm
+from skiros2_motion.core.arm_kinematics import difference
+from skiros2_motion.core.geometry import Pose, composed, inverted
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.arm_kinematics import difference
 from skiros2_sim.core.scene_reader import load_scene
+from skiros2_sim.core.simulated_arm import SimulatedArm
+from skiros2_sim.core.simulated_gripper import SimulatedGripper
 from skiros2_sim.core.world import World
 from skiros2_skill.testing import FakeClock, SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
 from skiros2_teaching import taught_motions, teach
-from skiros2_teaching.core.simulated_gripper import SimulatedGripper
 from skiros2_teaching.grippers import provided_grippers
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies

@@ -9,11 +9,11 @@ import rospy
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName
 from skiros2_common.core.world_element import Element
-from skiros2_contact_skills.core.compliant_arm import ArmState, CompliantArm
 from skiros2_contact_skills.ros.arm_source import RosArms
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_contact_skills.ros.trajectory_arm import TrajectoryArm
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
 from skiros2_skill.testing import SkillBench
 from support.ros import Ros, RosMaster, wait_until
 from support.stand_in_controllers import CartesianControllers, FrankaRos, JointDriver, StandIn, other_packages

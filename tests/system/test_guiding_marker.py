@@ -9,10 +9,10 @@ import pytest
 import rospy
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerInit, InteractiveMarkerUpdate
 
+from skiros2_motion.core.geometry import Vector
 from skiros2_msgs import srv as srvs
 from skiros2_sim_msgs.srv import GetPose
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
-from skiros2_std_reasoners.core.geometry import Vector
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, wait_until
 from support.teaching_cell import ARM, GRIPPER

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from skiros2_contact_skills.insertion_study import BLOCK
+from skiros2_learning.local.insertion_study import BLOCK
+from skiros2_motion.core.geometry import Pose, composed, from_euler
 from skiros2_msgs import srv as srvs
 from skiros2_perception.core.transforms import difference
 from skiros2_sim_msgs.srv import GetPose, SetPose
-from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
 from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, RosMaster, run_command

@@ -20,8 +20,8 @@ from visualization_msgs.msg import (
 
 from skiros2_common.core.world_element import Element
 from skiros2_gui.display import Display
+from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import rviz_window
 from support.ros import ROOT, Ros, wait_until

@@ -18,10 +18,10 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose
 from skiros2_msgs import srv as srvs
 from skiros2_perception.core.transforms import difference
 from skiros2_sim_msgs.srv import GetPose, SetPose
-from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.perception_cell import BLOCK, CAMERA, CUBE, POSTURES, SCENE

@@ -9,7 +9,7 @@ import pytest
 
 from skiros2_msgs import srv as srvs
 from skiros2_sim_msgs.srv import GetPose, SetFault, SetFaultRequest
-from skiros2_sim_skills.core.places import pose_in_scene
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, run_command, wait_until
 from support.stand_in_drivers import pose_of

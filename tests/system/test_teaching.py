@@ -11,13 +11,13 @@ import rospy
 from geometry_msgs.msg import PoseStamped, Vector3, Wrench
 from std_msgs.msg import Header
 
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.geometry import Pose, composed, from_euler, inverted, multiplied
 from skiros2_msgs import srv as srvs
-from skiros2_sim.core.arm_kinematics import distances
 from skiros2_sim.ros.messages import pose_message
 from skiros2_sim_msgs.srv import GetPose, Push, SetPose
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler, inverted, multiplied
 from skiros2_teaching.core import taught_elements as taught
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, wait_until

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from skiros2_contact_skills.core.compliant_arm import ArmState
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
-from skiros2_sim.core.spiral import SpiralGoal
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.spiral import SpiralGoal
 from support.ros import Ros, RosMaster, wait_until
 from support.stand_in_controllers import REFLEX, CartesianControllers, FrankaRos, StandIn, other_packages
 

@@ -9,10 +9,10 @@ import pytest
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_contact_skills.core.compliant_arm import ArmState
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.trajectory_arm import TrajectoryArm
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.geometry import Pose
 from support.ros import Ros, RosMaster, wait_until
 from support.stand_in_controllers import JointDriver
 

@@ -25,9 +25,10 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills import contact_motions, free_motions, insertion
 from skiros2_contact_skills.arms import provided_arms
-from skiros2_contact_skills.core.compliant_arm import ArmState
-from skiros2_contact_skills.insertion_study import ARM, BLOCK, BORE, PISTON, SCENE
 from skiros2_contact_skills.ros.impedance_arm import arm_state
+from skiros2_learning.local.insertion_study import ARM, BLOCK, BORE, PISTON, SCENE
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed
 from skiros2_perception.camera_skill import CameraSkill
 from skiros2_perception.core.transforms import difference
 from skiros2_perception.core.view import View
@@ -38,7 +39,6 @@ from skiros2_runs.core.states import FAILURE, SUCCESS
 from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.ros import ROOT
 

@@ -13,10 +13,10 @@ from skiros2_common.core.world_element import Element
 from skiros2_contact_skills import contact_motions, force_motions, free_motions
 from skiros2_contact_skills import contact_primitive as codes
 from skiros2_contact_skills.arms import provided_arms
-from skiros2_contact_skills.core.compliant_arm import ArmState, Wrench
 from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt, smallest_rotation
+from skiros2_motion.core.compliant_arm import ArmState, Wrench
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, angle_between, from_euler, rotated
 from skiros2_skill.testing import SkillBench
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between, from_euler, rotated
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 SURFACE, OPENING = 0.30, 0.25  # m, heights of the surface and of the floor of the opening

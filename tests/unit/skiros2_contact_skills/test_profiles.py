@@ -16,7 +16,7 @@ from skiros2_common.core.errors import ConfigurationError
 from skiros2_contact_skills.ros.profiled_arms import checked_settings
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import message_class
-from skiros2_std_reasoners.core.geometry import Pose, from_euler
+from skiros2_motion.core.geometry import Pose, from_euler
 
 FRANKA, FZI = PROFILES["franka_ros"], PROFILES["cartesian_controllers"]
 

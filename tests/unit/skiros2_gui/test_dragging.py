@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_gui.view3d.dragging import PERIOD, Dragging, Target
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose
 
 
 def target(x: float, eid: str = "a") -> Target:

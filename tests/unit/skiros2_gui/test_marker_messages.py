@@ -17,7 +17,7 @@ from skiros2_gui.view3d.ros.marker_messages import (
     robot_marker,
     shape_marker,
 )
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose
 
 TURNED = (0.5, 0.5, 0.5, 0.5)
 

@@ -10,8 +10,8 @@ import pytest
 from skiros2_common.core.world_element import Element
 from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet
 from skiros2_gui.view3d.markers import AXES, BOX, MESH, MarkerFactory, view_number
+from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.core.changes import ADD, REMOVE, RESET, UPDATE, Change
 
 PARENTS = {"skiros:Product": "skiros:Manipulatable", "demo:Arm": "sumo:Device", "demo:Shelf": "skiros:Location"}

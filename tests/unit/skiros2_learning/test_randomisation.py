@@ -10,8 +10,8 @@ import pytest
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_learning.core.randomisation import BodySpread, Draw, Randomisation, draw
+from skiros2_motion.core.geometry import Pose, to_euler
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
-from skiros2_std_reasoners.core.geometry import Pose, to_euler
 
 HERE = Pose((1.0, 2.0, 0.5), (0.0, 0.0, 0.0, 1.0))
 SCENE = SceneSpec(

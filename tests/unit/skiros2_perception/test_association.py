@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from skiros2_motion.core.geometry import Vector, to_euler
 from skiros2_perception.core.association import Cluster, associated, cluster_of, least_rectangle, recognised
 from skiros2_perception.core.objects import KnownObject
 from skiros2_perception.core.segmentation import clusters, find_support
 from skiros2_perception.core.shape import box_shape
 from skiros2_perception.core.view import Cloud
-from skiros2_std_reasoners.core.geometry import Vector, to_euler
 from support.simulated_cell import at
 
 BRICK: Vector = (0.12, 0.06, 0.05)

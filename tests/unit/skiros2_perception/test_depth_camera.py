@@ -13,9 +13,9 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import IDENTITY
 from skiros2_perception.ros import depth_camera
 from skiros2_perception.ros.depth_camera import DepthCamera, Topics
-from skiros2_std_reasoners.core.geometry import IDENTITY
 
 START = 10.0
 

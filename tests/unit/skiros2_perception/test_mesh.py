@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose, from_euler
 from skiros2_perception.core.mesh import mesh_shape, read_triangles
 from skiros2_perception.core.pose_estimation import estimate_pose
 from skiros2_perception.core.transforms import difference
 from skiros2_sim.core.scene_spec import BodySpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, from_euler
 from support import depth_scene as scene
 
 #: An L-shaped bracket: its profile (m), the depth along y, and its volume (m^3). The origin is at a lower corner.

@@ -10,9 +10,9 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import IDENTITY
 from skiros2_perception.core.view import view_of_points
 from skiros2_perception.ros.messages import colours_of, depth_of, lens_of, points_of
-from skiros2_std_reasoners.core.geometry import IDENTITY
 
 HEADER = Header(frame_id="camera")
 

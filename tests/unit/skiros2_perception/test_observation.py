@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose, Vector, from_euler
 from skiros2_perception.core import confidence
 from skiros2_perception.core.observation import observe
 from skiros2_perception.core.scene_update import UNKNOWN, SceneUpdate, scene_objects, update_scene
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, Vector, from_euler
 from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support import depth_scene as scene

@@ -13,6 +13,7 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose, composed, from_euler
 from skiros2_perception.camera_skill import NO_VIEW, NOT_KNOWN, REFUSED, CameraSkill
 from skiros2_perception.core.transforms import difference
 from skiros2_perception.core.view import View
@@ -22,7 +23,6 @@ from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
 from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from support.moved_robot import MovedRobot, succeeded
 from support.perception_cell import BLOCK, CAMERA, CUBE, POSTURES, SCENE

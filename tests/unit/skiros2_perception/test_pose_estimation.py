@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose, composed, from_euler
 from skiros2_perception.core.fusion import Estimate, covariance_from, covariance_text, in_frame
 from skiros2_perception.core.pose_estimation import estimate_pose, registered
 from skiros2_perception.core.problems import Code, Rejected
@@ -18,7 +19,6 @@ from skiros2_perception.core.transforms import difference, moved
 from skiros2_perception.core.view import Sensor, View
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
 from support import depth_scene as scene
 from support.simulated_cell import at
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import IDENTITY, Vector
 from skiros2_perception.core.observation import box_distances
 from skiros2_perception.core.shape import MAX_SAMPLES, box_shape
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import IDENTITY, Vector
 
 SIZE: Vector = (0.2, 0.1, 0.06)
 BORE = Bore(0.03, -0.01, 0.04, 0.05, 0.003)

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from skiros2_motion.core.arm_kinematics import ArmKinematics, difference, distances
+from skiros2_motion.core.geometry import Pose, from_euler
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.arm_kinematics import ArmKinematics, difference, distances
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, from_euler
 from support.moved_robot import DOWN
 from support.simulated_cell import ARM, ROBOT, cell
 

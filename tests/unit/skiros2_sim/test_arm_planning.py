@@ -10,15 +10,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.motion import State
 from skiros2_sim.core import arm_planning as codes
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.arm_planning import ArmPlanning, PlanningGoal
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion
-from skiros2_sim.core.motion import State
 from skiros2_sim.core.planning_scene import PlanningScene, held_objects
 from skiros2_sim.core.scene_spec import ArmSpec, GripperSpec, RobotSpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose
 from support.moved_robot import DOWN, MovedRobot, succeeded
 from support.simulated_cell import ARM, PANDA, PRODUCTS, ROBOT, TRAYS, at, bench, box, with_body
 

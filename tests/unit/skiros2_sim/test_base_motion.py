@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 import pytest
 
+from skiros2_motion.core.geometry import Pose, from_euler
+from skiros2_motion.core.motion import Outcome, State
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.drive_path import Pose2D
-from skiros2_sim.core.motion import Outcome, State
 from skiros2_sim.core.scene_spec import BaseSpec, BodySpec, RobotSpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, from_euler
 from support.moved_robot import MovedRobot, succeeded
 from support.simulated_cell import PRODUCTS, ROBOT, TABLE_1, at, bench, box, product
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from skiros2_motion.core.bore import Bore
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.bore import Bore
 from support.simulated_cell import at
 
 BLOCK, PEG = "skiros:Product-1", "skiros:Product-2"

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.bore import Bore
 from skiros2_sim.core.bored_box import BoxShape, bored_box
-from skiros2_std_reasoners.core.bore import Bore
 
 SIZE = (0.3, 0.12, 0.06)
 BORES = [Bore(x, 0.0, 0.0402, 0.05) for x in (-0.105, -0.035, 0.035, 0.105)]

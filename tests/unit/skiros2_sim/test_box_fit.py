@@ -8,6 +8,13 @@ import math
 import numpy as np
 import pytest
 
+from skiros2_motion.core.geometry import (
+    Pose,
+    Vector,
+    angle_between,
+    from_euler,
+    rotated,
+)
 from skiros2_sim.core.perception import (
     Points,
     corners_of,
@@ -16,13 +23,6 @@ from skiros2_sim.core.perception import (
     least_turned,
     outline_area,
     quaternion_of,
-)
-from skiros2_std_reasoners.core.geometry import (
-    Pose,
-    Vector,
-    angle_between,
-    from_euler,
-    rotated,
 )
 from support.box_symmetry import turn_between
 

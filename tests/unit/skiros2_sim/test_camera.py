@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_motion.core.geometry import IDENTITY, Pose, rotated
 from skiros2_sim.core.camera import Lens, looking_at, picture_from, picture_of, save_png
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, rotated
 
 TABLE = BodySpec("demo:Workstation-1", pose=Pose((0.0, 0.0, 0.25), IDENTITY.orientation), size=(1.0, 1.0, 0.5))
 RED = BodySpec(

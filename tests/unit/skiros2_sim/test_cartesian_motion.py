@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_motion.core.arm_kinematics import between, distances
+from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler, multiplied
+from skiros2_motion.core.motion import State
 from skiros2_sim.core import cartesian_motion as codes
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.arm_kinematics import between, distances
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
-from skiros2_sim.core.motion import State
 from skiros2_sim.core.scene_spec import ArmSpec, RobotSpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler, multiplied
 from support.moved_robot import DOWN, MovedRobot, succeeded
 from support.simulated_cell import ARM, EDGE, PRODUCTS, ROBOT, TABLE_1, bench
 

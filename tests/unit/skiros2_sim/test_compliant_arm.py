@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import Refused, WrongValue
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.motion import State
+from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim.core import reference_motion as codes
 from skiros2_sim.core.arm_controller import SENSOR_AGE
-from skiros2_sim.core.arm_kinematics import distances
 from skiros2_sim.core.cartesian_motion import FORCE_LIMIT
 from skiros2_sim.core.joint_motion import PATH_TOLERANCE_VIOLATED, JointMotion
-from skiros2_sim.core.motion import State
 from skiros2_sim.core.reference_motion import ReferenceMotion, TrajectoryGoal
-from skiros2_sim.core.spiral import SpiralGoal
 from skiros2_sim.core.world import World
 from skiros2_sim.core.wrist_sensor import SensorModel
-from skiros2_std_reasoners.core.geometry import Pose
 from support.moved_robot import DOWN, MovedRobot, succeeded
 from support.simulated_cell import ARM, GRIPPER, ROBOT, TABLE_1, bench
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed
 from support.simulated_cell import ARM, ROBOT
 
 NAME = "mobile_manipulator"

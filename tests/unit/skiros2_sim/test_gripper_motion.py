@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from skiros2_motion.core.motion import State
 from skiros2_sim.core.gripper import GripperMotion
-from skiros2_sim.core.motion import State
 from support.moved_robot import MovedRobot, succeeded
 from support.simulated_cell import EDGE, PRODUCTS
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.impedance import TORQUE_RATE, ArmState, Impedance, rotation_matrix, rotation_vector
-from skiros2_std_reasoners.core.geometry import Pose, from_euler
+from skiros2_motion.core.geometry import Pose, from_euler
+from skiros2_motion.core.impedance import TORQUE_RATE, ArmState, Impedance, rotation_matrix, rotation_vector
 
 DT = 0.001
 EFFORTS = [1000.0] * 3 + [100.0] * 3

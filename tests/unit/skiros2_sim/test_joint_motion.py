@@ -9,11 +9,11 @@ import re
 import numpy as np
 import pytest
 
+from skiros2_motion.core.geometry import Pose, composed, inverted
+from skiros2_motion.core.motion import State
 from skiros2_sim.core import joint_motion as codes
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint, JointTolerance
-from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
 from support.moved_robot import DOWN, MovedRobot, succeeded
 from support.simulated_cell import TABLE_1, cell
 

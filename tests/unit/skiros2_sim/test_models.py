@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler
 from skiros2_sim.core import load_test
 from skiros2_sim.core.robot_model import merge_models
 from skiros2_sim.core.scene_spec import ArmSpec, BaseSpec, BodySpec, GripperSpec, RobotSpec, SceneSpec
 from skiros2_sim.core.urdf import find_model, read_urdf
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler
 from support.simulated_cell import ARM, BASE, GRIPPER, PANDA, ROBOT, at, fixed_panda, mobile_manipulator, product
 
 TRIANGLE = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"

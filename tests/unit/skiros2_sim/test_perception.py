@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_sim.core.camera import looking_at
-from skiros2_sim.core.perception import Detection, Noise, Source, detect
-from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, SceneSpec
-from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import (
+from skiros2_motion.core.geometry import (
     IDENTITY,
     Pose,
     Vector,
     from_euler,
 )
+from skiros2_sim.core.camera import looking_at
+from skiros2_sim.core.perception import Detection, Noise, Source, detect
+from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, SceneSpec
+from skiros2_sim.core.world import World
 from support.box_symmetry import turn_between
 
 TOP = 0.5

@@ -6,10 +6,10 @@ import time
 
 import pytest
 
-from skiros2_sim.core.motion import Motion, State
+from skiros2_motion.core.geometry import IDENTITY, Pose
+from skiros2_motion.core.motion import Motion, State
 from skiros2_sim.core.scene_spec import BodySpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose
 from support.moved_robot import MovedRobot
 from support.simulated_cell import bench, cell
 

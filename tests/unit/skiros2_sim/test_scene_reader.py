@@ -12,12 +12,12 @@ import pytest
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler
 from skiros2_sim.core.scene_reader import load_scene, read_scene
 from skiros2_sim.core.scene_spec import SceneSpec
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core import spatial_data
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.ros import ROOT
 from support.simulated_cell import PANDA, at

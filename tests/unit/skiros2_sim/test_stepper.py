@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_motion.core.geometry import Pose
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.stepper import MAX_TIME, Stepper
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose
 
 CUBE = BodySpec("cube", size=(0.1, 0.1, 0.1), pose=Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)), movable=True)
 

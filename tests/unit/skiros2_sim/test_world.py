@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongType, WrongValue
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, from_euler, rotated, to_euler
 from skiros2_sim.core.contacts import Contact
 from skiros2_sim.core.scene_spec import CameraSpec, SceneSpec
 from skiros2_sim.core.world import GROUND, World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, rotated, to_euler
 from support.simulated_cell import (
     ARM,
     BASE,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import from_euler
 from skiros2_sim.core.wrist_sensor import SensorModel, WristSensor
-from skiros2_std_reasoners.core.geometry import from_euler
 
 DOWN = from_euler(math.pi, 0.0, 0.0)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

@@ -9,7 +9,7 @@ import pytest
 from skiros2_common.core.errors import Refused
 from skiros2_demo.run_check import Thing, WorldState
 from skiros2_demo.simulation import Moved, Slip
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose
 
 IDLE, RUNNING = 4, 3
 TRAY_POSE = Pose((1.0, 2.0, 0.77), (0.0, 0.0, 0.0, 1.0))

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from skiros2_demo.simulation import Body, check_placement
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler
+from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler
 
 TRAY = Body("Tray B", Pose((2.0, -1.5, 0.77), from_euler(0.0, 0.0, 0.5)), (0.4, 0.3, 0.04))
 SIZE = (0.05, 0.05, 0.08)

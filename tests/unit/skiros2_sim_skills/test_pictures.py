@@ -5,7 +5,7 @@ from pathlib import Path
 
 from skiros2_common.core.errors import Refused
 from skiros2_demo.simulation import Pictures, camera_view
-from skiros2_std_reasoners.core.geometry import Vector
+from skiros2_motion.core.geometry import Vector
 
 PLACES = [(0.0, 0.0, 0.0), (2.0, 1.5, 0.6), (2.0, -1.5, 0.6)]
 

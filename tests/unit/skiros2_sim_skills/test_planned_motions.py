@@ -14,10 +14,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from control_msgs.msg import FollowJointTrajectoryResult
 from skiros2_common.core.abstract_skill import State
+from skiros2_motion.core.geometry import Pose
 from skiros2_sim_msgs.msg import PlanMotionGoal, PlanMotionResult
 from skiros2_skill.testing import FakeClock, SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose
 from support.moved_robot import DOWN
 from support.physical_drivers import PhysicalDrivers
 from support.simulated_cell import at, box

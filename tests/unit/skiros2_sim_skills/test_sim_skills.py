@@ -10,11 +10,11 @@ from actionlib_msgs.msg import GoalStatus
 
 from control_msgs.msg import GripperCommandResult
 from skiros2_common.core.abstract_skill import State
+from skiros2_motion.core.geometry import Pose, rotated
 from skiros2_sim_msgs.msg import CartesianMotionGoal, CartesianMotionResult
 from skiros2_sim_msgs.srv import DetectResponse
-from skiros2_sim_skills.core.places import pose_in_scene
 from skiros2_skill.testing import FakeClock, SkillBench
-from skiros2_std_reasoners.core.geometry import Pose, rotated
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from support.stand_in_drivers import ABORTED, SUCCEEDED, StandInDrivers, install, pose_of, true_things
 
 SCENE = Path(__file__).parents[3] / "skiros2_std_lib" / "skiros2_sim_skills" / "owl" / "sim_scene.ttl"

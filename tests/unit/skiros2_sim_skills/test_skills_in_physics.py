@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_sim_skills.core.places import Box, is_on, pose_in_scene
+from skiros2_motion.core.geometry import Pose
 from skiros2_skill.testing import FakeClock, SkillBench
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_std_reasoners.core.places import Box, is_on
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from support.physical_drivers import PhysicalDrivers
 from support.stand_in_drivers import install
 

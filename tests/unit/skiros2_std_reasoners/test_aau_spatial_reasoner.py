@@ -566,6 +566,6 @@ def moving(wm, velocity):
 
 
 def _pose(position):
-    from skiros2_std_reasoners.core.geometry import Pose as CorePose
+    from skiros2_motion.core.geometry import Pose as CorePose
 
     return CorePose(position, (0.0, 0.0, 0.0, 1.0))

@@ -10,8 +10,8 @@ from tf2_msgs.msg import TFMessage
 
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
 from skiros2_std_reasoners.aau_spatial_reasoner import AauSpatialReasoner
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler
 from skiros2_std_reasoners.ros import frame_publisher
 from skiros2_std_reasoners.ros.frame_publisher import FramePublisher
 from skiros2_std_reasoners.ros.packed_transforms import IncomingMessage

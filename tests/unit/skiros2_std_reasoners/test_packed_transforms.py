@@ -11,7 +11,7 @@ import rospy
 from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.ros.packed_transforms import IncomingMessage, PackedTransforms
 from skiros2_std_reasoners.ros.transforms import Transforms, transform_message
 

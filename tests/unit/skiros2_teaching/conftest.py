@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose, from_euler
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, from_euler
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel

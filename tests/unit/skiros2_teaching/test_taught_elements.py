@@ -10,11 +10,12 @@ import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_sim_skills.core.places import pose_in_scene
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
+from skiros2_motion.core.gripper import GripperEvent
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_teaching.core import taught_elements as taught
-from skiros2_teaching.core.taught_path import GripperEvent, Sample, TaughtPath
+from skiros2_teaching.core.taught_path import Sample, TaughtPath
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 GRASP = Pose((0.05, 0.0, 0.1), from_euler(math.pi, 0.0, 0.2))

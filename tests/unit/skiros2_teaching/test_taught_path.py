@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.arm_kinematics import distances
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler, inverted
-from skiros2_teaching.core.taught_path import GripperEvent, Sample, TaughtPath
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler, inverted
+from skiros2_motion.core.gripper import GripperEvent
+from skiros2_teaching.core.taught_path import Sample, TaughtPath
 from skiros2_teaching.core.timed_motion import Limits, Line, Section, sections
 
 FRAME = Pose((0.4, -0.2, 0.1), from_euler(0.1, -0.2, 1.3))

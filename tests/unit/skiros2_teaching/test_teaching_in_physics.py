@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_sim.core.arm_kinematics import distances
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.geometry import Pose, composed, from_euler, multiplied
+from skiros2_motion.core.gripper import GripperEvent
 from skiros2_skill.testing import FakeClock
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler, multiplied
 from skiros2_teaching.core import taught_elements as taught
-from skiros2_teaching.core.taught_path import GripperEvent, Sample, TaughtPath
+from skiros2_teaching.core.taught_path import Sample, TaughtPath
 from support.teaching_cell import BLOCK, GRIPPER, TeachingCell, deviation
 
 DOWN = (1.0, 0.0, 0.0, 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from skiros2_gui.view3d.dragging import TIMEOUT
-from skiros2_std_reasoners.core.geometry import Vector
+from skiros2_motion.core.geometry import Vector
 
 #: Stiffness of the spring between tool and marker (N/m), and its largest force (N).
 STIFFNESS, MAX_FORCE = 200.0, 20.0

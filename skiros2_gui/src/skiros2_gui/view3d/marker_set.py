@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from skiros2_common.core.world_element import Element
 from skiros2_gui.view3d.markers import TEXT_HEIGHT, ElementMarker
-from skiros2_std_reasoners.core.geometry import Pose, Vector, composed
+from skiros2_motion.core.geometry import Pose, Vector, composed
 from skiros2_world_model.core.changes import RESET, Change
 
 #: The height of a line (m), and the width of a letter with its share of the gap beside the text (m).

@@ -14,8 +14,8 @@ from pathlib import Path
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose, Vector, from_euler, half_extents
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, Vector, from_euler, half_extents
 
 #: Red, green, blue and opacity (0 to 1).
 Colour = tuple[float, float, float, float]

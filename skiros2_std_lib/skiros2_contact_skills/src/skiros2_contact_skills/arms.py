@@ -13,7 +13,7 @@ from typing import Protocol
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_contact_skills.core.compliant_arm import CompliantArm
+from skiros2_motion.core.compliant_arm import CompliantArm
 
 
 class ArmSource(Protocol):

@@ -8,9 +8,9 @@ from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.skill_description import ParamOptions
 from skiros2_common.core.world_element import Element
-from skiros2_sim_skills.core.places import CONTAINER_STATE
 from skiros2_skill.core.processors import NoFail, ParallelFs, SelectorStar, SerialStar
 from skiros2_skill.core.skill import SkillBase
+from skiros2_std_reasoners.core.places import CONTAINER_STATE
 
 Required, Inferred, Optional = ParamTypes.Required, ParamTypes.Inferred, ParamTypes.Optional
 

@@ -17,10 +17,10 @@ from skiros2_contact_skills.contact_primitive import (
     moved,
     pressed,
 )
-from skiros2_contact_skills.core.compliant_arm import ArmState
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
-from skiros2_sim.core.spiral import SpiralGoal
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion, multiplied
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
+from skiros2_motion.core.spiral import SpiralGoal
 
 #: Stiffness along the tool axis of motions until contact (N/m).
 _APPROACH_STIFFNESS = 800.0

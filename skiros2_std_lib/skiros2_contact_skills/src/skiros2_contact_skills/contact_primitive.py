@@ -16,8 +16,8 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
-from skiros2_contact_skills.core.compliant_arm import ArmState, CompliantArm
-from skiros2_std_reasoners.core.geometry import Vector, rotated
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
+from skiros2_motion.core.geometry import Vector, rotated
 
 #: Progress codes of failures.
 NOT_READY = -120

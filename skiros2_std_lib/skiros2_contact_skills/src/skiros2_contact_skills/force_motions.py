@@ -6,8 +6,8 @@ import math
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills.contact_primitive import NOT_HELD, ContactPrimitive, forces, pressed
-from skiros2_contact_skills.core.compliant_arm import ArmState
 from skiros2_contact_skills.descriptions import ApplyForce, HoldPose, PullTest
+from skiros2_motion.core.compliant_arm import ArmState
 
 #: Stiffness along the tool axis (N/m).
 _STIFFNESS = 600.0

@@ -7,12 +7,13 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_sim_skills.core.devices import opening
-from skiros2_sim_skills.core.places import move_in_world_model, parent_of, pose_in_scene, size_of
-from skiros2_sim_skills.drivers import NOT_KNOWN
-from skiros2_sim_skills.gripper_motions import NOT_HELD, open_gripper
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
+from skiros2_std_reasoners.core.places import move_in_world_model
+from skiros2_std_reasoners.core.scene_poses import parent_of, pose_in_scene, size_of
+from skiros2_std_skills.core.devices import opening
+from skiros2_std_skills.drivers import NOT_KNOWN
+from skiros2_std_skills.gripper_motion import NOT_HELD, GripperMotion
 
 #: Maximum width of closed fingers (m).
 _NOTHING_BETWEEN = 0.004
@@ -55,7 +56,7 @@ class ReleasePart(SkillDescription):
         )
 
 
-class check_grip(open_gripper):
+class check_grip(GripperMotion):
     """Closes the fingers on the part."""
 
     def createDescription(self) -> None:
@@ -65,7 +66,7 @@ class check_grip(open_gripper):
         return f"Holding {self.label_of('Part')}"
 
     def buildGoal(self) -> GripperCommandGoal:
-        return self.command(0.0, self.value("Effort"))
+        return self.grip()
 
     def onDone(self, status: int, msg: GripperCommandResult) -> State:
         if not self.ended_well(status, msg):
@@ -95,7 +96,7 @@ class grip_part(check_grip):
         return held
 
 
-class release_part(open_gripper):
+class release_part(GripperMotion):
     """Opens the fingers, and moves the part into the container in the world model, where it was released."""
 
     def createDescription(self) -> None:

@@ -18,11 +18,11 @@ from skiros2_contact_skills.core.part_poses import depth_and_tilt
 from skiros2_demo.demo import Demo, add_options, run_demo
 from skiros2_demo.run_check import Step, Thing, name_of
 from skiros2_demo.simulation import Simulation, Slip
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
 from skiros2_msgs.srv import SkillCommand, SkillCommandRequest
 from skiros2_piston_demo.disturbances import hit_arm, preemption, pushed_block
 from skiros2_piston_demo.force_log import ForceLog
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 DISTURBANCES = ("push", "slip", "preempt", "force")

@@ -7,7 +7,7 @@ from typing import Any
 
 from skiros2_demo.run_check import Step, Thing
 from skiros2_demo.simulation import Simulation
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose
 
 #: Distance by which the block is pushed (m).
 _PUSH = 0.0015

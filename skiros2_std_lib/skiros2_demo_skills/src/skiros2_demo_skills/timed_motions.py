@@ -9,7 +9,7 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import CloseGripper, MoveArm, MoveBase, OpenGripper, TuckArm
-from skiros2_std_reasoners.core.geometry import composed
+from skiros2_motion.core.geometry import composed
 from skiros2_std_reasoners.core.spatial_data import pose_of, set_pose
 from skiros2_std_skills.clock import Stopwatch
 

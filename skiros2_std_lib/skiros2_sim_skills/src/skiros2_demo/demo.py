@@ -24,10 +24,10 @@ from skiros2_demo.film import Film
 from skiros2_demo.progress_report import ProgressReport
 from skiros2_demo.run_check import Step, Thing, WorldState, changes, check, name_of, read_run
 from skiros2_demo.simulation import Disturbance, Moved, Pictures, Simulation, Slip
+from skiros2_motion.core.geometry import Pose, composed, from_euler
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult, TreeProgress
 from skiros2_msgs.srv import ResourceGetDescriptions
-from skiros2_sim.core.names import COLOUR, part_name
-from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
+from skiros2_std_skills.core.driver_names import COLOUR, part_name
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 

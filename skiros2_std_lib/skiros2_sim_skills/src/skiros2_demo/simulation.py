@@ -18,9 +18,7 @@ from sensor_msgs.msg import Image
 from skiros2_bags.core.run import Finding
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_demo.run_check import Step, Thing, WorldState, name_of
-from skiros2_sim_msgs.msg import Contacts
-from skiros2_sim_msgs.srv import GetPose, Push, SetFault, SetFaultRequest, SetPose, TakePicture
-from skiros2_std_reasoners.core.geometry import (
+from skiros2_motion.core.geometry import (
     Pose,
     Quaternion,
     Vector,
@@ -30,6 +28,8 @@ from skiros2_std_reasoners.core.geometry import (
     inverted,
     rotated,
 )
+from skiros2_sim_msgs.msg import Contacts
+from skiros2_sim_msgs.srv import GetPose, Push, SetFault, SetFaultRequest, SetPose, TakePicture
 
 #: Timeout of a camera image (s).
 PICTURE_TIMEOUT = 5.0

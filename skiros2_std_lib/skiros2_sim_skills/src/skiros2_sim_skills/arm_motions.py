@@ -13,7 +13,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import TuckArm
-from skiros2_sim.core.names import CARTESIAN, TRAJECTORY, part_name, robot_name
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector
 from skiros2_sim_msgs.msg import (
     CartesianMotionAction,
     CartesianMotionFeedback,
@@ -21,22 +21,13 @@ from skiros2_sim_msgs.msg import (
     CartesianMotionResult,
 )
 from skiros2_sim_skills.base_motion import stamped
-from skiros2_sim_skills.core.devices import TOOL_FRAME, name_of, opening, posture
-from skiros2_sim_skills.core.places import (
-    Box,
-    above,
-    box_of,
-    direction_between,
-    grasp_of,
-    parent_of,
-    pose_in_scene,
-    release_of,
-    size_of,
-)
-from skiros2_sim_skills.drivers import DriverAction
 from skiros2_sim_skills.motions import LiftTool, MoveArmJoints, MoveToolToContainer, MoveToolToObject
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+from skiros2_std_reasoners.core.places import Box, above, box_of, direction_between, grasp_of, release_of
+from skiros2_std_reasoners.core.scene_poses import parent_of, pose_in_scene, size_of
+from skiros2_std_skills.core.devices import TOOL_FRAME, name_of, opening, posture
+from skiros2_std_skills.core.driver_names import CARTESIAN, TRAJECTORY, part_name, robot_name
+from skiros2_std_skills.drivers import DriverAction
 
 #: Distance below the expected contact to which a motion until contact may continue (m).
 _GIVE = 0.025

@@ -13,11 +13,12 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_demo_skills.motions import MoveBase
-from skiros2_sim.core.names import MOVE
-from skiros2_sim_skills.core.devices import name_of
-from skiros2_sim_skills.core.places import approach_pose, pose_in_scene
-from skiros2_sim_skills.drivers import DriverAction
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose
+from skiros2_std_reasoners.core.places import approach_pose
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
+from skiros2_std_skills.core.devices import name_of
+from skiros2_std_skills.core.driver_names import MOVE
+from skiros2_std_skills.drivers import DriverAction
 
 #: Maximum distance (m) of a robot from the place where it stands.
 _NEAR = 0.1

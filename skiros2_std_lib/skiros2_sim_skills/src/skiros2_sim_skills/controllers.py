@@ -7,10 +7,15 @@ import rospy
 from controller_manager_msgs.srv import SwitchController as Switch
 from controller_manager_msgs.srv import SwitchControllerRequest, SwitchControllerResponse
 from skiros2_common.core.abstract_skill import State
-from skiros2_sim.core.names import COMPLIANT_CONTROLLER, POSITION_CONTROLLER, SWITCH_CONTROLLER, robot_name
-from skiros2_sim_skills.core.devices import name_of
-from skiros2_sim_skills.drivers import DriverService
 from skiros2_sim_skills.motions import SwitchController
+from skiros2_std_skills.core.devices import name_of
+from skiros2_std_skills.core.driver_names import (
+    COMPLIANT_CONTROLLER,
+    POSITION_CONTROLLER,
+    SWITCH_CONTROLLER,
+    robot_name,
+)
+from skiros2_std_skills.drivers import DriverService
 
 
 class switch_controller(DriverService):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from actionlib_msgs.msg import GoalStatus
 
-from control_msgs.msg import GripperCommandAction, GripperCommandGoal, GripperCommandResult
+from control_msgs.msg import GripperCommandGoal, GripperCommandResult
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
@@ -13,59 +13,27 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_demo_skills.motions import CloseGripper, OpenGripper
-from skiros2_sim.core.names import GRIPPER
-from skiros2_sim_skills.core.devices import name_of, opening
-from skiros2_sim_skills.core.places import (
-    ancestors,
+from skiros2_sim_skills.motions import CheckGrasp, WatchGrasp, WmGrasped
+from skiros2_std_reasoners.core.places import (
     box_of,
     contents,
     direction_between,
     grasp_of,
     in_grasp,
     move_in_world_model,
-    parent_of,
-    pose_in_scene,
-    size_of,
 )
-from skiros2_sim_skills.drivers import NOT_KNOWN, DriverAction
-from skiros2_sim_skills.motions import CheckGrasp, WatchGrasp, WmGrasped
+from skiros2_std_reasoners.core.scene_poses import ancestors, parent_of, pose_in_scene, size_of
 from skiros2_std_skills.clock import Stopwatch
+from skiros2_std_skills.core.devices import opening
+from skiros2_std_skills.drivers import NOT_KNOWN
+from skiros2_std_skills.gripper_motion import NOT_HELD, GripperMotion
 
 #: Maximum width of closed fingers (m).
 _NOTHING_BETWEEN = 0.004
 #: Tolerance of the width of a held object (m).
 _FIT = 0.015
 
-#: Progress code: the gripper holds nothing, or another object.
-NOT_HELD = -111
-
-
-class _GripperMotion(DriverAction):
-    """Base of the motions of the gripper."""
-
-    def address(self) -> tuple[str, type]:
-        return name_of(GRIPPER, self.element("Robot"), self.element("Gripper")), GripperCommandAction
-
-    def command(self, width: float, effort: float) -> GripperCommandGoal:
-        """Creates a goal: width (m) and force (N)."""
-        goal = GripperCommandGoal()
-        goal.command.position, goal.command.max_effort = width, effort
-        return goal
-
-    def grip(self) -> GripperCommandGoal:
-        """Creates a goal that closes the gripper."""
-        return self.command(0.0, self.value("Effort"))
-
-    def add_effort(self) -> None:
-        """Declares the gripping force."""
-        self.addParam("Effort", 40.0, ParamTypes.Optional, description="Gripping force", unit="N", minimum=0)
-
-    def ended_well(self, status: int, msg: GripperCommandResult) -> bool:
-        """Whether the driver succeeded; stalled fingers count as success."""
-        return status == GoalStatus.SUCCEEDED or bool(getattr(msg, "stalled", False))
-
-
-class open_gripper(_GripperMotion):
+class open_gripper(GripperMotion):
     """Opens the gripper."""
 
     def createDescription(self) -> None:
@@ -86,7 +54,7 @@ class open_gripper(_GripperMotion):
         return self.failed(f"the fingers are stuck, {msg.position * 1000:.0f} of {wanted * 1000:.0f} mm apart", status)
 
 
-class close_gripper(_GripperMotion):
+class close_gripper(GripperMotion):
     """Closes the gripper on an object; fails if the fingers do not stop at its size."""
 
     def createDescription(self) -> None:
@@ -108,7 +76,7 @@ class close_gripper(_GripperMotion):
         return self.success(f"{self.doing()}: {msg.position * 1000:.0f} mm between the fingers")
 
 
-class check_grasp(_GripperMotion):
+class check_grasp(GripperMotion):
     """Closes the gripper again to check that it holds the object: then the fingers do not move."""
 
     def createDescription(self) -> None:
@@ -131,7 +99,7 @@ class check_grasp(_GripperMotion):
         return self.fail(lost(self.wmi, self.element("Gripper"), thing, wrong), NOT_HELD)
 
 
-class watch_grasp(_GripperMotion):
+class watch_grasp(GripperMotion):
     """Checks the grasp every `Period` seconds. Never succeeds; run it in parallel to another skill."""
 
     def createDescription(self) -> None:

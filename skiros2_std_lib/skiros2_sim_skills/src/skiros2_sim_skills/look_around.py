@@ -9,13 +9,14 @@ from geometry_msgs.msg import Pose as PoseMessage
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
+from skiros2_motion.core.geometry import Pose, normalized
 from skiros2_sim_msgs.srv import Detect, DetectRequest, DetectResponse
-from skiros2_sim_skills.core.devices import DETECT, name_of
-from skiros2_sim_skills.core.places import move_in_world_model, pose_in_scene
 from skiros2_sim_skills.core.sight import expected_at, findings
-from skiros2_sim_skills.drivers import NOT_KNOWN, DriverService
 from skiros2_sim_skills.motions import DetectObjects
-from skiros2_std_reasoners.core.geometry import Pose, normalized
+from skiros2_std_reasoners.core.places import move_in_world_model
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
+from skiros2_std_skills.core.devices import DETECT, name_of
+from skiros2_std_skills.drivers import NOT_KNOWN, DriverService
 
 
 class detect_objects(DriverService):

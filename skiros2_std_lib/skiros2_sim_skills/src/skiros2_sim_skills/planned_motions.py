@@ -11,14 +11,14 @@ from geometry_msgs.msg import PoseStamped
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError, WrongValue
-from skiros2_sim.core.names import MOVEIT_GROUP, PLANNER, TRAJECTORY
 from skiros2_sim_msgs.msg import PlanMotionAction, PlanMotionFeedback, PlanMotionGoal
 from skiros2_sim_skills.arm_motions import JOINT_CODES, format_reason
 from skiros2_sim_skills.base_motion import stamped
-from skiros2_sim_skills.core.devices import name_of, posture
-from skiros2_sim_skills.core.places import pose_in_scene
-from skiros2_sim_skills.drivers import DriverAction
 from skiros2_sim_skills.motions import MoveArmCollisionFree
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
+from skiros2_std_skills.core.devices import name_of, posture
+from skiros2_std_skills.core.driver_names import MOVEIT_GROUP, PLANNER, TRAJECTORY
+from skiros2_std_skills.drivers import DriverAction
 
 _PLANNING_CODES = {
     PlanMotionGoal.INVALID_GOAL: "the planner rejects the goal",

@@ -11,8 +11,8 @@ import rospy
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose, composed, inverted
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
 from skiros2_std_reasoners.core.pose_keeper import PoseKeeper, ReasonerModel
 from skiros2_std_reasoners.core.relations import ALL, relations_between
 from skiros2_std_reasoners.ros.codes import CODES, Code

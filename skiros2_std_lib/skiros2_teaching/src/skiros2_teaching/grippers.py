@@ -8,7 +8,7 @@ from typing import Protocol
 
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_teaching.core.player import Gripper
+from skiros2_motion.core.gripper import Gripper
 
 
 class GripperSource(Protocol):

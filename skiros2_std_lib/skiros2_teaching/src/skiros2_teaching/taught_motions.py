@@ -11,14 +11,14 @@ from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.contact_primitive import ContactPrimitive, forces
-from skiros2_contact_skills.core.compliant_arm import ArmState
 from skiros2_contact_skills.core.part_poses import pose_on_arm
-from skiros2_sim.core.arm_kinematics import distances
-from skiros2_std_reasoners.core.geometry import composed, inverted
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.geometry import composed, inverted
+from skiros2_motion.core.gripper import Gripper, GripperEvent
 from skiros2_teaching import descriptions as described
 from skiros2_teaching.core import taught_elements as taught
-from skiros2_teaching.core.player import GRIPPER_FAILED, Gripper, Player
-from skiros2_teaching.core.taught_path import GripperEvent
+from skiros2_teaching.core.player import GRIPPER_FAILED, Player
 from skiros2_teaching.core.timed_motion import Limits, Line, TimedMotion, sections
 from skiros2_teaching.grippers import gripper_of
 

@@ -15,13 +15,14 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
 from skiros2_contact_skills.contact_primitive import ContactPrimitive
-from skiros2_contact_skills.core.compliant_arm import STALE, ArmState
 from skiros2_contact_skills.core.part_poses import pose_on_arm
-from skiros2_sim_skills.core.places import above, pose_in_scene
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
+from skiros2_motion.core.compliant_arm import STALE, ArmState
+from skiros2_motion.core.geometry import Pose, composed, inverted
+from skiros2_motion.core.gripper import Gripper
+from skiros2_std_reasoners.core.places import above
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_teaching import descriptions as described
 from skiros2_teaching.core import taught_elements as taught
-from skiros2_teaching.core.player import Gripper
 from skiros2_teaching.core.recording import Recording
 from skiros2_teaching.grippers import gripper_of
 from skiros2_teaching.guiding import (

@@ -18,7 +18,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_gui.view3d.guiding import HandGuiding
 from skiros2_gui.view3d.ros.marker_messages import guiding_marker
 from skiros2_gui.view3d.ros.selected_marker import MarkerServer
-from skiros2_std_reasoners.core.geometry import Vector
+from skiros2_motion.core.geometry import Vector
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.service_pool import ServicePool
 

@@ -10,7 +10,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker
 
 from skiros2_gui.view3d.markers import AXES, BOX, CYLINDER, MESH, SPHERE, TEXT_HEIGHT, ElementMarker, RobotPart, Visual
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector
 
 #: The suffix of the namespace of text markers.
 TEXTS = " (names)"

@@ -19,8 +19,8 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_gui.view3d.dragging import Dragging, Target
 from skiros2_gui.view3d.markers import ElementMarker
 from skiros2_gui.view3d.ros.marker_messages import interactive_marker, pose_message
+from skiros2_motion.core.geometry import Pose, normalized
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, normalized
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 

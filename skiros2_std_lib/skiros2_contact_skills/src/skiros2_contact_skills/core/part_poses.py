@@ -7,9 +7,7 @@ import math
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_sim_skills.core.places import parent_of, pose_in_scene, size_of
-from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import (
+from skiros2_motion.core.geometry import (
     IDENTITY,
     Pose,
     Quaternion,
@@ -20,6 +18,8 @@ from skiros2_std_reasoners.core.geometry import (
     normalized,
     rotated,
 )
+from skiros2_std_reasoners.core import spatial_data as space
+from skiros2_std_reasoners.core.scene_poses import parent_of, pose_in_scene, size_of
 
 #: The orientation of a tool in the frame of what it points at from above: half a turn about x.
 _DOWN: Quaternion = (1.0, 0.0, 0.0, 0.0)

@@ -6,12 +6,12 @@ import threading
 
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_contact_skills.core.compliant_arm import CompliantArm
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_contact_skills.ros.profiled_arms import profiled_arm
-from skiros2_sim.core import names
+from skiros2_motion.core.compliant_arm import CompliantArm
+from skiros2_motion.core.geometry import IDENTITY
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY
+from skiros2_std_skills.core import driver_names as names
 
 
 class RosArms:

@@ -21,12 +21,12 @@ from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
-from skiros2_contact_skills.core.compliant_arm import STALE, ArmState, checked_limits, checked_reference, turned_wrench
-from skiros2_sim.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
-from skiros2_sim.core.spiral import SpiralGoal
+from skiros2_motion.core.compliant_arm import STALE, ArmState, checked_limits, checked_reference, turned_wrench
+from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
+from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
+from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim_msgs.msg import ImpedanceState
 from skiros2_sim_msgs.srv import OverlayMotion, OverlayMotionRequest, SetWrenchLimits, SetWrenchLimitsRequest
-from skiros2_std_reasoners.core.geometry import Pose, Vector, composed, inverted
 
 log = logging.getLogger(__name__)
 

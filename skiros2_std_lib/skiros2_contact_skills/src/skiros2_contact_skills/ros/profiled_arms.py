@@ -8,11 +8,11 @@ import rospy
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName
 from skiros2_common.core.world_element import Element
-from skiros2_contact_skills.core.compliant_arm import CompliantArm
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_contact_skills.ros.trajectory_arm import TrajectoryArm
-from skiros2_sim.core.names import COMPLIANT_CONTROLLER, POSITION_CONTROLLER, part_name, robot_name
+from skiros2_motion.core.compliant_arm import CompliantArm
+from skiros2_std_skills.core.driver_names import COMPLIANT_CONTROLLER, POSITION_CONTROLLER, part_name, robot_name
 
 #: Of an arm: the name of a profile.
 INTERFACE = "skiros:CompliantInterface"

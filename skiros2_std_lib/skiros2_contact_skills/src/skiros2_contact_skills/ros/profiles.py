@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from scipy.spatial.transform import Rotation
 
-from skiros2_contact_skills.core.compliant_arm import Wrench, turned_wrench
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_motion.core.compliant_arm import Wrench, turned_wrench
+from skiros2_motion.core.geometry import Pose
 
 #: Returns the pose of a tf frame in the base frame.
 Lookup = Callable[[str], Pose]

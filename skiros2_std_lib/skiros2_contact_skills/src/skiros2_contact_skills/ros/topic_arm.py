@@ -21,7 +21,8 @@ from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName
-from skiros2_contact_skills.core.compliant_arm import (
+from skiros2_contact_skills.ros.profiles import Profile, Reading
+from skiros2_motion.core.compliant_arm import (
     STALE,
     ArmState,
     Wrench,
@@ -29,10 +30,9 @@ from skiros2_contact_skills.core.compliant_arm import (
     checked_reference,
     turned_wrench,
 )
-from skiros2_contact_skills.ros.profiles import Profile, Reading
-from skiros2_sim.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
-from skiros2_sim.core.spiral import Spiral, SpiralGoal
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, conjugated
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated
+from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
+from skiros2_motion.core.spiral import Spiral, SpiralGoal
 from skiros2_std_reasoners.ros.transforms import Transforms
 
 log = logging.getLogger(__name__)

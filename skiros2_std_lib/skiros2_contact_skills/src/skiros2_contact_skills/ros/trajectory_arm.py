@@ -25,10 +25,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from skiros2_common.core.errors import ConfigurationError, Refused
-from skiros2_contact_skills.core.urdf_chain import read_chain
 from skiros2_contact_skills.ros.topic_arm import CONNECT_TIME, TopicArm, connected, small_rotation
-from skiros2_sim.core.arm_kinematics import difference
-from skiros2_std_reasoners.core.geometry import Pose, conjugated, multiplied, normalized, rotated
+from skiros2_motion.core.arm_kinematics import difference
+from skiros2_motion.core.geometry import Pose, conjugated, multiplied, normalized, rotated
+from skiros2_motion.core.urdf_chain import read_chain
 
 Array = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_std_reasoners.core.geometry import Pose, Vector
+from skiros2_motion.core.geometry import Pose, Vector
 
 Array = npt.NDArray[np.float64]
 

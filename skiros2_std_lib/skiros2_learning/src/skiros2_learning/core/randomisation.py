@@ -11,9 +11,9 @@ import numpy as np
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_learning.core.sections import Section, near
+from skiros2_motion.core.geometry import Pose, from_euler, multiplied
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
-from skiros2_std_reasoners.core.geometry import Pose, from_euler, multiplied
 
 #: Default limit of normal distributions, in standard deviations.
 _CLIP = 2.0

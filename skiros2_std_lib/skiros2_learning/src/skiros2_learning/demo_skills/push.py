@@ -10,16 +10,16 @@ from actionlib_msgs.msg import GoalStatus
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_sim.core.names import CARTESIAN
+from skiros2_motion.core.geometry import Pose, Quaternion
 from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal, CartesianMotionResult
 from skiros2_sim_skills.base_motion import stamped
-from skiros2_sim_skills.core.devices import name_of
-from skiros2_sim_skills.core.places import pose_in_scene
-from skiros2_sim_skills.drivers import DriverAction
 from skiros2_sim_skills.motions import ArmAndGripper
 from skiros2_skill.core.processors import Sequential
 from skiros2_skill.core.skill import SkillBase
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
+from skiros2_std_skills.core.devices import name_of
+from skiros2_std_skills.core.driver_names import CARTESIAN
+from skiros2_std_skills.drivers import DriverAction
 
 #: Orientation of a tool that points down, with the fingers side by side along x of the map.
 _DOWN: Quaternion = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)

@@ -21,9 +21,8 @@ from controller_manager_msgs.srv import SwitchControllerResponse
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_learning.core.sections import near
-from skiros2_sim.core import names
+from skiros2_motion.core.motion import Outcome, State
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.motion import Outcome, State
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_spec import ArmSpec
 from skiros2_sim.core.world import World
@@ -32,6 +31,7 @@ from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.jobs import BaseJob, CartesianJob, GripperJob, JointJob
 from skiros2_sim.ros.publishers import SimulatedClock
 from skiros2_skill.testing.faults import replaced
+from skiros2_std_skills.core import driver_names as names
 
 
 class LocalDrivers:

@@ -28,12 +28,12 @@ from skiros2_learning.core.variables import Value
 from skiros2_learning.local.drivers import LocalDrivers
 from skiros2_learning.local.knowledge import fresh_world_model
 from skiros2_learning.local.recorder import Recorder
+from skiros2_motion.core.geometry import Pose, composed, inverted
 from skiros2_sim.core.scene_reader import SceneTree, read_scene
 from skiros2_sim.core.world import World
-from skiros2_sim_skills.core.devices import posture
 from skiros2_skill.testing import BenchTask, FakeClock, SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
+from skiros2_std_skills.core.devices import posture
 
 #: Time that a preempted task has to end (s of simulated time).
 _GRACE = 2.0

@@ -14,13 +14,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
-from skiros2_contact_skills.insertion_study import SCENE, InsertionStudy, insertion_skills
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, ScenarioError
 from skiros2_learning.core.sections import Section, near
 from skiros2_learning.core.variables import Value
 from skiros2_learning.local.episode import declared_parameters, step_problems
+from skiros2_learning.local.insertion_study import SCENE, InsertionStudy, insertion_skills
 from skiros2_sim.core.wrist_sensor import SensorModel
 from skiros2_skill.testing import SkillBench
 

@@ -9,9 +9,9 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.sections import near
+from skiros2_motion.core.geometry import Pose
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose
 
 #: Distances of pairs are measured up to this one (m).
 _FAR = 1.0

@@ -19,8 +19,8 @@ from skiros2_learning.core.parameter_sets import apply_result
 from skiros2_learning.core.scenario import Scenario
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_runs.core.states import SUCCESS
-from skiros2_sim_skills.core.places import pose_in_scene
 from skiros2_skill.core.engine.learned_parameters import VALUE
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 _ROBOT = "/pusher"

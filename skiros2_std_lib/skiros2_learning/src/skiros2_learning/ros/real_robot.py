@@ -25,13 +25,13 @@ from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, Step
 from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import Value
+from skiros2_motion.core.geometry import Pose
 from skiros2_msgs.msg import SkillProgress
 from skiros2_sim.core.scene_reader import SceneTree
 from skiros2_skill.client.description import Parameter
 from skiros2_skill.client.description import Step as SkillStep
 from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.command_line.connection import become_node, connect
-from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 #: How long the first value of a signal is waited for (s), and how long a cancelled task may take to end (s).

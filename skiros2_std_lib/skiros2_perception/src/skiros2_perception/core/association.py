@@ -17,10 +17,10 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import ConvexHull, QhullError
 from scipy.stats import chi2
 
+from skiros2_motion.core.geometry import Pose, Vector, from_euler, half_extents
 from skiros2_perception.core.objects import KnownObject
 from skiros2_perception.core.transforms import Array
 from skiros2_perception.core.view import Cloud
-from skiros2_std_reasoners.core.geometry import Pose, Vector, from_euler, half_extents
 
 #: Standard deviations of a measured cluster: of its centre and size (m), and of its mean colour (0 to 255).
 _CENTRE, _SIZE, _COLOUR = 0.006, 0.006, 25.0

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose, Quaternion, composed
 from skiros2_perception.core.problems import Code, Problem, Rejected
 from skiros2_perception.core.registration import Registration
 from skiros2_perception.core.transforms import Array, difference, moved, turned_covariance
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion, composed
 
 #: Probability of a larger Mahalanobis distance of two estimates that agree.
 _OUTLIER = 1e-3

@@ -21,6 +21,8 @@ import numpy as np
 from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_perception.core.confidence import MISSING_BELOW
 from skiros2_perception.core.fusion import Estimate, covariance_from, covariance_text, in_frame
 from skiros2_perception.core.mesh import mesh_shape
@@ -28,8 +30,6 @@ from skiros2_perception.core.shape import Shape, box_shape
 from skiros2_perception.core.transforms import Array, inverse
 from skiros2_perception.core.view import Sensor
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.core.scene_poses import has_size, parent_of, pose_in_scene, size_of
 
 COVARIANCE, FITNESS, RESIDUAL = "skiros:PoseCovariance", "skiros:EstimateFitness", "skiros:EstimateResidual"

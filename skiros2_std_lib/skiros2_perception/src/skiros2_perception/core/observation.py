@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skiros2_motion.core.geometry import Pose, Quaternion, from_euler, half_extents, to_euler
 from skiros2_perception.core.association import Cluster, associated, cluster_of, least_rectangle, recognised
 from skiros2_perception.core.fusion import Estimate, check_determined, estimate_of
 from skiros2_perception.core.objects import KnownObject
@@ -19,7 +20,6 @@ from skiros2_perception.core.segmentation import clusters, find_support, heights
 from skiros2_perception.core.transforms import Array, untransformed
 from skiros2_perception.core.view import Cloud, Sensor, View, cloud_of
 from skiros2_perception.core.visibility import visibility
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion, from_euler, half_extents, to_euler
 
 #: The rows and columns of the image that are used for unknown objects: each second one.
 _STRIDE = 2

@@ -8,13 +8,13 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose
 from skiros2_perception.core.fusion import Estimate, check_determined, estimate_of, fused
 from skiros2_perception.core.problems import Code, Problem, Rejected
 from skiros2_perception.core.registration import DEFAULT, Limits, Registration, register
 from skiros2_perception.core.segmentation import clusters, find_support, heights_above
 from skiros2_perception.core.shape import Shape
 from skiros2_perception.core.view import Cloud, Sensor, View, cloud_of
-from skiros2_std_reasoners.core.geometry import Pose
 
 #: Points closer to the supporting plane belong to it (m), or three standard deviations.
 _ABOVE = 0.003

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
 from skiros2_perception.core.problems import Code, Problem, Rejected
 from skiros2_perception.core.shape import Shape
 from skiros2_perception.core.transforms import (
@@ -30,7 +31,6 @@ from skiros2_perception.core.transforms import (
 )
 from skiros2_perception.core.view import Cloud, Sensor, View
 from skiros2_perception.core.visibility import Visibility, visibility
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion, multiplied
 
 #: Number of points for the search over all starts, and for the result.
 _COARSE, _FINE = 400, 6000

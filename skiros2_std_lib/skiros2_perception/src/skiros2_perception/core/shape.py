@@ -13,9 +13,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import Quaternion, Vector, half_extents
 from skiros2_perception.core.transforms import matrix_of, quaternion_of
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import Quaternion, Vector, half_extents
 
 Array = npt.NDArray[np.float64]
 

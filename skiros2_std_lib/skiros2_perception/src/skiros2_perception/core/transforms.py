@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion
+from skiros2_motion.core.geometry import Pose, Quaternion
 
 Array = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose
 from skiros2_perception.core.transforms import Array, matrix_of, transformed, untransformed
-from skiros2_std_reasoners.core.geometry import Pose
 
 #: Maximum length of an image's edge (pixels).
 _MAX_PIXELS = 8192

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skiros2_motion.core.geometry import Pose
 from skiros2_perception.core.shape import Shape
 from skiros2_perception.core.transforms import Array, matrix_of, transformed, untransformed
 from skiros2_perception.core.view import Sensor, View
-from skiros2_std_reasoners.core.geometry import Pose
 
 #: Number of samples of a shape.
 _SAMPLES = 3000

@@ -11,9 +11,9 @@ import rospy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_motion.core.geometry import Pose
 from skiros2_perception.core.view import View, view_of_points
 from skiros2_perception.ros.messages import colours_of, depth_of, lens_of, points_of
-from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_std_reasoners.ros.transforms import Transforms
 
 #: Number of colour images that are kept, to find the one of a depth image.

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from skiros2_motion.core.geometry import Pose, Vector, conjugated, rotated
+from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.bullet import Bullet, Joint
 from skiros2_sim.core.gripper import Gripper
-from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.robot_model import ArmModel
 from skiros2_sim.core.wrist_sensor import MountedSensor, SensorModel
-from skiros2_std_reasoners.core.geometry import Pose, Vector, conjugated, rotated
 
 Wrench = tuple[float, float, float, float, float, float]
 

@@ -15,15 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
+from skiros2_motion.core.geometry import Pose, composed, conjugated, inverted, rotated
+from skiros2_motion.core.impedance import ArmState, Impedance
+from skiros2_motion.core.motion import Outcome
+from skiros2_motion.core.numbers import finite
+from skiros2_motion.core.spiral import Spiral, SpiralGoal
 from skiros2_sim.core.arm import Arm
-from skiros2_sim.core.arm_kinematics import ArmKinematics, ChainJoint
-from skiros2_sim.core.impedance import ArmState, Impedance
-from skiros2_sim.core.motion import Outcome
-from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.robot import Robot
-from skiros2_sim.core.spiral import Spiral, SpiralGoal
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inverted, rotated
 
 log = logging.getLogger(__name__)
 

@@ -14,15 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
+from skiros2_motion.core.arm_kinematics import Solution
+from skiros2_motion.core.geometry import Pose, composed, inverted
+from skiros2_motion.core.motion import Outcome, Pieces, State, advance
+from skiros2_motion.core.timed_path import timed_path
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.arm_kinematics import Solution
 from skiros2_sim.core.joint_motion import JointGoal, JointPoint, order_of
-from skiros2_sim.core.motion import Outcome, Pieces, State, advance
 from skiros2_sim.core.path_search import CHECKS, search_path
 from skiros2_sim.core.planning_scene import ArmCollisions, PlanningScene, format_collisions
-from skiros2_sim.core.timed_path import timed_path
 from skiros2_sim.core.world import RATE
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
 
 Array = npt.NDArray[np.float64]
 

@@ -11,13 +11,13 @@ from enum import Enum, auto
 from typing import NamedTuple
 
 from skiros2_common.core.errors import Refused
+from skiros2_motion.core.geometry import Pose, rotated, to_euler
+from skiros2_motion.core.motion import Outcome, Pieces, State, advance
 from skiros2_sim.core.body import Body
 from skiros2_sim.core.contacts import PartContacts, contacts_of_part, format_contacts
 from skiros2_sim.core.drive_path import Floor, Footprint, Leg, Obstacle, Pose2D, heading, wrapped
-from skiros2_sim.core.motion import Outcome, Pieces, State, advance
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, rotated, to_euler
 
 #: Heights (m) of obstacles that a robot passes under or drives over.
 _OVERHEAD, _FLAT = 1.2, 0.02

@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_motion.core.geometry import Pose, Vector
 from skiros2_sim.core.bored_box import bored_box
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.load_test import load_error
 from skiros2_sim.core.robot import load_urdf, place_root, root_pose
 from skiros2_sim.core.scene_spec import BodySpec, Colour
 from skiros2_sim.core.urdf import MESHES, as_text, boxes_link, find_model, read_urdf
-from skiros2_std_reasoners.core.geometry import Pose, Vector
 
 _DENSITY = 600.0  # kg/m3, of wood
 _MIN_MASS, _MAX_MASS = 0.05, 50.0  # kg, of a body without a mass of its own

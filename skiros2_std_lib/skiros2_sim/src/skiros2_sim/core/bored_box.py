@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import Quaternion, Vector, from_euler, multiplied
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import Quaternion, Vector, from_euler, multiplied
 
 #: Number of flat sides of a bore.
 SIDES = 16

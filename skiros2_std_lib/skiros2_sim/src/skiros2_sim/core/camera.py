@@ -17,8 +17,8 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_motion.core.geometry import IDENTITY, Pose, Quaternion, composed, rotated
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Quaternion, composed, rotated
 
 #: Near and far clipping plane (m).
 NEAR = 0.02

@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
+from skiros2_motion.core.arm_kinematics import ArmKinematics, Line, distances
+from skiros2_motion.core.geometry import Pose, composed, inverted, normalized, rotated
+from skiros2_motion.core.impedance import MAX_STIFFNESS, checked
+from skiros2_motion.core.motion import Outcome, Pieces, State, advance
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.arm_kinematics import ArmKinematics, Line, distances
 from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.contacts import PartContacts
-from skiros2_sim.core.impedance import MAX_STIFFNESS, checked
-from skiros2_sim.core.motion import Outcome, Pieces, State, advance
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, normalized, rotated
 
 Array = npt.NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from skiros2_motion.core.geometry import Pose, Vector
 from skiros2_sim.core.scene_spec import Problem
-from skiros2_std_reasoners.core.geometry import Pose, Vector
 
 if TYPE_CHECKING:
     from skiros2_sim.core.world import World

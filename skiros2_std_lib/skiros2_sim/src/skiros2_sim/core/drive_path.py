@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused
-from skiros2_sim.core.motion import Pieces, complete
+from skiros2_motion.core.motion import Pieces, complete
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.integer]

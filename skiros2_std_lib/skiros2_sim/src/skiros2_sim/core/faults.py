@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_motion.core.geometry import Pose, Vector, rotated
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.scene_spec import BodySpec
-from skiros2_std_reasoners.core.geometry import Pose, Vector, rotated
 
 
 @dataclass

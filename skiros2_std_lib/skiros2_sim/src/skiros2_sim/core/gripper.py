@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose, angle_between
+from skiros2_motion.core.motion import Outcome, State
 from skiros2_sim.core.bullet import Bullet, Joint
-from skiros2_sim.core.motion import Outcome, State
 from skiros2_sim.core.scene_spec import GripperSpec
-from skiros2_std_reasoners.core.geometry import Pose, angle_between
 
 #: Friction of the rubber pads; PyBullet multiplies the values of both contact partners.
 FRICTION = 1.2

@@ -17,10 +17,10 @@ import numpy.typing as npt
 from scipy.interpolate import PPoly
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_motion.core.motion import Outcome, State
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.contacts import PartContacts
-from skiros2_sim.core.motion import Outcome, State
 
 Array = npt.NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ompl import base, geometric, util
 
 from skiros2_common.core.errors import Refused
-from skiros2_sim.core.motion import Pieces
+from skiros2_motion.core.motion import Pieces
 
 Array = npt.NDArray[np.float64]
 T = TypeVar("T")

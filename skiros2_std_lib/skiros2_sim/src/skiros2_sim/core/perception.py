@@ -28,10 +28,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from skiros2_sim.core.camera import NEAR, Lens, Picture, lens_of, picture_of, quaternion_of
-from skiros2_sim.core.scene_spec import BodySpec
-from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import (
+from skiros2_motion.core.geometry import (
     Pose,
     Quaternion,
     Vector,
@@ -41,6 +38,9 @@ from skiros2_std_reasoners.core.geometry import (
     multiplied,
     normalized,
 )
+from skiros2_sim.core.camera import NEAR, Lens, Picture, lens_of, picture_of, quaternion_of
+from skiros2_sim.core.scene_spec import BodySpec
+from skiros2_sim.core.world import World
 
 Points = npt.NDArray[np.float64]
 

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skiros2_motion.core.geometry import composed, inverted
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.body import Body
 from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import composed, inverted
 
 Array = npt.NDArray[np.float64]
 

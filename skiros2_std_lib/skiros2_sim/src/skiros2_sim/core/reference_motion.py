@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
+from skiros2_motion.core.arm_kinematics import between, distances
+from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.motion import Outcome, State
 from skiros2_sim.core.arm_controller import SENSOR_AGE, ArmController
-from skiros2_sim.core.arm_kinematics import between, distances
-from skiros2_sim.core.motion import Outcome, State
-from skiros2_std_reasoners.core.geometry import Pose
 
 #: Codes of the action's result.
 SUCCESSFUL = 0

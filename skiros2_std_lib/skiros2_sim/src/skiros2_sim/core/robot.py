@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
+from skiros2_motion.core.geometry import IDENTITY, Pose, Quaternion, Vector, angle_between
+from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.bullet import Bullet, Joint
-from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.robot_model import BASE_LINK, DRIVES, TILT, ArmModel, RobotModel, upright
 from skiros2_sim.core.scene_spec import RobotSpec
 from skiros2_sim.core.wrist_sensor import SensorModel
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Quaternion, Vector, angle_between
 
 #: Maximum force (N) and torque (Nm) of the base drives: a person can stop the base.
 _DRIVE_FORCE = 600.0

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_motion.core.geometry import IDENTITY, Pose, angle_between, from_euler, to_euler
 from skiros2_sim.core import urdf as models
 from skiros2_sim.core.scene_spec import ArmSpec, GripperSpec, Problem, RobotSpec
 from skiros2_sim.core.urdf import Urdf, find_model, read_urdf
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, angle_between, from_euler, to_euler
 
 BASE_LINK = "base_link"
 #: The drives of a mobile robot.

@@ -11,7 +11,8 @@ import pybullet_data
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_sim.core import names
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed
 from skiros2_sim.core.bored_box import bored_box
 from skiros2_sim.core.scene_spec import (
     ArmSpec,
@@ -24,8 +25,7 @@ from skiros2_sim.core.scene_spec import (
     SceneSpec,
 )
 from skiros2_std_reasoners.core import spatial_data
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed
+from skiros2_std_skills.core import driver_names as names
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 

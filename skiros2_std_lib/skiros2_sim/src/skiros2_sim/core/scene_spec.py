@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from skiros2_std_reasoners.core.bore import Bore
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector
 
 Colour = tuple[float, float, float, float]
 

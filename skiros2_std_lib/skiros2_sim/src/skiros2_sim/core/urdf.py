@@ -17,9 +17,9 @@ from pathlib import Path
 import pybullet_data
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, to_euler
 from skiros2_sim.core.bored_box import BoxShape
 from skiros2_sim.core.load_test import load_error
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, to_euler
 
 #: Types of meshes of bodies, and of links in a URDF.
 MESHES = (".obj", ".stl")

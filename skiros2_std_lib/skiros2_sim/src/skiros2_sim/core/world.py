@@ -10,19 +10,19 @@ from types import TracebackType
 import numpy as np
 
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, multiplied
+from skiros2_motion.core.motion import MotionList
+from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.body import Body
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.contacts import Contact, joined_contacts, separate_overlaps
 from skiros2_sim.core.faults import Faults, Pushes
 from skiros2_sim.core.gripper import Gripper
-from skiros2_sim.core.motion import MotionList
-from skiros2_sim.core.numbers import finite
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.robot_model import BASE_LINK, merge_models
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, RobotSpec, SceneSpec
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, multiplied
 
 #: Default number of steps per second, and its limits.
 RATE, MIN_RATE, MAX_RATE = 240, 240, 2000

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose, Vector, conjugated, rotated
+from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.numbers import finite
-from skiros2_std_reasoners.core.geometry import Pose, Vector, conjugated, rotated
 
 Array = npt.NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
-from skiros2_sim.core import names
+from skiros2_motion.core.geometry import composed, inverted
+from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot_model import BASE_LINK
 from skiros2_sim.core.scene_spec import ArmSpec, RobotSpec
-from skiros2_sim.core.spiral import SpiralGoal
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.device_server import Device
@@ -35,7 +35,7 @@ from skiros2_sim_msgs.srv import (
     SetWrenchLimitsRequest,
     SetWrenchLimitsResponse,
 )
-from skiros2_std_reasoners.core.geometry import composed, inverted
+from skiros2_std_skills.core import driver_names as names
 
 log = logging.getLogger(__name__)
 

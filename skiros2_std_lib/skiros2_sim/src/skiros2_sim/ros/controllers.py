@@ -17,13 +17,13 @@ from controller_manager_msgs.srv import (
     SwitchControllerResponse,
 )
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
-from skiros2_sim.core import names
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.scene_spec import ArmSpec, RobotSpec
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.device_server import Device
 from skiros2_sim.ros.messages import vector_from
+from skiros2_std_skills.core import driver_names as names
 
 log = logging.getLogger(__name__)
 

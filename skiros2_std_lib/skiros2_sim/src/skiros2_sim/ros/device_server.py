@@ -13,7 +13,7 @@ from genpy import Message
 
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.ros.goal_server import GoalServer
-from skiros2_sim.core.motion import Motion, Outcome, State
+from skiros2_motion.core.motion import Motion, Outcome, State
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_sim.core.robot_model import BASE_LINK
 from skiros2_sim.core.scene_spec import CameraSpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.ros.transforms import Transforms
 
 #: Returns the pose of a frame in the map.

@@ -21,12 +21,13 @@ from control_msgs.msg import (
 )
 from control_msgs.msg import JointTolerance as JointToleranceMessage
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
+from skiros2_motion.core.motion import Outcome
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import INVALID_GOAL, CartesianGoal, CartesianMotion
 from skiros2_sim.core.gripper import GripperMotion
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint, JointState, JointTolerance
-from skiros2_sim.core.motion import Outcome
 from skiros2_sim.core.reference_motion import ReferenceMotion, TrajectoryGoal
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
@@ -40,7 +41,6 @@ from skiros2_sim_msgs.msg import (
     CartesianTrajectoryGoal,
     CartesianTrajectoryResult,
 )
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 
 M = TypeVar("M", GripperCommandFeedback, GripperCommandResult)
 

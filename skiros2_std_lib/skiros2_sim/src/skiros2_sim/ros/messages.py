@@ -13,8 +13,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import Pose, Vector, normalized
 from skiros2_sim.core.camera import Picture
-from skiros2_std_reasoners.core.geometry import Pose, Vector, normalized
 
 #: Maximum coordinate (m).
 _MAX_DISTANCE = 1e6

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
-from skiros2_sim.core.numbers import finite
+from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.perception import EXACT, Noise, Source
 from skiros2_sim.core.stepper import MAX_RATE
 from skiros2_sim.core.world import MAX_RATE as MAX_STEP_RATE

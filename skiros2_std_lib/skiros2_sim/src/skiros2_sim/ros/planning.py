@@ -6,15 +6,15 @@ import rospy
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_motion.core.geometry import composed
+from skiros2_motion.core.motion import Outcome
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.arm_planning import INVALID_GOAL, ArmPlanning, Plan, PlanningGoal
-from skiros2_sim.core.motion import Outcome
 from skiros2_sim.core.planning_scene import PlanningScene
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.messages import pose_from
 from skiros2_sim_msgs.msg import PlanMotionFeedback, PlanMotionGoal, PlanMotionResult
-from skiros2_std_reasoners.core.geometry import composed
 
 
 class PlanningJob:

@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_motion.core.geometry import Pose, composed, conjugated, inverted, rotated
 from skiros2_sim.core.camera import Lens, looking_at, picture_from
 from skiros2_sim.core.perception import Detection, Noise, Source, detect, movable
 from skiros2_sim.core.scene_spec import BodySpec
@@ -26,7 +27,6 @@ from skiros2_sim.ros.messages import colour_image, pose_from, pose_message, twis
 from skiros2_sim.ros.publishers import SimulatedClock
 from skiros2_sim_msgs import msg as msgs
 from skiros2_sim_msgs import srv as srvs
-from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inverted, rotated
 from skiros2_world_model.core.ontology import Ontology
 
 log = logging.getLogger(__name__)

@@ -11,7 +11,6 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
 from skiros2_common.core.errors import Refused
 from skiros2_common.ros.node import spin
-from skiros2_sim.core import names
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.planning_scene import PlanningScene
 from skiros2_sim.core.robot import Robot
@@ -38,6 +37,7 @@ from skiros2_sim.ros.planning import PlanningJob, refused_plan
 from skiros2_sim.ros.publishers import Cameras, SimulatedClock, StatePublisher
 from skiros2_sim.ros.services import Services
 from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianTrajectoryAction, PlanMotionAction
+from skiros2_std_skills.core import driver_names as names
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel

@@ -10,18 +10,9 @@ from typing import NamedTuple
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_sim_skills.core.places import (
-    Box,
-    ancestors,
-    box_of,
-    contents,
-    has_size,
-    is_on,
-    parent_of,
-    pose_in_scene,
-    size_of,
-)
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
+from skiros2_std_reasoners.core.places import Box, box_of, contents, is_on
+from skiros2_std_reasoners.core.scene_poses import ancestors, has_size, parent_of, pose_in_scene, size_of
 
 log = logging.getLogger(__name__)
 

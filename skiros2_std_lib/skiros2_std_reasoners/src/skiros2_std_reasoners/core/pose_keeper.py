@@ -17,8 +17,8 @@ from typing import Protocol
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldChange
+from skiros2_motion.core.geometry import Pose, composed
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, composed
 from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, continued, frame_of
 
 log = logging.getLogger(__name__)

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose, Vector, composed, rotated
 from skiros2_std_reasoners.core import spatial_data as data
-from skiros2_std_reasoners.core.geometry import Pose, Vector, composed, rotated
 
 
 @dataclass(frozen=True)

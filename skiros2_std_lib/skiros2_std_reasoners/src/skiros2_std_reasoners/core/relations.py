@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, angle_between
+from skiros2_motion.core.geometry import IDENTITY, Pose, angle_between
 
 #: Before, meets, overlaps, starts, during, finishes, equal, and the inverses.
 INTERVAL_RELATIONS = ("p", "m", "o", "s", "d", "f", "eq", "pi", "mi", "oi", "si", "di", "fi")

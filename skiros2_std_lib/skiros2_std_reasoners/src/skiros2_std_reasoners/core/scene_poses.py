@@ -7,8 +7,8 @@ import math
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed
 
 SCENE = "skiros:Scene"
 #: The relations from a parent to its children.

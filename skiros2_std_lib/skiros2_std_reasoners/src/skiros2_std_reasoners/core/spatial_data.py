@@ -8,7 +8,7 @@ from typing import Any
 
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, normalized
+from skiros2_motion.core.geometry import IDENTITY, Pose, normalized
 
 POSITION = ("skiros:PositionX", "skiros:PositionY", "skiros:PositionZ")
 ORIENTATION = ("skiros:OrientationX", "skiros:OrientationY", "skiros:OrientationZ", "skiros:OrientationW")

@@ -12,8 +12,8 @@ from geometry_msgs.msg import PoseStamped, Transform, TransformStamped
 
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose, from_euler, to_euler
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
 from skiros2_std_reasoners.ros.transforms import transform_message
 
 _POSE = (*space.POSITION, *space.ORIENTATION)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tf2_msgs.msg import TFMessage
 
-from skiros2_std_reasoners.core.geometry import Pose, Vector
+from skiros2_motion.core.geometry import Pose, Vector
 
 _STAMP_AT = 4  # after the sequence number
 _POSITION_SIZE = 24

@@ -12,7 +12,7 @@ import rospy
 import tf2_py
 from geometry_msgs.msg import TransformStamped
 
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, normalized
+from skiros2_motion.core.geometry import IDENTITY, Pose, normalized
 from skiros2_std_reasoners.ros.packed_transforms import IncomingMessage, PackedMessage
 
 #: Timeout of a lookup right after subscribing to tf (s).

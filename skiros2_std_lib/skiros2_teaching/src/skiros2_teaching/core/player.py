@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-from skiros2_contact_skills.core.compliant_arm import ArmState, CompliantArm
-from skiros2_sim.core.arm_kinematics import distances
-from skiros2_teaching.core.taught_path import GripperEvent
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
+from skiros2_motion.core.gripper import Gripper, GripperEvent
 from skiros2_teaching.core.timed_motion import TimedMotion
 
 #: Progress codes of failures: the tool does not follow its reference, does not arrive, the gripper fails.
@@ -19,27 +19,6 @@ _MAX_LAG, _MAX_TURN_LAG = 0.05, 0.4
 _RESTING, _SETTLING = 0.3, 2.0
 #: Time in which a gripper has to end a command (s).
 _GRIPPING = 15.0
-
-
-class Gripper(Protocol):
-    """A gripper. Called by the thread that ticks skills; no method blocks."""
-
-    def command(self, width: float, effort: float) -> None:
-        """Moves the fingers to a distance (m) with a maximum force (N; 0 for the driver's default)."""
-        ...
-
-    def result(self) -> str | None:
-        """Returns None while the last command is executed; "" after success, stalled fingers included; otherwise why it
-        failed."""
-        ...
-
-    def commands(self) -> Sequence[GripperEvent]:
-        """Returns the commands by whatever client since this gripper was connected."""
-        ...
-
-    def close(self) -> None:
-        """Cancels a running command, and disconnects."""
-        ...
 
 
 class Failure(NamedTuple):

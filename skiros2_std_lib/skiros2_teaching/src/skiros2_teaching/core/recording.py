@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_contact_skills.core.compliant_arm import ArmState
-from skiros2_std_reasoners.core.geometry import Pose
-from skiros2_teaching.core.taught_path import MAX_SAMPLES, GripperEvent, Sample, TaughtPath
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.gripper import GripperEvent
+from skiros2_teaching.core.taught_path import MAX_SAMPLES, Sample, TaughtPath
 
 #: Time without a new state after which the sensor counts as stale (s).
 STALE = 1.0

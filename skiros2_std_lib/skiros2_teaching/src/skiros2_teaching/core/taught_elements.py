@@ -20,9 +20,9 @@ from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_sim_skills.core.places import parent_of
+from skiros2_motion.core.geometry import Pose, normalized
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import Pose, normalized
+from skiros2_std_reasoners.core.scene_poses import parent_of
 from skiros2_teaching.core.taught_path import TaughtPath
 from skiros2_world_model.core.changes import Operation, Remove, added_elements, written
 from skiros2_world_model.core.changeset import ChangeSet

@@ -22,7 +22,8 @@ from scipy.interpolate import CubicSpline, make_smoothing_spline
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, normalized
+from skiros2_motion.core.geometry import Pose, composed, inverted, normalized
+from skiros2_motion.core.gripper import GripperEvent
 
 Array = npt.NDArray[np.float64]
 
@@ -50,19 +51,6 @@ class Sample(NamedTuple):
 
     time: float
     pose: Pose
-
-
-class GripperEvent(NamedTuple):
-    """A command to the gripper.
-
-    :param time: since the start of the path, or by the clock of the arms during a recording (s).
-    :param width: between the fingers (m).
-    :param effort: maximum force (N); 0 for the driver's default.
-    """
-
-    time: float
-    width: float
-    effort: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

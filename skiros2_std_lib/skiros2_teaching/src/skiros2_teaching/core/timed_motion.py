@@ -12,9 +12,10 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.arm_kinematics import between, distances
-from skiros2_std_reasoners.core.geometry import Pose
-from skiros2_teaching.core.taught_path import GripperEvent, TaughtPath
+from skiros2_motion.core.arm_kinematics import between, distances
+from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.gripper import GripperEvent
+from skiros2_teaching.core.taught_path import TaughtPath
 
 Array = npt.NDArray[np.float64]
 

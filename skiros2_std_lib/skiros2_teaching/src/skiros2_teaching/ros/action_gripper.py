@@ -12,8 +12,8 @@ from actionlib_msgs.msg import GoalStatus
 from control_msgs.msg import GripperCommandAction, GripperCommandActionGoal, GripperCommandGoal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.connections import ServerWatch
-from skiros2_sim.core.names import GRIPPER, part_name, robot_name
-from skiros2_teaching.core.taught_path import GripperEvent
+from skiros2_motion.core.gripper import GripperEvent
+from skiros2_std_skills.core.driver_names import GRIPPER, part_name, robot_name
 
 #: Time in which the server has to connect (s of wall time).
 _CONNECTING = 5.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.spiral import Spiral, SpiralGoal
+from skiros2_motion.core.spiral import Spiral, SpiralGoal
 
 DT = 0.001
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from skiros2_motion.core.gripper import GripperEvent
+from skiros2_motion.core.motion import State
 from skiros2_sim.core import gripper as fingers
-from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
-from skiros2_teaching.core.taught_path import GripperEvent
 
 
 class SimulatedGripper:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_contact_skills.insertion_study import InsertionStudy
+from skiros2_learning.local.insertion_study import InsertionStudy
 
 pytestmark = pytest.mark.timeout(180)
 

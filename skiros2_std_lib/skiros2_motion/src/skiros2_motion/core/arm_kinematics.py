@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 import PyKDL
 
-from skiros2_sim.core.motion import Pieces, complete
-from skiros2_std_reasoners.core.geometry import Pose, angle_between, normalized
+from skiros2_motion.core.geometry import Pose, angle_between, normalized
+from skiros2_motion.core.motion import Pieces, complete
 
 Array = npt.NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Names of driver interfaces, and postures of arms, from elements of the world model.
 
-Default names follow the rules of `skiros2_sim.core.names`.
+Default names follow the rules of `skiros2_std_skills.core.driver_names`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TypeGuard, TypeVar
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_sim.core.names import Address, part_name, robot_name
+from skiros2_std_skills.core.driver_names import Address, part_name, robot_name
 
 J = TypeVar("J", list[object], dict[str, object])
 

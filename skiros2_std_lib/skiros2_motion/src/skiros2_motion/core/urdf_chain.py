@@ -7,8 +7,8 @@ import xml.etree.ElementTree as xml
 from typing import NamedTuple
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_sim.core.arm_kinematics import ArmKinematics, ChainJoint
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, from_euler
+from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
 
 _MOVING = ("revolute", "continuous", "prismatic")
 

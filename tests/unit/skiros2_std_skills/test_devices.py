@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skiros2_common.core.world_element import Element
-from skiros2_sim_skills.core.devices import opening, posture
+from skiros2_std_skills.core.devices import opening, posture
 
 
 def arm_with(prefix: str) -> Element:

@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.arm_kinematics import between
-from skiros2_sim.core.numbers import finite
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, conjugated, multiplied, rotated
+from skiros2_motion.core.arm_kinematics import between
+from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, rotated
+from skiros2_motion.core.numbers import finite
 
 Array = npt.NDArray[np.float64]
 

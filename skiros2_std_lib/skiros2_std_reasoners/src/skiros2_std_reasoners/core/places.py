@@ -8,8 +8,7 @@ from typing import NamedTuple
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import (
+from skiros2_motion.core.geometry import (
     Pose,
     Quaternion,
     Vector,
@@ -19,9 +18,8 @@ from skiros2_std_reasoners.core.geometry import (
     multiplied,
     rotated,
 )
-from skiros2_std_reasoners.core.scene_poses import SPATIAL, ancestors, has_size, parent_of, pose_in_scene, size_of
-
-__all__ = ["ancestors", "has_size", "parent_of", "pose_in_scene", "size_of"]
+from skiros2_std_reasoners.core import spatial_data as space
+from skiros2_std_reasoners.core.scene_poses import SPATIAL, parent_of, pose_in_scene, size_of
 
 CONTAIN = "skiros:contain"
 CONTAINER_STATE = "skiros:ContainerState"

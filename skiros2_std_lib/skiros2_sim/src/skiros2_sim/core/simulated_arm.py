@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from skiros2_common.core.errors import Refused
-from skiros2_contact_skills.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
+from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
+from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
+from skiros2_motion.core.impedance import MAX_WRENCH, checked
+from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.impedance import MAX_WRENCH, checked
-from skiros2_sim.core.spiral import SpiralGoal
-from skiros2_std_reasoners.core.geometry import Pose, Vector, composed, inverted
 
 
 class SimulatedArm:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skiros2_sim.core.motion import Pieces
+from skiros2_motion.core.motion import Pieces
 
 Array = npt.NDArray[np.float64]
 

@@ -22,18 +22,18 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills import contact_motions, free_motions, insertion
 from skiros2_contact_skills.arms import provided_arms
 from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt
-from skiros2_contact_skills.core.simulated_arm import SimulatedArm
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted, multiplied
+from skiros2_motion.core.motion import State as MotionState
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
-from skiros2_sim.core.motion import State as MotionState
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.scene_spec import SceneSpec
+from skiros2_sim.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.world import World
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
-from skiros2_sim_skills.core.places import move_in_world_model
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted, multiplied
+from skiros2_std_reasoners.core.places import move_in_world_model
 
 #: Of the sources, or else of the installed package.
 _FOLDERS = (Path(__file__).parents[2], *Path(__file__).parents)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skiros2_std_reasoners.core.geometry import (
+from skiros2_motion.core.geometry import (
     IDENTITY,
     Pose,
     angle_between,

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim.core.numbers import finite
-from skiros2_sim.core.spiral import SpiralGoal
-from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, normalized, rotated
+from skiros2_motion.core.geometry import Pose, Quaternion, Vector, normalized, rotated
+from skiros2_motion.core.numbers import finite
+from skiros2_motion.core.spiral import SpiralGoal
 
 Wrench = tuple[float, float, float, float, float, float]
 

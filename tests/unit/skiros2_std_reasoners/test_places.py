@@ -7,9 +7,10 @@ import math
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_sim_skills.core.places import Box, grasp_of, in_grasp, is_on, pose_in_scene, release_of
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, half_extents, rotated
 from skiros2_skill.testing import SkillBench
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, half_extents, rotated
+from skiros2_std_reasoners.core.places import Box, grasp_of, in_grasp, is_on, release_of
+from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 
 AHEAD: Vector = (1.0, 0.0, 0.0)
 CUBE = (0.05, 0.05, 0.05)

@@ -41,7 +41,7 @@ async def served_app(app: FastAPI, limits: Limits | None = None) -> AsyncIterato
 
 async def curl(address: str, path: str, *options: str, token: str = "", body: Any = None) -> tuple[int, Any]:
     """Returns the status and the JSON answer of a request."""
-    command = ["curl", "-sS", "-m", "20", "-w", "\n%{http_code}", *options, address + path]
+    command = ["curl", "-sS", "-m", "60", "-w", "\n%{http_code}", *options, address + path]
     if token:
         command += ["-H", f"Authorization: Bearer {token}"]
     if body is not None:

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 from pydantic import ValidationError
@@ -22,8 +21,6 @@ from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.twin import element_data
 from skiros2_gateway.core.work_masters import WorkMaster
-from skiros2_gateway.http import app
-from skiros2_gateway.http.server import Limits
 from support.http_gateway import curl, served
 from unit.skiros2_gateway.conftest import TOKENS
 
@@ -184,92 +181,12 @@ def test_denied_requests_do_not_fill_the_audit_log(in_gateway: Run) -> None:
 def test_header_of_a_proxy_does_not_hide_an_address(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with served(gateway.service) as address:
-            found = [
-                (await curl(address, "/api/state", "-H", f"X-Forwarded-For: 10.0.0.{number}", token="guess"))[0]
-                for number in range(25)
-            ]
-            assert found.count(429) >= 3
-
-    in_gateway(test)
-
-
-# -- connections -------------------------------------------------------------------------------------------------------
-
-
-async def silent(address: str, count: int) -> list[Any]:
-    """Opens connections that send nothing."""
-    url = urlsplit(address)
-    return [await asyncio.open_connection(url.hostname, url.port) for _ in range(count)]
-
-
-async def answered(writer: Any, reader: Any, text: bytes) -> bytes:
-    writer.write(text)
-    return await asyncio.wait_for(reader.read(100), 10.0)
-
-
-def test_silent_connections_leave_room_for_requests(in_gateway: Run) -> None:
-    async def test(gateway: Any) -> None:
-        async with served(gateway.service, limits=Limits(of_address=20)) as address:
-            opened = await silent(address, 1005)
-            assert (await curl(address, "/api/health"))[0] == 200
-            assert (await curl(address, "/api/health", "--interface", "127.0.0.2"))[0] == 200
-            for _, writer in opened:
-                writer.close()
-
-    in_gateway(test)
-
-
-def test_silent_connections_of_many_addresses_leave_room_for_requests(in_gateway: Run) -> None:
-    async def test(gateway: Any) -> None:
-        async with served(gateway.service, limits=Limits(of_address=20, total=50)) as address:
-            url = urlsplit(address)
-            opened = [
-                await asyncio.open_connection(url.hostname, url.port, local_addr=(f"127.0.1.{number}", 0))
-                for number in range(1, 100)
-            ]
-            assert (await curl(address, "/api/health"))[0] == 200
-            for _, writer in opened:
-                writer.close()
-
-    in_gateway(test)
-
-
-def test_requests_of_one_address_leave_room_for_others(in_gateway: Run) -> None:
-    async def test(gateway: Any) -> None:
-        async with served(gateway.service, limits=Limits(of_address=20)) as address:
-            opened = await silent(address, 20)
-            for reader, writer in opened:  # each has sent a request: none is closed for others
-                assert b" 401 " in await answered(writer, reader, b"GET /api/state HTTP/1.1\r\nHost: a\r\n\r\n")
-            assert (await curl(address, "/api/health", "--interface", "127.0.0.2"))[0] == 200
-            reader, writer = (await silent(address, 1))[0]
-            assert await asyncio.wait_for(reader.read(), 10.0) == b""
-            for _, writer in opened:
-                writer.close()
-
-    in_gateway(test)
-
-
-@pytest.mark.parametrize("begin", [b"", b"GET /api/hea", b"GET /api/health HTTP/1.1\r\nHost: a\r\n\r\nGET /api"])
-def test_connection_without_the_head_of_a_request_is_closed(in_gateway: Run, begin: bytes) -> None:
-    async def test(gateway: Any) -> None:
-        async with served(gateway.service, limits=Limits(head=0.2)) as address:
-            ((reader, writer),) = await silent(address, 1)
-            writer.write(begin)
-            assert begin.startswith(await asyncio.wait_for(reader.read(), 10.0)) or begin.count(b"GET") == 2
-            writer.close()
-
-    in_gateway(test)
-
-
-def test_body_that_does_not_arrive_is_refused(in_gateway: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(app, "BODY_TIMEOUT", 0.2)
-
-    async def test(gateway: Any) -> None:
-        async with served(gateway.service) as address:
-            ((reader, writer),) = await silent(address, 1)
-            head = f"POST /api/jobs HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer {TOKENS['operate']}\r\n"
-            head += "Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{"
-            assert b" 408 " in await answered(writer, reader, head.encode())
-            writer.close()
+            found = await asyncio.gather(
+                *(
+                    curl(address, "/api/state", "-H", f"X-Forwarded-For: 10.0.0.{number}", token="guess")
+                    for number in range(60)
+                )
+            )
+            assert {status for status, _ in found} == {401, 429}
 
     in_gateway(test)

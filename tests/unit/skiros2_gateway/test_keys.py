@@ -117,3 +117,13 @@ def test_wrong_keys_are_rejected_and_old_ones_forgotten(in_gateway: Run) -> None
                 await keys.once("operate", "refused", [], refuse)
 
     in_gateway(test)
+
+
+def test_answer_to_a_question_is_not_kept_with_its_key(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            for path, body in (("/api/world/query", {"query": "SELECT ?s {?s ?p ?o}"}), ("/api/plan", {"goal": "(x)"})):
+                assert (await curl(address, path, *KEY, token=TOKEN, body=body))[0] == 200
+                assert gateway.store.find_key("operate", "k") is None, "answers are large: viewers would fill the disk"
+
+    in_gateway(test)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import shutil
 import time
 from collections.abc import AsyncIterator, Callable
@@ -10,6 +11,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 
@@ -157,6 +159,39 @@ def test_history_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) 
             assert early["state"] == "running"
             assert 0 < len(early["log"]) < len(end["log"])
             assert (await live.get("/api/live/bags/other.bag"))[0] == 404
+
+    in_gateway(test)
+
+
+def test_strange_files_between_the_bags_hide_none(in_gateway: Run, tmp_path: Path) -> None:
+    shutil.copy(BAG, tmp_path / "run #1 100%?.bag")
+    for name, target in (("gone.bag", "/nothing"), ("circle.bag", "circle.bag"), ("zeros.bag", "/dev/zero")):
+        (tmp_path / name).symlink_to(target)
+    (tmp_path / "folder.bag").mkdir()
+    os.mkfifo(tmp_path / "pipe.bag")
+    (tmp_path / os.fsdecode(b"latin-\xe9.bag")).write_bytes(b"")
+
+    async def test(gateway: Any) -> None:
+        async with _live(gateway, bags=tmp_path) as live:
+            names = [bag["name"] for bag in (await live.get("/api/live/bags"))[1]["bags"]]
+            assert sorted(names) == ["latin-\\xe9.bag", "run #1 100%?.bag"]
+            status, problem = await live.get(f"/api/live/bags/{quote(names[0])}")
+            assert (status, problem["code"]) == (409, "error")  # it is empty
+            opened = (await live.get(f"/api/live/bags/{quote('run #1 100%?.bag')}"))[1]
+            for key in opened["runs"]:
+                assert (await live.get(f"/api/live/runs/{quote(key)}"))[0] == 200
+
+    in_gateway(test)
+
+
+def test_user_who_waits_for_bags_asks_for_no_more(in_gateway: Run, tmp_path: Path) -> None:
+    shutil.copy(BAG, tmp_path / "cell.bag")
+
+    async def test(gateway: Any) -> None:
+        async with _live(gateway, bags=tmp_path) as live:
+            found = await asyncio.gather(*(live.get("/api/live/bags/cell.bag") for _ in range(4)))
+            assert sorted(status for status, _ in found) == [200, 200, 429, 429]
+            assert (await live.get("/api/live/bags/cell.bag"))[0] == 200
 
     in_gateway(test)
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -54,7 +55,8 @@ class _Port:
 
 @asynccontextmanager
 async def _port(gateway: Any) -> AsyncIterator[_Port]:
-    stops, users, entries = _Stops(), Users(), []
+    stops, entries = _Stops(), []
+    users = Users(entries.append)
     users.by_digest = gateway.service.stop_digests()
     async with served_app(create_stop_app(stops, users, entries.append)) as address:  # type: ignore[arg-type]
         yield _Port(address, stops, users, entries)
@@ -217,5 +219,32 @@ def test_digests_are_those_of_tokens_that_may_command(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         digests = {hashlib.sha256(TOKENS[name].encode()).hexdigest() for name in ("operate", "approve", "maintain")}
         assert gateway.service.stop_digests().keys() == digests
+
+    in_gateway(test)
+
+
+def test_large_body_is_refused_before_it_has_arrived(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _port(gateway) as port:
+            url = urlsplit(port.address)
+            reader, writer = await asyncio.open_connection(url.hostname, url.port)
+            head = "POST /api/robots/stop HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\n"
+            writer.write(f"{head}Content-Length: 100000000\r\n\r\n".encode() + b"[" * 1_000_000)
+            assert b" 413 " in await asyncio.wait_for(reader.readline(), 10.0)
+            writer.close()
+            assert (await port.send(token=TOKENS["operate"]))[0] == 200
+
+    in_gateway(test)
+
+
+def test_failed_logins_are_audited_in_few_entries(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _port(gateway) as port:
+            for _ in range(5):
+                assert (await port.send(token="guess"))[0] == 401
+            [entry] = port.entries
+            assert (entry["user"], entry["action"], entry["object"]) == ("", "log in", "127.0.0.1")
+            port.users.close()
+            assert "4 more" in port.entries[1]["outcome"]
 
     in_gateway(test)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,8 +41,11 @@ class Bags:
 
     def list(self) -> list[dict[str, Any]]:
         """Returns name, size (bytes) and time of the last change (s since the epoch) of each bag, the newest first."""
-        found = [(path, path.stat()) for path in self._paths().values()]
-        data = [{"name": self._name(path), "size": stat.st_size, "time": stat.st_mtime} for path, stat in found]
+        data = []
+        for name, path in self._paths().items():
+            with suppress(OSError):  # it was removed meanwhile
+                stat = path.stat()
+                data.append({"name": name, "size": stat.st_size, "time": stat.st_mtime})
         return sorted(data, key=lambda bag: bag["time"], reverse=True)
 
     def open(self, name: str) -> dict[str, Any]:
@@ -93,8 +98,18 @@ class Bags:
         return bag, runs[number]
 
     def _paths(self) -> dict[str, Path]:
-        return {self._name(path): path for path in self._folder.rglob("*.bag")} if self._folder else {}
+        """Returns the files by name; no links to nowhere, pipes or devices. What is no UTF-8 is written as codes."""
+        found: dict[str, Path] = {}
+        if self._folder is None:
+            return found
+        for path in filter(_is_file, self._folder.rglob("*.bag")):
+            name = "~".join(path.relative_to(self._folder).parts)
+            found[os.fsencode(name).decode("utf-8", "backslashreplace")] = path
+        return found
 
-    def _name(self, path: Path) -> str:
-        assert self._folder is not None
-        return "~".join(path.relative_to(self._folder).parts)
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a link in a circle
+        return False

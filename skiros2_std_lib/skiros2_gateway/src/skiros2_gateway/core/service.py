@@ -21,8 +21,8 @@ from skiros2_gateway.core.store import JobStore
 
 T = TypeVar("T")
 
-#: How many plans a user may ask for at once.
-MAX_PLANS = 2
+#: How many plans a user may ask for at once, and how many bags.
+_AT_ONCE = 2
 
 #: What can be done with all tasks of a robot.
 ROBOT_ACTIONS = ("stop", "pause", "resume")
@@ -48,7 +48,7 @@ class Service:
         self.events = events
         self.sessions = Sessions(store, access)
         self.keys = Keys(store)
-        self._planning: Counter[str] = Counter()
+        self._waiting: Counter[tuple[str, str]] = Counter()
         self.approvals = approvals or Approvals(events)
 
     def stop_digests(self) -> dict[str, str]:
@@ -140,16 +140,28 @@ class Service:
     def planning(self, caller: Caller) -> Iterator[None]:
         """Counts and checks a request for a plan, which costs much, and lasts until the plan is there.
 
-        :raises TooMany: the user waits for `MAX_PLANS` others.
+        :raises TooMany: the user waits for two others.
         """
         self.view(caller, Role.OPERATE, "plan")
-        if self._planning[caller.user] >= MAX_PLANS:
-            raise TooMany(f"{caller.user} waits for {MAX_PLANS} plans already", 1.0)
-        self._planning[caller.user] += 1
+        with self._few_at_once(caller.user, "plans"):
+            yield
+
+    @contextmanager
+    def reading_bag(self, caller: Caller) -> Iterator[None]:
+        """Counts and checks a request that reads a bag, as `planning` does; bags are read one after the other."""
+        self.view(caller)
+        with self._few_at_once(caller.user, "bags"):
+            yield
+
+    @contextmanager
+    def _few_at_once(self, user: str, what: str) -> Iterator[None]:
+        if self._waiting[user, what] >= _AT_ONCE:
+            raise TooMany(f"{user} waits for {_AT_ONCE} {what} already", 1.0)
+        self._waiting[user, what] += 1
         try:
             yield
         finally:
-            self._planning[caller.user] -= 1
+            self._waiting[user, what] -= 1
 
     def state(self, caller: Caller) -> dict[str, Any]:
         """Returns the state of the cell as JSON data: see `GET /api/state` in `skiros2_gateway.http.app`."""

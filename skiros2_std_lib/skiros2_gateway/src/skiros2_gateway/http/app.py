@@ -34,17 +34,13 @@ authenticated caller) and `ServiceArg` (the model).
 
 from __future__ import annotations
 
-import asyncio
 import logging
-import time
 from collections.abc import AsyncIterator, Sequence
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Body, FastAPI, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict
-from starlette.exceptions import HTTPException
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_gateway.core.access import Role
@@ -52,18 +48,13 @@ from skiros2_gateway.core.job import Method, Order
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
 from skiros2_gateway.http import models
+from skiros2_gateway.http.body_limit import MAX_BODY, BodyLimit
 from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
 from skiros2_gateway.http.deadlines import Deadlines
-from skiros2_gateway.http.errors import EVENTS, add_error_handlers, answers, describe, on_http_error, on_skiros_error
+from skiros2_gateway.http.errors import EVENTS, add_error_handlers, answers, describe, on_skiros_error
 from skiros2_gateway.http.once import Once
 
 log = logging.getLogger(__name__)
-
-#: The largest body of a request (bytes).
-MAX_BODY = 256 * 1024
-#: The longest time for the body of a request (s).
-BODY_TIMEOUT = 30.0
-
 
 def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: int = MAX_BODY) -> FastAPI:
     """Returns the application.
@@ -80,55 +71,8 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     add_error_handlers(app)
     app.add_middleware(Once, on_error=on_skiros_error)
     app.add_middleware(Deadlines, on_error=on_skiros_error)
-    app.add_middleware(_Limits, max_body=max_body)
+    app.add_middleware(BodyLimit, max_body=max_body)
     return app
-
-
-class _Limits:
-    """Refuses large bodies, and sets the headers that protect pages."""
-
-    def __init__(self, app: ASGIApp, max_body: int) -> None:
-        self._app = app
-        self._max_body = max_body
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        received, is_complete, ended = 0, False, time.monotonic() + BODY_TIMEOUT
-
-        async def limited() -> Message:
-            nonlocal received
-            nonlocal is_complete
-            if is_complete:  # nothing but the end of the connection
-                return await receive()
-            try:
-                message = await asyncio.wait_for(receive(), ended - time.monotonic())
-            except TimeoutError:
-                raise HTTPException(408, f"the body has not arrived within {BODY_TIMEOUT:g} s") from None
-            is_complete = not message.get("more_body", False)
-            received += len(message.get("body", b""))
-            if received > self._max_body:
-                raise HTTPException(413, f"the body has more than {self._max_body} bytes")
-            return message
-
-        async def guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], *_HEADERS]
-            await send(message)
-
-        try:
-            await self._app(scope, limited, guarded)
-        except HTTPException as error:  # the body was read before a route was found
-            await (await on_http_error(Request(scope), error))(scope, receive, send)
-
-
-_HEADERS = [
-    (b"x-content-type-options", b"nosniff"),
-    (b"x-frame-options", b"DENY"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"cache-control", b"no-store"),
-]
 
 
 # -- the routes --------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import Depends, Request
+from starlette.types import Scope
 
 from skiros2_gateway.core.access import AGENTS, Caller
 from skiros2_gateway.core.problems import Unauthenticated
@@ -29,17 +30,33 @@ def caller_of(request: Request) -> Caller:
     """
     access, address, token = service_of(request).access, address_of(request), token_of(request)
     if token:
-        return access.authenticate(token, "rest", address)
+        return _known(request, access.authenticate(token, "rest", address))
     if COOKIE in request.cookies:
         if request.method not in ("GET", "HEAD") and request.headers.get("x-gateway") != "1":
             raise Unauthenticated("a command with the cookie needs the header X-Gateway: 1")
-        return service_of(request).sessions.caller(request.cookies[COOKIE])
+        return _known(request, service_of(request).sessions.caller(request.cookies[COOKIE]))
     return access.authenticate("", "rest", address)
 
 
 def agent_of(request: Request) -> Caller:
     """Returns the authenticated caller of agents' tools; raises like `caller_of`. A page's cookie is not valid here."""
-    return service_of(request).access.authenticate(token_of(request), AGENTS, address_of(request))
+    access = service_of(request).access
+    return _known(request, access.authenticate(token_of(request), AGENTS, address_of(request)))
+
+
+def _known(request: Request, caller: Caller) -> Caller:
+    set_known(request)
+    return caller
+
+
+def set_known(request: Request) -> None:
+    """Notes that a request has valid credentials: its connection stays where others have to give way."""
+    request.state.is_known = True
+
+
+def is_known(scope: Scope) -> bool:
+    """Returns whether a request was found to have valid credentials."""
+    return bool(scope.get("state", {}).get("is_known"))
 
 
 def address_of(request: Request) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable
 
 from starlette.requests import Request
@@ -24,6 +25,7 @@ class Deadlines:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         text = dict(scope["headers"]).get(b"x-deadline") if scope["type"] == "http" else None
+        set_deadline(math.inf)  # the context may be that of the connection's last request
         if text is not None:
             try:
                 set_deadline(read_deadline(text.decode("latin-1")))

@@ -7,16 +7,17 @@ from typing import Any, Literal
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
-from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
+from skiros2_bags.core.bag_file import BagError
 from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, field_problems
 
 _STATUS: tuple[tuple[type[SkirosError], int], ...] = (
     (Rejected, 422), (Denied, 403), (Unauthenticated, 401), (TooMany, 429), (UnknownName, 404), (Conflict, 409),
-    (Refused, 409), (TimedOut, 503), (WrongValue, 422),
+    (Refused, 409), (BagError, 409), (TimedOut, 503), (WrongValue, 422),
 )  # fmt: skip
 
 _MEDIA_TYPE = "application/problem+json"
@@ -90,10 +91,10 @@ def add_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, on_http_error)
 
 
-def problem(status: int, code: str, detail: str, **more: Any) -> JSONResponse:
+def problem(status: int, code: str, detail: str, **more: Any) -> Response:
     """Returns an answer with problem details."""
     data = {"title": code.replace("_", " "), "status": status, "code": code, "detail": detail, **more}
-    return JSONResponse(data, status, media_type=_MEDIA_TYPE)
+    return Response(json_text(data), status, media_type=_MEDIA_TYPE)  # also of names that are no UTF-8
 
 
 async def on_skiros_error(_: Request, error: Exception) -> Response:

@@ -106,13 +106,13 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
     async def list_bags(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
         """The recorded runs: {bags: [{name, size, time}]}, the newest first."""
         service.view(caller)
-        return {"bags": bags.list()}
+        return {"bags": await asyncio.to_thread(bags.list)}
 
     @router.get("/bags/{name}", responses=answers(models.BagContent, 404, 405, 409))
     async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
         """The runs of trees in a bag by key, see `run_view.summary_data`, its goals and signals."""
-        service.view(caller)
-        return _json(await asyncio.to_thread(bags.open, name))
+        with service.reading_bag(caller):
+            return _json(await asyncio.to_thread(bags.open, name))
 
     @router.get("/runs/{key:path}/why", responses=answers(models.Why, 404, 405, 409))
     async def why(caller: CallerArg, service: ServiceArg, key: str) -> dict[str, Any]:
@@ -138,10 +138,11 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
     @router.get("/runs/{key:path}/scene", responses=answers(models.Scene, 404, 405))
     async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat) -> Response:
         """Elements and robots at a time."""
+        if key.startswith("bag/"):
+            with service.reading_bag(caller):
+                return _json(await asyncio.to_thread(bags.scene_at, key, time, cell.recorded_view()))
         service.view(caller)
         find(key)
-        if key.startswith("bag/"):
-            return _json(await asyncio.to_thread(bags.scene_at, key, time, cell.recorded_view()))
         return _json(view.scenes.at(time))
 
     @router.get("/runs/{key:path}", responses=answers(models.RunAt, 404, 405))

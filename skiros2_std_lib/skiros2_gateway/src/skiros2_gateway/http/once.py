@@ -15,6 +15,8 @@ from skiros2_common.core.errors import SkirosError, TimedOut
 from skiros2_gateway.http.callers import caller_of, service_of
 
 HEADER = "idempotency-key"
+#: Questions: their answers, which may be large, are not kept.
+_QUESTIONS = ("/api/plan", "/api/world/query")
 #: Answered commands with these status codes may have been carried out, or are yet.
 _UNKNOWN = (500, 503, 504)
 
@@ -54,7 +56,8 @@ class Once:
             caller, service = caller_of(request), service_of(request)
             query = scope["query_string"].decode("latin-1")
             command = [scope["method"], scope["path"], query, hashlib.sha256(body).hexdigest()]
-            answer = await service.keys.once(caller.user, key, command, carry_out)
+            is_kept = scope["path"] not in _QUESTIONS
+            answer = await service.keys.once(caller.user, key, command, carry_out, is_kept=is_kept)
             if not is_first:
                 service.access.count(caller)
             response = _response(answer)

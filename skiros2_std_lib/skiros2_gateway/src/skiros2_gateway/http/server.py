@@ -15,8 +15,11 @@ from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_gateway.http.callers import is_known
 
 log = logging.getLogger(__name__)
+# uvicorn warns of each wrong request: clients could fill the log
+logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
 
 #: Time for open requests at the end (s).
 GRACE = 1.0
@@ -26,10 +29,10 @@ _PAUSE = 1.0
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits on connections.
+    """Limits on connections. One more takes the place of an old one that carries no request of a known user.
 
-    :param of_address: connections of one address. One more takes the place of its oldest that has sent no request.
-    :param total: connections of all addresses. One more takes the place of one that has sent no request.
+    :param of_address: connections of one address.
+    :param total: connections of all addresses.
     :param head: time from the first byte, or the begin of the connection, to the end of a request's head (s).
     """
 
@@ -61,6 +64,7 @@ class HttpServer:
             lifespan="off",
             timeout_graceful_shutdown=int(GRACE),
             h11_max_incomplete_event_size=32 * 1024,
+            ws="none",  # a WebSocket would escape the limits
             proxy_headers=False,  # any client on this machine could send them, and so appear under any address
             **tls,
         )
@@ -112,7 +116,7 @@ class HttpServer:
                 sock.close()
 
     def _has_room(self, host: str) -> bool:
-        """Returns whether a connection may be added; closes one that was silent so far if that makes room."""
+        """Returns whether a connection may be added; closes one without a request of a known user to make room."""
         groups = list(self._connections.values())
         if len(self._connections.get(host, [])) >= self._limits.of_address:
             groups = [self._connections[host]]
@@ -120,7 +124,7 @@ class HttpServer:
             return True
         for group in groups:
             for each in group:
-                if not each.has_request and each.task is not None:
+                if not each.is_needed and each.task is not None:
                     group.remove(each)
                     each.task.cancel()
                     return True
@@ -161,9 +165,13 @@ class _Connection(H11Protocol):
         super().__init__(config, state, {})
         self._head = head
         self._timer: asyncio.TimerHandle | None = None
-        self.has_request = False
         self.lost = asyncio.Event()
         self.task: asyncio.Task[None] | None = None
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether it carries a request of a known user that is not answered yet, such as a stream."""
+        return self.cycle is not None and not self.cycle.response_complete and is_known(self.scope)
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -172,7 +180,6 @@ class _Connection(H11Protocol):
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
         if self.cycle is not None and not self.cycle.response_complete:
-            self.has_request = True
             self._cancel()
         elif self._timer is None:
             self._expect_head()

@@ -16,8 +16,10 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_gateway.core.access import RateLimit
 from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.core.problems import Denied, Unauthenticated
+from skiros2_gateway.core.refusals import Refusals
 from skiros2_gateway.core.service import ROBOT_ACTIONS
-from skiros2_gateway.http.callers import COOKIE, address_of, token_of
+from skiros2_gateway.http.body_limit import BodyLimit
+from skiros2_gateway.http.callers import COOKIE, address_of, set_known, token_of
 from skiros2_gateway.http.deadlines import Deadlines
 from skiros2_gateway.http.errors import add_error_handlers, on_skiros_error
 from skiros2_gateway.ros.robot_stops import RobotStops
@@ -30,11 +32,21 @@ Audit = Callable[[dict[str, str]], None]
 
 
 class Users:
-    """Who may stop robots: user names by the SHA-256 of tokens and of the secrets of sessions."""
+    """Who may stop robots: user names by the SHA-256 of tokens and of the secrets of sessions.
 
-    def __init__(self) -> None:
+    Call `close` at the end.
+
+    :param audit: gets failed logins: of those of a minute the first, and how many followed.
+    """
+
+    def __init__(self, audit: Audit) -> None:
         self.by_digest: dict[str, str] = {}
+        self._refusals = Refusals(lambda entry: audit(dict(entry)))
         self._failures: dict[str, RateLimit] = {}
+
+    def close(self) -> None:
+        """Writes what is only counted so far."""
+        self._refusals.write_ended(also_open=True)
 
     def authenticate(self, request: Request) -> tuple[str, str]:
         """Returns the user and the way.
@@ -43,6 +55,7 @@ class Users:
         :raises TooMany: there were too many of these from this address.
         """
         token, cookie = token_of(request), request.cookies.get(COOKIE, "")
+        way = "rest" if token else "browser"
         if not token and cookie and request.headers.get("x-gateway") != "1":
             raise Unauthenticated("a command with the cookie needs the header X-Gateway: 1")
         secret = (token or cookie).encode("utf-8", "surrogatepass")
@@ -51,9 +64,13 @@ class Users:
             if len(self._failures) >= _MAX_ADDRESSES:
                 self._failures.clear()
             limit = RateLimit(_FAILURES_RATE, _FAILURES_BURST)
+            reason = "the token or session is unknown here, or its user may not command"
+            entry = {"user": "", "way": way, "action": "log in", "object": address_of(request), "outcome": reason}
+            self._refusals.add(entry)
             self._failures.setdefault(address_of(request), limit).take()
-            raise Unauthenticated("the token or session is unknown here, or its user may not command")
-        return user, "rest" if token else "browser"
+            raise Unauthenticated(reason)
+        set_known(request)
+        return user, way
 
 
 class _Robots(BaseModel):
@@ -74,7 +91,7 @@ class _Origins:
             return
         request = Request(scope)
         origin = request.headers.get("origin")
-        headers: list[tuple[bytes, bytes]] = [(b"cache-control", b"no-store"), (b"vary", b"Origin")]
+        headers: list[tuple[bytes, bytes]] = [(b"vary", b"Origin")]
         if origin is not None:
             if _host(origin) != _host(f"//{request.headers.get('host', '')}"):
                 error = Denied(f"the request comes from a page of {origin[:100]!r}")
@@ -111,6 +128,7 @@ def create_stop_app(stops: RobotStops, users: Users, audit: Audit) -> FastAPI:
     add_error_handlers(app)
     app.add_middleware(Deadlines, on_error=on_skiros_error)
     app.add_middleware(_Origins)
+    app.add_middleware(BodyLimit)
 
     @app.get("/api/health")
     async def health() -> dict[str, Any]:

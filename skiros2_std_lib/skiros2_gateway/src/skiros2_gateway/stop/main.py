@@ -36,8 +36,12 @@ async def _serve(output: int) -> None:
     # The transport keeps what the gateway does not read at once: a gateway that hangs delays no stop.
     writer, _ = await loop.connect_write_pipe(asyncio.Protocol, os.fdopen(output, "wb"))
     settings: dict[str, Any] = json.loads(await reader.readline())
-    stops, users = RobotStops(), Users()
-    app = create_stop_app(stops, users, lambda entry: writer.write(json.dumps(entry).encode() + b"\n"))
+
+    def audit(entry: dict[str, str]) -> None:
+        writer.write(json.dumps(entry).encode() + b"\n")
+
+    stops, users = RobotStops(), Users(audit)
+    app = create_stop_app(stops, users, audit)
     limits = Limits(of_address=settings["connections"])
     sock = socket.socket(fileno=settings["socket"])
     server = HttpServer(app, sock, settings["certificate"], settings["key"], limits)
@@ -46,6 +50,7 @@ async def _serve(output: int) -> None:
         state = json.loads(line)
         users.by_digest = state["users"]
         stops.set_robots(state["robots"])
+    users.close()
     stops.close()
     await server.stop(at_once=True)
 

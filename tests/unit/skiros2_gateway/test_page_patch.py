@@ -15,10 +15,12 @@ from support.source import ROOT
 
 PATCH_JS = ROOT / "skiros2_std_lib/skiros2_gateway/web/src/patch.js"
 PROGRAM = """
-import { applyPatch } from %s;
+import { applyPatch, withoutPrototypes } from %s;
 const [document, patch] = JSON.parse(process.argv[1]);
+if (document.goals) withoutPrototypes(document);
 applyPatch(document, patch);
-process.stdout.write(JSON.stringify({ document, polluted: ({}).admin ?? ({}).a ?? null }));
+const inherited = ["constructor", "toString"].filter((name) => document.goals?.[name]);
+process.stdout.write(JSON.stringify({ inherited, document, polluted: ({}).admin ?? ({}).a ?? null }));
 """
 
 pytestmark = pytest.mark.skipif(
@@ -47,4 +49,10 @@ def test_patch_changes_the_document_only(patch: dict[str, Any]) -> None:
     document: dict[str, Any] = {"elements": {"x": {"y": 1}}}
     found = patched(document, patch)
     apply_patch(document, patch)
-    assert found == {"document": document, "polluted": None}
+    assert (found["document"], found["polluted"]) == (document, None)
+
+
+def test_table_has_no_entry_that_the_gateway_has_not_sent() -> None:
+    """A job may be named `constructor`, and its goal be missing."""
+    found = patched({"goals": {"a": {}}}, {"goals": {"b": {}}})
+    assert found["inherited"] == []

@@ -1,7 +1,7 @@
 // The connection to the gateway: the document of the live view, followed by patches, and requests.
 
 import { localName, notice } from "./dom.js";
-import { applyPatch } from "./patch.js";
+import { applyPatch, withoutPrototypes } from "./patch.js";
 import { Stream } from "./stream_client.js";
 
 // An answer with problem details (RFC 9457).
@@ -116,6 +116,7 @@ export class Cell extends EventTarget {
       return;
     }
     ({ document: this.document, role: this.role, user: this.user, person: this.person, styles: this.styles, stop_port: this.stopPort } = answer);
+    withoutPrototypes(this.document);
     clockOffset = -Infinity; // another gateway has another clock
     this.#hear(answer.clock);
     this.#offset = answer.time - Date.now() / 1000;

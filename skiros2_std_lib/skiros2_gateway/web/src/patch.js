@@ -18,3 +18,8 @@ export function applyPatch(target, patch) {
 function set(target, key, value) {
   Object.defineProperty(target, key, { value, writable: true, enumerable: true, configurable: true });
 }
+
+// Has the tables of a document inherit nothing: an entry named `constructor` exists only if the gateway has sent it.
+export function withoutPrototypes(document) {
+  for (const table of Object.values(document)) Object.setPrototypeOf(table, null);
+}

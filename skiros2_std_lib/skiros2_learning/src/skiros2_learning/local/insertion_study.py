@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+import skiros2_contact_skills
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.signals import Signal
@@ -36,7 +37,7 @@ from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.places import move_in_world_model
 
 #: Of the sources, or else of the installed package.
-_FOLDERS = (Path(__file__).parents[2], *Path(__file__).parents)
+_FOLDERS = (Path(skiros2_contact_skills.__file__).parents[2], *Path(skiros2_contact_skills.__file__).parents)
 SCENE = next(
     file
     for folder in _FOLDERS

@@ -15,6 +15,7 @@ from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeElement
 from skiros2_skill.core.runtime.request import JsonValues, SkillRequest, make_nodes
+from skiros2_skill.core.skill import RetryOnFail
 from skiros2_skill.ros.utils import SkillHolder, deserialize_skill
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.value_table import CHANGES, WAYS, Outcome, check, furnish, seen_by
@@ -193,6 +194,65 @@ def test_several_assigned_elements_are_passed_on_whole(doors):
     )
     task = doors.run(doors.node("FindAll"), doors.node("Tell"))
     assert message(task, "Tell") == str([doors.element(label).id for label in ("pantry", "fridge")])
+
+
+@rule("blackboard", "An element that `specify` or a default gives only names the one to use: it is read at the start",
+      better="also when its holder has changed it and has not written that")  # fmt: skip
+@pytest.mark.parametrize("way", ["specify", "default"])
+def test_unwritten_changes_of_a_given_element_are_not_seen(doors, way):
+    pantry = doors.element("pantry")
+    pantry.setProperty("skiros:CadModel", "broken")
+    default = pantry if way == "default" else Element("skiros:Product")
+    told = []
+    doors.load(
+        primitive(
+            "Look", ("Object", default, ParamTypes.Required),
+            execute=lambda skill: skill.success(told.append(skill.params["Object"].value.value_of("skiros:CadModel"))),
+        )
+    )  # fmt: skip
+    assert doors.run(doors.node("Look", **({"Object": pantry} if way == "specify" else {}))).state is State.Success
+    assert told == ["closed"]
+
+
+@rule("blackboard", "A parameter with elements as default shares the list on the blackboard that has their ids",
+      better="also if these were inferred: changes in place are seen")  # fmt: skip
+def test_a_given_element_that_was_inferred_before_is_shared(doors):
+    fridge, told = doors.element("fridge"), []
+
+    def dent(skill):
+        skill.params["Object"].value.setProperty("skiros:Value", "dented")
+        return skill.success()
+
+    def tell(skill):
+        told.append(skill.params["Object"].value.value_of("skiros:Value"))
+        return skill.success()
+
+    doors.load(
+        primitive("Dent", product(), execute=dent), primitive("Tell", product(kind=ParamTypes.Required), execute=tell)
+    )
+    assert doors.run(doors.node("Dent"), doors.node("Tell", Object=fridge)).state is State.Success
+    assert told == ["dented"]
+
+
+@rule(
+    "blackboard", "A skill that fails because what it writes is gone leaves no element that is gone on the blackboard"
+)
+def test_a_refused_write_drops_the_elements_that_are_gone(doors):
+    def use_or_lose(skill):
+        element = skill.params["Object"].value
+        if element.label == "fridge":
+            doors.wmi.remove_element(element.id)
+        element.setProperty("skiros:Value", "used")
+        skill.params["Object"].value = element
+        return skill.success()
+
+    doors.load(
+        primitive("Use", product(kind=ParamTypes.Required), execute=use_or_lose),
+        compound("Twice", lambda self, skill: (skill.setProcessor(RetryOnFail(1)), skill(self.skill("Use")))),
+    )
+    task = doors.run(doors.node("Twice"))
+    assert task.state is State.Success, task.why
+    assert doors.element("pantry").value_of("skiros:Value") == "used"
 
 
 # -- writes ------------------------------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ class PaintWall(SkillDescription):
 
 class OpenDoor(SkillDescription):
     def createDescription(self):
-        self.addParam("Door", Element("skiros:Product"), ParamTypes.Required)
+        self.addParam("Door", Element("skiros:Product"), ParamTypes.Inferred)
         self.addParam("Place", Element("skiros:Location"), ParamTypes.Inferred)
         self.addPreCondition(self.getRelationCond("DoorAtPlace", "skiros:contain", "Place", "Door", True))
         self.addPreCondition(self.getRelationCond("RobotAtPlace", "skiros:at", "Robot", "Place", True))

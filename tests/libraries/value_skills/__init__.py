@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamTypes
@@ -60,6 +61,25 @@ class use_optional(_Use):
 
 class use_inferred(_Use):
     described = _describe("UseInferred", ParamTypes.Inferred, wanted=True)
+
+
+class use_late(_Use):
+    """Writes the element after another author has changed it, within one `execute`."""
+
+    described = _describe("UseLate", ParamTypes.Required)
+
+    def execute(self):
+        element, gate = self.params["Object"].value, _gate(self._wmi)
+        gate.setProperty(MODEL, "read")
+        self._wmi.update_element(gate)
+        deadline = time.monotonic() + 20.0
+        while not _gate(self._wmi).hasProperty(WEIGHT):
+            if time.monotonic() > deadline:
+                return self.fail("nobody has opened the gate", -1)
+            time.sleep(0.01)
+        element.setProperty(MODEL, "used")
+        self.params["Object"].value = element
+        return self.success()
 
 
 class Gate(SkillDescription):

@@ -191,6 +191,15 @@ class ElementContent:
         """A new element that shares this one's content, copied on write; its `changes` start from here."""
         return self.shared(self._type, self._label, self._id, self._props, self._rels, self._version)
 
+    def as_read(self) -> Self:
+        """A view of the content that a world model has returned, without the changes since; of its own, if none has."""
+        if self._original is None:
+            return self.view()
+        return self.shared(
+            self._original.type, self._original.label, self._id, self._original.properties, self._original.relations,
+            self._version,
+        )  # fmt: skip
+
     def copy(self) -> Self:
         """A copy that shares no mutable data."""
         copy = self.__class__.__new__(self.__class__)

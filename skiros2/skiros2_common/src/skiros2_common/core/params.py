@@ -437,5 +437,5 @@ def _is_same(value: Any, default: Any) -> bool:
 def _copied(value: Any) -> Any:
     """A copy of a value of a mutable type; another value itself."""
     if isinstance(value, Element):
-        return value.view()
+        return value.as_read()
     return deepcopy(value) if isinstance(value, (dict, list, set)) else value

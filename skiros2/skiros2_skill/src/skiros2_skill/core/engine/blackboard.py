@@ -149,7 +149,8 @@ class Blackboard:
                 continue
             if slot.default_ids is not None and slot.default_ids != [v.id for v in values if isinstance(v, Element)]:
                 continue
-            if slot.is_element and entry.origin is not Origin.GIVEN and param.paramType is not ParamTypes.Optional:
+            is_open = slot.is_element and slot.default_ids is None and param.paramType is not ParamTypes.Optional
+            if is_open and entry.origin is not Origin.GIVEN:
                 if not is_start:
                     if entry.origin is Origin.INFERRED and param.is_bound() and _ids(values) != _ids(param.current):
                         continue
@@ -259,7 +260,7 @@ def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandl
     params: dict[str, Param] = {}
     slots = []
     for key, param in declared._params.items():
-        own = param.checked_or_log([_view(v) for v in specified.pop(key)]) if key in specified else None
+        own = param.checked_or_log([_as_read(v) for v in specified.pop(key)]) if key in specified else None
         if own is None:
             params[key] = param = param.at_default()
         else:
@@ -288,8 +289,8 @@ def add_slots(node: SkillWrapper, slots: list[Slot]) -> None:
     node.element_slots = [slot for slot in slots if slot.is_element]
 
 
-def _view(value: Any) -> Any:
-    return value.view() if isinstance(value, Element) else value
+def _as_read(value: Any) -> Any:
+    return value.as_read() if isinstance(value, Element) else value  # an element only names the one to use
 
 
 # -- provenance, for explanations ------------------------------------------------------------------------------------

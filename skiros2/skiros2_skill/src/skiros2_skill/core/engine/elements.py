@@ -120,12 +120,18 @@ def unwritten_elements(slots: list[Slot]) -> Iterator[Element]:
 
 
 def discard_changes(slots: list[Slot], wmi: WorldModelPort) -> None:
-    """Discards a skill's local changes of elements by reading them again."""
+    """Discards a skill's local changes of elements by reading them again. Elements that are gone are dropped."""
     for slot in slots:
-        values = slot.param.current
+        values, gone = slot.param.current, []
         for index, element in enumerate(values):
-            if element.id and element.may_be_changed:
-                values[index] = wmi.find_element(element.id) or element
+            if element.id:
+                found = wmi.find_element(element.id)
+                if found is None:
+                    gone.append(element)
+                else:
+                    values[index] = found
+        if gone:
+            slot.drop(gone)
 
 
 def _has_changes(element: Element) -> bool:

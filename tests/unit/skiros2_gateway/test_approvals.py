@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 from collections.abc import Callable
 from typing import Any
 
@@ -13,18 +14,22 @@ from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 
 from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.access import Caller, Role
 from skiros2_gateway.core.approvals import MAX_OPEN, MAX_OPEN_OF_USER, Approvals, Request
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.users import User
-from support.http_gateway import curl
+from skiros2_gateway.http.server import Limits
+from support.http_gateway import curl, served
 from support.stand_in_cell import ROBOT, STEP
-from unit.skiros2_gateway.conftest import TOKENS
+from unit.skiros2_gateway.conftest import PERSONS, TOKENS
 from unit.skiros2_gateway.test_agents import GOAL, answered, connected, waiting
 
 Run = Callable[..., None]
 SKILL = {"robot": ROBOT, "skill": "place", "parameters": {"Tray": "Tray-1"}}
 ASKED = Request({"goal": "(at robot home)"})
+#: Of Linux; not in Python's `socket`.
+_TCP_REPAIR = 19
 
 
 def caller(name: str, role: Role = Role.AGENT, *, person: bool = False) -> Caller:
@@ -110,6 +115,76 @@ def test_request_whose_client_was_killed_is_withdrawn(in_gateway: Run) -> None:
     in_gateway(test)
 
 
+@pytest.mark.parametrize("change", ["removed", "token", "role"])
+def test_request_of_a_revoked_agent_is_withdrawn(in_gateway: Run, change: str) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            users = {n: User(name=n, role=n, token=t, person=n in PERSONS) for n, t in TOKENS.items()}
+            if change == "removed":
+                del users["agent"]
+            else:
+                new = {"token": "another-0123456789"} if change == "token" else {"role": "view"}
+                users["agent"] = users["agent"].model_copy(update=new)
+            call = asyncio.create_task(agent.call("execute", **GOAL))
+            (approval,) = await waiting(gateway)
+            gateway.service.set_users(list(users.values()))
+            assert "may not ask for it any more" in (await call)["detail"]
+            path = f"/api/approvals/{approval.id}/approve"
+            assert (await curl(agent.address, path, "-X", "POST", token=TOKENS["approve"]))[0] == 404
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+def test_agent_that_is_revoked_while_its_plan_is_made_asks_for_nothing(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        is_planning, may_end, plan = asyncio.Event(), asyncio.Event(), gateway.cell.plan
+
+        async def slow_plan(goal: str, quality: str = "") -> dict[str, Any]:
+            is_planning.set()
+            await may_end.wait()
+            return dict(await plan(goal, quality))
+
+        gateway.cell.plan = slow_plan
+        async with connected(gateway, "agent", is_needed=False) as agent:
+            call = asyncio.create_task(agent.call("execute", **GOAL))
+            await is_planning.wait()
+            gateway.service.set_users([User(name="boss", role="maintain", token="boss-0123456789abcdef")])
+            may_end.set()
+            assert (await call)["code"] == "unauthenticated"
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+def test_request_of_a_client_without_power_is_withdrawn(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        gateway.service.approvals = Approvals(gateway.events)
+        server = AgentServer(gateway.service)
+        limits = Limits(silence=4)
+        async with server.running(), served(gateway.service, routers=[server.router()], limits=limits) as address:
+            call = {"name": "execute", "arguments": GOAL}
+            body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": call})
+            head = [
+                "POST /mcp HTTP/1.1", f"Host: {address[7:]}", "Accept: application/json, text/event-stream",
+                f"Authorization: Bearer {TOKENS['agent']}", "Content-Type: application/json",
+                f"Content-Length: {len(body)}",
+            ]  # fmt: skip
+            host, port = address[7:].split(":")
+            client = socket.create_connection((host, int(port)))
+            await asyncio.to_thread(client.sendall, ("\r\n".join([*head, "", body])).encode())
+            await waiting(gateway)
+            try:
+                client.setsockopt(socket.IPPROTO_TCP, _TCP_REPAIR, 1)  # it is closed without a word to the server
+            except PermissionError:
+                pytest.skip("needs CAP_NET_ADMIN")
+            client.close()
+            await waiting(gateway, 0)
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
 def test_request_whose_client_has_timed_out_is_withdrawn(in_gateway: Run, mode: str) -> None:
     async def test(gateway: Any) -> None:
@@ -180,9 +255,7 @@ def test_open_requests_are_limited() -> None:
     async def test() -> None:
         approvals = Approvals(EventStream())
         names = [f"agent-{i}" for i in range(MAX_OPEN // MAX_OPEN_OF_USER + 1)]
-        asking = [
-            asyncio.create_task(approvals.request(caller(name), ASKED)) for name in names for _ in range(20)
-        ]
+        asking = [asyncio.create_task(approvals.request(caller(name), ASKED)) for name in names for _ in range(20)]
         refused = [task for task in asking if not await is_waiting(task)]
         assert len(approvals.open) == MAX_OPEN
         assert len(refused) == len(asking) - MAX_OPEN

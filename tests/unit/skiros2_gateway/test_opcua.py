@@ -112,6 +112,28 @@ def test_job_is_stored_started_and_its_response_requested(in_server: Run) -> Non
     in_server(test)
 
 
+def test_command_with_a_key_is_carried_out_once(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        def key(text: str) -> list[ua.LocalizedText]:
+            return [ua.LocalizedText("again"), ua.LocalizedText(text, "x-key")]
+
+        async with Mes(gateway.address) as mes:
+            await mes.load()
+            for _ in range(2):
+                assert await mes.call("StoreAndStart", order("keyed"), key("store")) == 0
+            gateway.cell.run("keyed")
+            assert await mes.call("Pause", "keyed", key("pause")) == 0
+            assert await mes.call("Resume", "keyed", key("resume")) == 0
+            assert await mes.call("Pause", "keyed", NO_COMMENT) == 0
+            assert await mes.call("Resume", "keyed", key("resume")) == 0  # a call that was lost
+            assert gateway.state("keyed") == "Interrupted/Held"
+            assert await mes.call("Abort", "keyed", key("resume")) == NOT_ACCEPTED  # the key of another command
+            history = gateway.store.history("keyed")
+            assert [e["comment"] for e in history if e["method"] == "Resume"] == ["again"]
+
+    in_server(test)
+
+
 def test_refused_call_returns_its_status_and_changes_nothing(in_server: Run) -> None:
     async def test(gateway: Any) -> None:
         async with Mes(gateway.address) as mes:

@@ -78,6 +78,21 @@ def test_operator_stops_robots_and_it_is_audited(in_gateway: Run) -> None:
     in_gateway(test)
 
 
+def test_resumption_with_a_key_is_carried_out_once_and_a_stop_each_time(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _port(gateway) as port:
+            key, token = ("-H", "Idempotency-Key: k"), TOKENS["operate"]
+            assert (await port.send(*key, action="resume", token=token, robots=["/silent"]))[0] == 503
+            unknown = await port.send(*key, action="resume", token=token, robots=["/silent"])
+            assert (unknown[0], unknown[1]["code"]) == (409, "conflict")  # it may have been carried out
+            for _ in range(2):
+                assert await port.send("-H", "Idempotency-Key: r", action="resume", token=token) == (200, {"/robot": 2})
+                assert await port.send("-H", "Idempotency-Key: s", action="stop", token=token) == (200, {"/robot": 2})
+            assert [command[0] for command in port.stops.commands] == ["resume", "stop", "stop"]
+
+    in_gateway(test)
+
+
 @pytest.mark.parametrize("role", ["", "view", "agent", "unknown"])
 def test_others_stop_nothing(in_gateway: Run, role: str) -> None:
     async def test(gateway: Any) -> None:

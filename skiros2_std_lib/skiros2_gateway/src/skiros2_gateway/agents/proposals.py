@@ -26,7 +26,7 @@ class Proposals:
 
     def __init__(self, service: Service) -> None:
         self._control = service.control
-        self._approvals = service.approvals
+        self._service = service
 
     async def propose(self, caller: Caller, wanted: Propose) -> dict[str, Any]:
         """Applies a proposal once it is approved, as a whole, and retries the job or skill if that is wanted.
@@ -67,14 +67,14 @@ class Proposals:
         }  # fmt: skip
         shown = {"failure": failure, **(asked.shown if asked is not None else {})}
         robots = asked.robots if asked is not None else ()
-        by = await self._approvals.request(caller, Request(runs, shown, robots, wanted.reason), by_person=True)
+        by = await self._service.approval(caller, Request(runs, shown, robots, wanted.reason), by_person=True)
         if edits:
             await uninterrupted(self._control.cell.apply_edits(edits, preview))
         result: dict[str, Any] = {"changes": list(preview.lines), "retried": None, "why": ""}
         try:
             if retry is not None and asked is None:
                 asked = await self._start_request(retry, f"again, after the approved changes: {wanted.reason}")
-                by = await self._approvals.request(caller, asked)
+                by = await self._service.approval(caller, asked)
             if asked is not None:
                 result["retried"] = await uninterrupted(self._start(caller, retry, asked, by))
         except SkirosError as error:  # the world model has changed; the caller has to know that

@@ -52,7 +52,6 @@ class Tools:
 
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._approvals = service.approvals
         self._proposals = Proposals(service)
         made = (
             Tool("list_skills", "The skills of the robots, and schemas of parameters.", ListSkills, self._skills),
@@ -95,7 +94,7 @@ class Tools:
             self._service.view(caller)
         key = getattr(read, "key", "")
         command = [name, read.model_dump(mode="json")]
-        return await self._service.keys.once(caller.user, key, command, lambda: tool.call(caller, read))
+        return await self._service.once(caller, key, command, lambda: tool.call(caller, read))
 
     # -- reading -----------------------------------------------------------------------------------------------
 
@@ -170,7 +169,7 @@ class Tools:
             known = control.find(order)
             if known is None:
                 asked = await valid_plan(control, order, arguments.reason)
-                by = await self._approvals.request(caller, asked)
+                by = await self._service.approval(caller, asked)
                 approved = {"plan": asked.runs["plan"], "digest": asked.digest, "by": by}
                 put = control.put(order, caller.user, f"approved by {by}", start=True, approved=approved)
                 known, _ = await uninterrupted(put)
@@ -180,7 +179,7 @@ class Tools:
             return await self._service.command(caller, "execute", order.id, execute)
 
         # a client that repeats a lost call shares the approval that waits, by the job's id
-        return await self._service.keys.once(caller.user, f"job {order.id}", order.digest, command, is_kept=False)
+        return await self._service.once(caller, f"job {order.id}", order.digest, command, is_kept=False)
 
     async def _run_skill(self, caller: Caller, arguments: Execute) -> Any:
         robot, skill, parameters = arguments.robot, arguments.skill, arguments.parameters
@@ -188,7 +187,7 @@ class Tools:
         async def execute() -> Any:
             control = self._service.control
             asked = await valid_start(control, robot, skill, parameters, arguments.reason)
-            await self._approvals.request(caller, asked)
+            await self._service.approval(caller, asked)
             return {"robot": robot, "task": await uninterrupted(start_approved(control, asked))}
 
         return await self._service.command(caller, "execute", f"{robot} {skill}", execute)
@@ -208,6 +207,4 @@ class Tools:
 
     async def _propose(self, caller: Caller, arguments: Propose) -> Any:
         thing = arguments.job or f"{arguments.robot} task {arguments.task}"
-        return await self._service.command(
-            caller, "propose", thing, lambda: self._proposals.propose(caller, arguments)
-        )
+        return await self._service.command(caller, "propose", thing, lambda: self._proposals.propose(caller, arguments))

@@ -7,6 +7,7 @@ import hashlib
 import json
 import secrets
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -75,6 +76,13 @@ class Approval:
         }
 
 
+@dataclass(frozen=True)
+class _Open:
+    approval: Approval
+    caller: Caller
+    answer: asyncio.Future[tuple[str, bool]]
+
+
 class Approvals:
     """The open requests. To be used in the thread of the gateway's loop.
 
@@ -86,11 +94,11 @@ class Approvals:
         self._events = events
         self._is_needed = is_needed
         self._timeout = timeout
-        self._open: dict[str, tuple[Approval, asyncio.Future[tuple[str, bool]]]] = {}
+        self._open: dict[str, _Open] = {}
 
     @property
     def open(self) -> list[Approval]:
-        return [approval for approval, _ in self._open.values()]
+        return [each.approval for each in self._open.values()]
 
     async def request(self, caller: Caller, asked: Request, *, by_person: bool = False) -> str:
         """Publishes an event `approval` and waits for an answer. Returns the name of the user who approves.
@@ -108,7 +116,7 @@ class Approvals:
         now = time.time()
         approval = Approval(secrets.token_hex(8), caller.user, asked, now, now + self._timeout)
         answer: asyncio.Future[tuple[str, bool]] = asyncio.get_running_loop().create_future()
-        self._open[approval.id] = approval, answer
+        self._open[approval.id] = _Open(approval, caller, answer)
         self._events.publish("approval", approval.to_dict())
         outcome = "withdrawn: the client has gone"
         try:
@@ -117,6 +125,9 @@ class Approvals:
         except TimeoutError:
             outcome = f"nobody has approved it within {self._timeout:g} s"
             raise Refused(outcome) from None
+        except Refused as error:
+            outcome = str(error)
+            raise
         finally:
             self._open.pop(approval.id, None)
             self._events.publish("approval", {"id": approval.id, "ended": outcome})
@@ -134,7 +145,7 @@ class Approvals:
         """
         if approval_id not in self._open:
             raise UnknownName(f"approval {approval_id!r} is not open; open: {', '.join(self._open) or 'none'}")
-        approval, answer = self._open[approval_id]
+        approval, answer = self._open[approval_id].approval, self._open[approval_id].answer
         if not caller.person:
             raise Denied(f"{caller.user} is not marked as a person; only persons answer")
         if caller.user == approval.user:
@@ -146,3 +157,9 @@ class Approvals:
         del self._open[approval_id]
         answer.set_result((caller.user, is_approved))
         return approval
+
+    def withdraw(self, is_revoked: Callable[[Caller], bool]) -> None:
+        """Withdraws the requests of callers whose credentials or role were revoked."""
+        for each in list(self._open.values()):
+            if is_revoked(each.caller) and not each.answer.done():
+                each.answer.set_exception(Refused(f"withdrawn: {each.caller.user} may not ask for it any more"))

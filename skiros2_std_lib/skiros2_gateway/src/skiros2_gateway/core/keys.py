@@ -7,17 +7,18 @@ import json
 import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from skiros2_common.core.errors import Conflict, SkirosError, TimedOut
 from skiros2_gateway.core.approvals import digest_of
 from skiros2_gateway.core.problems import Problem, Rejected, StoreFailed
-from skiros2_gateway.core.store import JobStore
 
 log = logging.getLogger(__name__)
 
 #: The longest key.
 MAX_KEY = 200
+#: How many keys a `KeyMemory` has.
+MAX_IN_MEMORY = 2000
 
 
 @dataclass
@@ -27,6 +28,40 @@ class _Running:
     waiting: int = 0
 
 
+class KeyStore(Protocol):
+    """Where keys are written to. Its methods raise `StoreFailed`."""
+
+    def put_key(self, user: str, key: str, digest: str) -> None: ...
+
+    def answer_key(self, user: str, key: str, answer: str) -> None: ...
+
+    def delete_key(self, user: str, key: str) -> None: ...
+
+    def find_key(self, user: str, key: str) -> tuple[str, str] | None: ...
+
+
+class KeyMemory:
+    """A store of the newest keys that ends with its process."""
+
+    def __init__(self) -> None:
+        self._keys: dict[tuple[str, str], tuple[str, str]] = {}
+
+    def put_key(self, user: str, key: str, digest: str) -> None:
+        self._keys[user, key] = digest, ""
+        while len(self._keys) > MAX_IN_MEMORY:
+            del self._keys[next(iter(self._keys))]
+
+    def answer_key(self, user: str, key: str, answer: str) -> None:
+        if (user, key) in self._keys:
+            self._keys[user, key] = self._keys[user, key][0], answer
+
+    def delete_key(self, user: str, key: str) -> None:
+        self._keys.pop((user, key), None)
+
+    def find_key(self, user: str, key: str) -> tuple[str, str] | None:
+        return self._keys.get((user, key))
+
+
 class Keys:
     """The keys of all users. To be used in the thread of the gateway's loop.
 
@@ -34,7 +69,7 @@ class Keys:
     restart of the gateway either.
     """
 
-    def __init__(self, store: JobStore) -> None:
+    def __init__(self, store: KeyStore) -> None:
         self._store = store
         self._running: dict[tuple[str, str], _Running] = {}
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_gateway.core.access import Access, Caller, Role
-from skiros2_gateway.core.approvals import Approvals
+from skiros2_gateway.core.access import Access, Caller, Role, User
+from skiros2_gateway.core.approvals import Approvals, Request
 from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Job, Method, read_order
@@ -64,12 +64,48 @@ class Service:
             raise Unauthenticated("the session has ended; log in again")
         return self.access.renew(caller)
 
-    def is_admitted(self, caller: Caller) -> bool:
-        """Whether a caller who was admitted earlier, such as that of a stream, still may read."""
+    def is_admitted(self, caller: Caller, role: Role = Role.VIEW) -> bool:
+        """Whether a caller who was admitted earlier, such as that of a stream, still has a role: may read."""
         try:
-            return self.renew(caller).level >= Role.VIEW
+            return self.renew(caller).level >= role
         except (Unauthenticated, Denied):
             return False
+
+    def set_users(self, users: Sequence[User]) -> None:
+        """Replaces the users, and withdraws what those ask for who may not command any more."""
+        self.access.set_users(users)
+        self.approvals.withdraw(lambda caller: not self.is_admitted(caller, Role.OPERATE))
+
+    async def approval(self, caller: Caller, asked: Request, *, by_person: bool = False) -> str:
+        """Waits until a request is approved; see `Approvals.request`. Returns the name of the user who approves.
+
+        :raises Unauthenticated, Denied: the caller was revoked, while the request was made or waited.
+        """
+        self.access.check(self.renew(caller), Role.OPERATE, "ask for an approval")
+        by = await self.approvals.request(caller, asked, by_person=by_person)
+        self.access.check(self.renew(caller), Role.OPERATE, "ask for an approval")
+        return by
+
+    async def once(
+        self, caller: Caller, key: str, command: Any, do: Callable[[], Awaitable[T]], *, is_kept: bool = True
+    ) -> T:
+        """Carries out a command once for each idempotency key of a user, and counts repeated ones; see `Keys.once`.
+
+        :param do: counts the command itself, as all methods do.
+        """
+        is_first = False
+
+        async def carry_out() -> T:
+            nonlocal is_first
+            is_first = True
+            return await do()
+
+        try:
+            answer: T = await self.keys.once(caller.user, key, command, carry_out, is_kept=is_kept)
+        finally:
+            if not is_first:
+                self.access.count(caller)
+        return answer
 
     # -- commands ----------------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 from fastapi import Request, Response
@@ -44,23 +45,14 @@ class Once:
             body = await request.body()
         except ClientDisconnect:
             return
-        is_first = False
-
-        async def carry_out() -> dict[str, Any]:
-            nonlocal is_first
-            is_first = True
-            return await _answer_of(self._app, scope, body)
-
         response: Response
         try:
             caller, service = caller_of(request), service_of(request)
             query = scope["query_string"].decode("latin-1")
             command = [scope["method"], scope["path"], query, hashlib.sha256(body).hexdigest()]
             is_kept = scope["path"] not in _QUESTIONS
-            answer = await service.keys.once(caller.user, key, command, carry_out, is_kept=is_kept)
-            if not is_first:
-                service.access.count(caller)
-            response = _response(answer)
+            carry_out = partial(_answer_of, self._app, scope, body)
+            response = _response(await service.once(caller, key, command, carry_out, is_kept=is_kept))
         except _Refused as error:
             response = _response(error.answer)
         except _Unknown as error:

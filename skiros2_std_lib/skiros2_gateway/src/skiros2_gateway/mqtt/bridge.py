@@ -136,7 +136,7 @@ class MqttBridge:
             caller = self._authenticate(method, message, data)
             key, wanted = str(data.get("key", "")), [method, *(data.get(field) for field in _FIELDS)]
             work = partial(self._apply, caller, method, data)
-            answer: dict[str, Any] = await self._service.keys.once(caller.user, key, wanted, work)
+            answer: dict[str, Any] = await self._service.once(caller, key, wanted, work)
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             answer = {"ok": False, "error": {"code": error.code, "detail": str(error), "problems": problems}}

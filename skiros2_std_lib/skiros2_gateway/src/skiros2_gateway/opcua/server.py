@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ipaddress
+import json
 import logging
 import socket
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,9 @@ log = logging.getLogger(__name__)
 logging.getLogger("asyncua").setLevel(logging.WARNING)
 
 APPLICATION = "urn:skiros2:gateway"
+
+#: The locale of the comment that is the idempotency key of a command. A private tag (BCP 47): no language has it.
+KEY_LOCALE = "x-key"
 
 #: The bits of `ReturnStatus`.
 UNKNOWN_JOB, INVALID_STATE, NOT_ACCEPTED = 1, 2, 4
@@ -208,28 +212,43 @@ class OpcuaServer:
 
     def _on_order(self, method: Method) -> Callable[..., Coroutine[Any, Any, Any]]:
         async def call(order: Any, comment: Any = None) -> Any:
-            try:
-                caller = _current_caller()
+            async def carry_out() -> None:
                 if method is Method.UPDATE:
-                    await self._service.update(caller, order_data(order), _text(comment))
+                    await self._service.update(caller, data, text)
                 else:
-                    start = method is Method.STORE_AND_START
-                    await self._service.put(caller, order_data(order), _text(comment), start=start)
+                    await self._service.put(caller, data, text, start=method is Method.STORE_AND_START)
+
+            try:
+                caller, text, data = _current_caller(), _text(comment), order_data(order)
+                return await self._once(caller, method, json.dumps([data, text], default=str), comment, carry_out)
             except SkirosError as error:
                 return _status(method, error)
-            return [ua.Variant(0, ua.VariantType.UInt64)]
 
         return call
 
     def _on_method(self, method: Method) -> Callable[..., Coroutine[Any, Any, Any]]:
         async def call(job_id: str, comment: Any = None) -> Any:
+            async def carry_out() -> None:
+                self._service.apply(caller, method, job_id, text)
+
             try:
-                self._service.apply(_current_caller(), method, job_id, _text(comment))
+                caller, text = _current_caller(), _text(comment)
+                return await self._once(caller, method, json.dumps([job_id, text]), comment, carry_out)
             except SkirosError as error:
                 return _status(method, error)
-            return [ua.Variant(0, ua.VariantType.UInt64)]
 
         return call
+
+    async def _once(
+        self, caller: Caller, method: Method, command: str, comment: Any, carry_out: Callable[[], Awaitable[None]]
+    ) -> list[ua.Variant]:
+        """Carries out a command once for each idempotency key; see `KEY_LOCALE`. Returns the outputs of the method.
+
+        :raises SkirosError: see `Keys.once`.
+        """
+        key = next((text.Text or "" for text in comment or [] if text.Locale == KEY_LOCALE), "")
+        await self._service.once(caller, key, [method, command], carry_out)
+        return [ua.Variant(0, ua.VariantType.UInt64)]
 
     async def _response_by_id(self, job_id: str) -> list[ua.Variant]:
         self._service.view(_current_caller())
@@ -308,7 +327,7 @@ def _objects(values: list[Any]) -> ua.Variant:
 
 
 def _text(comment: list[ua.LocalizedText] | None) -> str:
-    return " ".join(text.Text or "" for text in comment or [])
+    return " ".join(text.Text or "" for text in comment or [] if text.Locale != KEY_LOCALE)
 
 
 def _host(host: str) -> str:
@@ -321,5 +340,3 @@ def _free_port(host: str) -> int:
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         probe.bind((host, 0))
         return int(probe.getsockname()[1])
-
-

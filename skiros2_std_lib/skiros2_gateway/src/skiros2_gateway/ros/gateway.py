@@ -98,7 +98,7 @@ async def _serve(settings: Settings) -> None:
         stack.callback(control.close)
         control.start(cell)
         rospy.on_shutdown(end)
-        stack.callback(loop.create_task(users.follow(access.set_users)).cancel)
+        stack.callback(loop.create_task(users.follow(service.set_users)).cancel)
         stack.callback(loop.create_task(keep_days(store, settings.keep_days)).cancel)
         if settings.http_port >= 0:
             sock = await _listen(settings, settings.http_port)

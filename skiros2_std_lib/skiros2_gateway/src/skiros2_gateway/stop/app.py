@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_gateway.core.access import RateLimit
 from skiros2_gateway.core.deadline import remaining
+from skiros2_gateway.core.keys import KeyMemory, Keys
 from skiros2_gateway.core.problems import Denied, Unauthenticated
 from skiros2_gateway.core.refusals import Refusals
 from skiros2_gateway.core.service import ROBOT_ACTIONS
@@ -22,6 +23,7 @@ from skiros2_gateway.http.body_limit import BodyLimit
 from skiros2_gateway.http.callers import COOKIE, address_of, set_known, token_of
 from skiros2_gateway.http.deadlines import Deadlines
 from skiros2_gateway.http.errors import add_error_handlers, on_skiros_error
+from skiros2_gateway.http.once import HEADER
 from skiros2_gateway.ros.robot_stops import RobotStops
 
 #: Requests with wrong credentials of one address, per second and in a burst; how many addresses are kept.
@@ -100,7 +102,7 @@ class _Origins:
             headers += [
                 (b"access-control-allow-origin", origin.encode("latin-1")),
                 (b"access-control-allow-credentials", b"true"),
-                (b"access-control-allow-headers", b"content-type, x-gateway, x-deadline"),
+                (b"access-control-allow-headers", b"content-type, x-gateway, x-deadline, idempotency-key"),
                 (b"access-control-max-age", b"600"),
             ]
 
@@ -124,6 +126,7 @@ def _host(url: str) -> str | None:
 
 def create_stop_app(stops: RobotStops, users: Users, audit: Audit) -> FastAPI:
     """Returns the application."""
+    keys = Keys(KeyMemory())
     app = FastAPI(title="SkiROS2 gateway: stop", docs_url=None, redoc_url=None, openapi_url=None)
     add_error_handlers(app)
     app.add_middleware(Deadlines, on_error=on_skiros_error)
@@ -141,12 +144,20 @@ def create_stop_app(stops: RobotStops, users: Users, audit: Audit) -> FastAPI:
             raise UnknownName(f"there is no action {action!r}; there are: {', '.join(ROBOT_ACTIONS)}")
         thing = " ".join(body.robots)[:200] + (f" task {body.task}" if body.task >= 0 else "")
         entry = {"user": user, "way": way, "action": f"{action} robots", "object": thing}
-        try:
-            done = await stops.command(action, body.robots, user, body.task, remaining())
-        except SkirosError as error:
-            audit({**entry, "outcome": f"{error.code}: {error}"[:500]})
-            raise
-        audit({**entry, "outcome": "done"})
-        return done
+
+        async def carry_out() -> dict[str, int]:
+            try:
+                done = await stops.command(action, body.robots, user, body.task, remaining())
+            except SkirosError as error:
+                audit({**entry, "outcome": f"{error.code}: {error}"[:500]})
+                raise
+            audit({**entry, "outcome": "done"})
+            return done
+
+        if action == "stop":  # each time: nothing is unsafe about that, but something is about the opposite
+            return await carry_out()
+        key = request.headers.get(HEADER, "")
+        found: dict[str, int] = await keys.once(user, key, [action, body.model_dump()], carry_out)
+        return found
 
     return app

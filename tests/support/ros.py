@@ -202,8 +202,13 @@ class RosMaster:
 
     def readers(self, node: str) -> set[tuple[str, str]]:
         """(node, topic) of the nodes that are connected to a publisher of a node."""
+        return set(self.connections(node).values())
+
+    def connections(self, node: str) -> dict[int, tuple[str, str]]:
+        """The same by the number of the connection. A closed one may be listed for half a second more."""
         info = xmlrpc.client.ServerProxy(self._ask("lookupNode", node)).getBusInfo("/tests")[2]
-        return {(other, topic) for _, other, way, _, topic, *rest in info if way == "o" and rest[:1] == [1]}  # type: ignore[misc, union-attr, index]
+        found = (entry for entry in info if entry[2] == "o" and entry[5:6] == [1])  # type: ignore[union-attr, index]
+        return {number: (other, topic) for number, other, _, _, topic, *_ in found}
 
     def service_address(self, service: str) -> tuple[str, int]:
         """Where the node that offers a service takes connections."""

@@ -38,11 +38,16 @@ def launch(ros: Ros) -> None:
 def robot(shared: SharedSystem):
     """The client of the robot of a system that the tests share."""
     master = shared.use().master
+    earlier = master.connections(ROBOT)
     client = SkillManagerInterface(ROBOT, "tests")
     wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
-    # rospy counts a connection before its publisher sends to it
+    # rospy counts a connection before its publisher sends to it, and that of the test before may still be listed
     reader = (rospy.get_name(), f"{ROBOT}/monitor")
-    wait_until(lambda: reader in master.readers(ROBOT), what="the manager's connection")
+
+    def is_connected() -> bool:
+        return any(number not in earlier and other == reader for number, other in master.connections(ROBOT).items())
+
+    wait_until(is_connected, what="the manager's connection")
     yield client
     client.preempt_all()
     wait_until(lambda: not client.tasks, what="the end of all tasks")

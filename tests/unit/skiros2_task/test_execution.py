@@ -168,6 +168,18 @@ def test_goal_fails_after_robot_timeout() -> None:
     assert ROBOT_TIMEOUT <= cell.now - lost_at < ROBOT_TIMEOUT + 5
 
 
+def test_robot_that_is_found_while_a_plan_without_it_is_searched_is_used() -> None:
+    cell = TransportCell(1, 2, 1)
+    cell.run(until=PLANNING_TIME + STEP_TIME + 0.5)
+    cell.lose("cora:Robot-0")
+    assert cell.machine.phase is Phase.PLANNING
+    cell.run(until=cell.now + PLANNING_TIME / 2)
+    cell.find("cora:Robot-0")
+    cell.run()
+    assert cell.reached
+    assert cell.now < ROBOT_TIMEOUT
+
+
 def test_goal_is_cancelled_in_each_phase() -> None:
     for moment in (0.1, PLANNING_TIME + 1.0, PLANNING_TIME + 3 * STEP_TIME):
         cell = TransportCell(1, 2, 1)

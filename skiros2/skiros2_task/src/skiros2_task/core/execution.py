@@ -84,6 +84,7 @@ class ExecutionStateMachine:
     _blocked_until: float | None = None
     _interrupted: bool = False  # unused resources are released, until there is a new plan
     _outdated: bool = False  # the plan in preparation was interrupted
+    _improved: bool = False  # since then, a robot has appeared, or another goal has ended
     _restored: bool = False  # from an earlier process, and not resumed yet
 
     def begin(self) -> list[Command]:
@@ -217,6 +218,8 @@ class ExecutionStateMachine:
                 self.phase = Phase.BLOCKED
                 return self._stop(running)
             return self._plan()
+        if self._improved:
+            return self._plan()
         self._failure = End(verdict, message, missing)
         if verdict is Verdict.IMPOSSIBLE and (others or self._lost or restarting):
             self.phase = Phase.BLOCKED
@@ -295,6 +298,7 @@ class ExecutionStateMachine:
 
     def retry(self) -> list[Command]:
         """A plan may have become possible: another goal has ended, or a robot has appeared."""
+        self._improved = True
         return self._plan() if self.phase is Phase.BLOCKED and not self.running else []
 
     def wake(self) -> list[Command]:
@@ -361,7 +365,7 @@ class ExecutionStateMachine:
         self._facts = own | frozenset(atom for atom in task.init if not created & set(atom.terms))
 
     def _plan(self) -> list[Command]:
-        self.phase = Phase.PLANNING
+        self.phase, self._improved = Phase.PLANNING, False
         self._assumed = tuple(step for step in self.running if step.number not in self._stopped)
         avoided = frozenset(key for key, times in self._failures.items() if times >= MAX_FAILURES)
         return [MakePlan(self._assumed, frozenset(self._lost), avoided)]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from skiros2_common.core.wording import label_text
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.names import label_text
 from skiros2_gui.app.system import MASTER, WORLD_MODEL, System, part_of
 from skiros2_world_model.core.queries import SceneReader
 

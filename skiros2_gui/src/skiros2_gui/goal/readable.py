@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.names import label_text, verb, words
+from skiros2_common.core.wording import label_text, verb, words
 from skiros2_gui.goal.lines import EVERY, HOLDS, Line, Term, number_text, read_lines
 from skiros2_task.core.explain_plan import Link, WhyPlan
 from skiros2_task.core.goal_text import GoalError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.names import label_text
+from skiros2_common.core.wording import label_text
 from skiros2_gui.skills.presenter import Preview, SkillsPresenter
 from skiros2_task.core.actions import ROBOT_KEY
 

@@ -18,7 +18,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.names import label_text, verb, words
+from skiros2_common.core.wording import label_text, verb, words
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, tool_button
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.app.widgets.theme import role_colour

@@ -20,7 +20,8 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.names import Names, in_words, label_text
+from skiros2_common.core.wording import in_words, label_text
+from skiros2_gui.app.names import Names
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import role_colour

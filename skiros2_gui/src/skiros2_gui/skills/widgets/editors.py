@@ -20,7 +20,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.names import label_text
+from skiros2_common.core.wording import label_text
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.skills.form import Editor, ElementChoice, Field, ValueMode

@@ -19,7 +19,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.app.names import label_text
+from skiros2_common.core.wording import label_text
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.app.widgets.theme import colour_label

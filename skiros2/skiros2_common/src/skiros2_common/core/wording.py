@@ -1,0 +1,87 @@
+"""Texts for people: labels instead of ids, words instead of names of ontologies, and times."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+
+from skiros2_common.core.names import local_name
+
+#: An id in a text, and the label that may follow it.
+_ID = re.compile(r"""\b([A-Za-z_]\w*:\w+-\d+)\b(?: ?["'][^"'\n]*["'])?""")
+_PREFIX = re.compile(r"^[A-Za-z_]\w*:(?=\S)")
+_HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+#: A name of an ontology in a text. Ids end with a number.
+_NAME = re.compile(r"\b[A-Za-z_]\w*:([A-Za-z_]\w*)\b(?!-\d)")
+
+#: Relations in a sentence: while it holds, does not hold, and has ended.
+_VERBS = {
+    "contain": ("contains", "does not contain", "no longer contains"),
+    "hasA": ("has", "does not have", "no longer has"),
+    "at": ("is at", "is not at", "is no longer at"),
+}
+
+#: Units of time: the number of seconds, and the name.
+_UNITS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
+
+
+def label_text(label: str) -> str:
+    """Returns a label for people: without the prefix of a template."""
+    return _PREFIX.sub("", label)
+
+
+def verb(relation: str, state: bool = True, has_ended: bool = False) -> str:
+    """Returns a relation as the verb of a sentence.
+
+    :param state: whether the relation holds.
+    :param has_ended: it held before.
+    """
+    name = local_name(relation)
+    shown = words(name)
+    return _VERBS.get(name, (shown, f"not {shown}", f"no longer {shown}"))[0 if state else 2 if has_ended else 1]
+
+
+def words(name: str) -> str:
+    """Returns an ontology name in words: `skiros:ContainerState` gives `container state`."""
+    return _HUMP.sub(" ", local_name(name)).replace("_", " ").lower()
+
+
+def in_words(text: str) -> str:
+    """Returns a text with words instead of the names of ontologies: "Arm skiros:hasA Gripper" gives "Arm has Gripper".
+    A name with underscores is a label and only loses its prefix.
+    """
+    return _NAME.sub(lambda found: found[1] if "_" in found[1] else verb(found[1]), text)
+
+
+def with_names(text: str, label_of: Callable[[str], str], name_of: Callable[[str], str]) -> str:
+    """Returns a text with the names of the elements whose ids are in it as `id`, `id-label` or `id "label"`.
+
+    :param label_of: returns the label of an element by id; "" if it has none, or is unknown.
+    :param name_of: returns the text that replaces an id.
+    """
+    parts, end = [], 0
+    for found in _ID.finditer(text):
+        if found.start() < end:
+            continue  # in a label
+        parts += [text[end : found.start()], name_of(found[1])]
+        after = f"-{label_of(found[1])}"
+        end = found.end(1) + len(after) if len(after) > 1 and text.startswith(after, found.end(1)) else found.end()
+    return "".join((*parts, text[end:]))
+
+
+def ids_in(text: str) -> list[str]:
+    """Returns the ids in a text."""
+    return [found[1] for found in _ID.finditer(text)]
+
+
+def moment(stamp: float, now: float) -> str:
+    """Returns a time of day with its distance to a later time, in the largest unit that it reaches: "20:17 (3 s ago)".
+
+    :param stamp, now: s since the epoch.
+    """
+    seconds = max(0.0, now - stamp)
+    size, unit = next(((size, unit) for size, unit in _UNITS if seconds >= size), _UNITS[-1])
+    day = "%H:%M" if seconds < _UNITS[0][0] else "%Y-%m-%d %H:%M"
+    return f"{time.strftime(day, time.localtime(stamp))} ({int(seconds // size)} {unit} ago)"

@@ -65,7 +65,7 @@ def test_reason_has_names_instead_of_ids(report: ProgressReport) -> None:
     failed.steps = json.dumps([{"number": 1, "state": "failed", "message": message}])
     report.feedback(failed)
     report.feedback(feedback("running", "a plan of 2 steps", AGAIN))
-    assert report.reasons == ["pick has failed: Tray B holds no Product A"]
+    assert report.reasons == ["Tray B holds no Product A"]
 
 
 def test_terminal_texts_wait_for_the_tree() -> None:

@@ -10,7 +10,6 @@ from skiros2_common.core.names import local_name
 from skiros2_gui.app.events import ManagersChanged, TaskStarted
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.system import Manager
-from skiros2_gui.app.tasks import message_text
 from skiros2_gui.app.window import Window
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
@@ -109,8 +108,9 @@ class SkillCalls:
     def failure(self, manager: str, skill_type: str) -> str:
         """Describes why the last call of a skill failed; "" if it has not."""
         run = self.task(manager, skill_type)
-        has_failed = run is not None and run.state in (TaskState.FAILED, TaskState.LOST)
-        return message_text(run) if run is not None and has_failed else self._refused.get((manager, skill_type), "")
+        if run is not None and run.state in (TaskState.FAILED, TaskState.LOST):
+            return self._window.tasks.message(run)
+        return self._refused.get((manager, skill_type), "")
 
     def _forget(self) -> None:
         self._skills.clear()  # a manager may have restarted with other skills

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 PAUSE, RESUME, STEP, STOP = "pause", "start", "tick_once", "preempt"
 _ACTIVITIES = {PAUSE: "pausing", RESUME: "resuming", STEP: "ticking", STOP: "stopping"}
 
+#: The states of ended tasks with a cause.
+_UNSUCCESSFUL = (TaskState.FAILED, TaskState.PREEMPTED)
+
 #: The id of all tasks in a command.
 _ALL = -1
 
@@ -63,6 +66,7 @@ class TaskList:
         self._names = Names(window.system)
         self.why_of: TaskRun | None = None
         self.why: tuple[str, ...] = ()
+        self._whys: weakref.WeakKeyDictionary[TaskRun, Why] = weakref.WeakKeyDictionary()
         window.subscribe(TaskProgress, lambda event: self._record(event.manager, event.nodes, event.stamp))
         window.subscribe(ManagersChanged, lambda _: self._update_managers())
         window.subscribe(StopRequested, self._stop_all)
@@ -156,22 +160,37 @@ class TaskList:
 
     def ask_why(self, run: TaskRun | None) -> None:
         """Reads why a task failed into `why`."""
-        manager = self._window.system.managers.get(run.robot) if run is not None else None
         self.why_of, self.why = run, ()
         self._window.publish(FailureExplained())
-        if run is None or manager is None or run.state is not TaskState.FAILED:
+        if run is not None:
+            self._read_why(run)
+
+    def _read_why(self, run: TaskRun) -> None:
+        manager = self._window.system.managers.get(run.robot)
+        if manager is None or run.state not in _UNSUCCESSFUL:
             return
         self._window.jobs.run(
-            lambda: _failure_lines(manager.why(run.task_id)),
-            lambda lines: self._explain(run, lines),
+            lambda: manager.why(run.task_id),
+            lambda why: self._explain(run, why),
             activity=f"asking why task {run.task_id} of {run.robot} failed",
             queue=run.robot,
         )
 
-    def _explain(self, run: TaskRun, lines: tuple[str, ...]) -> None:
+    def _explain(self, run: TaskRun, why: Why) -> None:
+        self._whys[run] = why
         if run is self.why_of:
-            self.why = tuple(map(self._names.readable, lines))
-            self._window.publish(FailureExplained())
+            self.why = tuple(map(self._names.readable, failure_lines(why)))
+        self._window.publish(FailureExplained())
+        self._window.publish(TasksChanged())
+
+    def cause(self, run: TaskRun) -> str:
+        """Returns why a task failed or was preempted, in one sentence; "" if that is not known."""
+        why = self._whys.get(run)
+        return why.explanations[-1].sentence if why is not None and why.explanations else ""
+
+    def message(self, run: TaskRun) -> str:
+        """Returns why a task failed, or else its message."""
+        return self.cause(run) or message_text(run)
 
     # -- progress ----------------------------------------------------------------------------------------------
 
@@ -187,8 +206,7 @@ class TaskList:
         if self._published.get(run) != run.state:
             self._published[run] = run.state
             self._window.publish(TasksChanged())
-            if run is self.why_of:
-                self.ask_why(run)
+            self._read_why(run)
         self._window.publish(RunRecorded(run, recorded.is_new_shape))
 
     def _record_all(self, robot: str, tasks: Sequence[Sequence[Any]], stamp: float) -> None:
@@ -245,8 +263,9 @@ def message_text(run: TaskRun) -> str:
     return one_line(text)
 
 
-def _failure_lines(why: Why) -> tuple[str, ...]:
-    """Returns why a task failed, in lines; the failure that ended it first."""
+def failure_lines(why: Why) -> tuple[str, ...]:
+    """Returns why a task failed, in lines: the sentence, then the details of all failures, the decisive one first."""
     if not why.explanations:
         return tuple(why.text.splitlines())
-    return tuple(line for explanation in reversed(why.explanations) for line in explanation.lines())
+    details = (line for explanation in reversed(why.explanations) for line in explanation.details())
+    return (why.explanations[-1].sentence, *details)

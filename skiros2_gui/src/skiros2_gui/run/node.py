@@ -98,7 +98,7 @@ def node_text(
     conditions = [_condition(condition) for condition in now.conditions] if now is not None else []
     params = [] if now is None else [(p.key, p.value or "unset", p.source_text if p.source else "") for p in now.params]
     return NodeText(
-        shape.name(index), state, facts, conditions, params, list(why.lines())[1:] if why is not None else [], note
+        shape.name(index), state, facts, conditions, params, list(why.lines()) if why is not None else [], note
     )
 
 

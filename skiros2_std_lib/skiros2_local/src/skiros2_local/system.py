@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
+from skiros2_common.core.explanation import cause_of
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.signals import LocalSignals
 from skiros2_common.core.world_element import Element
@@ -119,7 +120,8 @@ class LocalRobot:
                 with self._lock:
                     ended = self._ends.pop(task.id, None)
                 if ended is not None:
-                    ended(not record.failed, record.message, record.explanations)
+                    message = cause_of(record.explanations, record.message) if record.failed else record.message
+                    ended(not record.failed, message, record.explanations)
 
 
 class LocalGoal:
@@ -263,7 +265,7 @@ class LocalSystem:
         try:
             task_id = robot.start(call.type, call.label, dict(call.arguments), ended, "task_manager")
         except TaskRefused as refused:
-            ended(False, str(refused), refused.record.explanations)
+            ended(False, cause_of(refused.record.explanations, str(refused)), refused.record.explanations)
             return lambda: None
         except SkirosError as error:
             ended(False, str(error), ())

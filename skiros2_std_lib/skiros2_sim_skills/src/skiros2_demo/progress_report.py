@@ -54,7 +54,7 @@ class ProgressReport:
         for step in plan:
             state = states.get(step["number"], {})
             if state.get("state") == "failed":
-                self._planning = f"{name_of(step)} has failed: {_plain(state.get('message', ''))}"
+                self._planning = _plain(state.get("message", "")) or f"{name_of(step)} has failed"
         new = [step for step in plan if step["number"] > self._known]
         if new:
             self._print_plan(new)

@@ -336,6 +336,7 @@ class ConditionBase(_OfParameters):
             self.found(ph, wmi) or "it does not hold",
             self._near_matches(ph, wmi),
             self._changes(ph, wmi),
+            statement=self.statement(ph, wmi),
         )
 
     def expected(self) -> str:
@@ -345,6 +346,10 @@ class ConditionBase(_OfParameters):
     def found(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
         """The actual state, when `evaluate` returned False; "" if unknown."""
         return ""
+
+    def statement(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        """The actual state as a main clause for people; elements are named as in `found`, and replaced by labels."""
+        return self.found(ph, wmi) or f"{self.describe()} does not hold"
 
     def filter_text(self, key: str, ph: ParamHandler) -> str:
         """The condition as text that follows a number of candidates for a parameter: "3 skiros:Part <text>"."""

@@ -22,6 +22,7 @@ from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.property_conditions import ConditionHasProperty, ConditionProperty
 from skiros2_common.core.relation_conditions import AbstractConditionRelation, ConditionRelation
 from skiros2_common.core.signal_condition import ConditionSignal
+from skiros2_common.core.wording import a, words
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
@@ -138,6 +139,10 @@ class ConditionOr(ConditionBase):
         if self._desired_state:
             return "; ".join(c.found(ph, wmi) for c in self._conditions)
         return "; ".join(c.getDescription() for c in self._conditions if c.evaluate(ph, wmi))
+
+    def statement(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        parts = (c for c in self._conditions if c.evaluate(ph, wmi) != self._desired_state)
+        return " and ".join(c.statement(ph, wmi) if self._desired_state else c.describe() for c in parts)
 
     def _make_true(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
         return self._desired_state and any(c.setTrue(ph, wmi) for c in self._conditions)
@@ -299,6 +304,12 @@ class ConditionOnType(ConditionBase):
         if element is None:
             return self._missing_reason(self._subject_key, ph, wmi)
         return f"{self._name(self._subject_key)} is a {element.type}"
+
+    def statement(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None:
+            return super().statement(ph, wmi)
+        return f"{element!r} is {a(words(element.type))}, not {a(words(self.wanted_type))}"
 
     def found_for(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> str:
         element = self._element(key, ph, wmi)

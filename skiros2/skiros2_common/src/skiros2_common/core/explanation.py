@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from skiros2_common.core.json_data import JsonData
+from skiros2_common.core.names import local_name
+from skiros2_common.core.wording import in_words, label_text, moment, with_names, words
 
 #: The stage of a skill run that failed: START (no implementation, or `onStart` failed), PARAMETER (a value of the wrong
 #: type), INFERENCE (no elements for unset parameters), PRE, HOLD and POST (unsatisfied condition), EXECUTE (`fail` or a
@@ -21,6 +24,20 @@ STAGES = (START, PARAMETER, INFERENCE, PRE, HOLD, EXECUTE, POST, EXCEPTION, PREE
 GIVEN, SPECIFIED, DEFAULT, LEARNED, PULLED, INFERRED, CHANGED, UNSET = (
     "given", "fixed", "default", "learned", "above", "inferred", "changed", "unset",
 )  # fmt: skip
+
+#: The sentence about a failure by stage.
+_SENTENCES = {
+    HOLD: "{} was interrupted: {cause}",
+    EXECUTE: "{} failed: {cause}",
+    POST: "{} ended without its effect: {cause}",
+    EXCEPTION: "{} failed with an error in its code: {cause}",
+    PREEMPT: "{} was preempted{by} at {at}",
+    STOP: "{} was stopped at {at}: {cause}",
+}
+_NOT_STARTED = "{} did not start: {cause}"
+
+#: The folder of a source location in a message.
+_FOLDER = re.compile(r"\((?:/[^/(),]*)+/(?=[^/(),]+, line \d)")
 
 #: The number of elements that a text lists before it says how many more there are.
 MAX_EXAMPLES = 3
@@ -50,6 +67,7 @@ class Change:
     :param number: of the change in the world model; -1 if unknown.
     :param stamp: time of the change (s since the epoch); 0.0 if unknown.
     :param author: of the change; "" if unknown.
+    :param removed_from: the element that no longer has the relation to this one; "" if the change is another one.
     """
 
     element: str
@@ -57,12 +75,21 @@ class Change:
     number: int = -1
     stamp: float = 0.0
     author: str = ""
+    removed_from: str = ""
 
     def __str__(self) -> str:
         fact = " ".join(part for part in (self.element, self.name) if part)
         time_text = time.strftime(" at %Y-%m-%d %H:%M:%S", time.localtime(self.stamp)) if self.stamp else ""
         author = f" by {self.author}" if self.author else ""
         return f"{fact} was last changed{time_text}{author}"
+
+    def clause(self, now: float) -> str:
+        """Returns author and time as a clause about the element: "root removed it from Table-1 at 20:17 (3 s ago)"."""
+        if self.removed_from:
+            done = f"removed it from {self.removed_from}"
+        else:
+            done = "changed it" if self.name else "removed it"
+        return f"{self.author.strip('/')} {done} at {moment(self.stamp, now)}"
 
 
 @dataclass
@@ -75,6 +102,7 @@ class Finding:
     :param nearest: elements that satisfy it.
     :param changes: the last changes of its facts.
     :param parts: the findings of its parts, for a condition composed of others.
+    :param statement: the actual state as a main clause; "" if unknown.
     """
 
     kind: str
@@ -85,6 +113,13 @@ class Finding:
     nearest: list[NearMatch] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     parts: list[Finding] = field(default_factory=list)
+    statement: str = ""
+
+    def cause(self, now: float, with_change: bool = True) -> str:
+        """Returns the actual state, and the change that made it, if its author is known."""
+        change = next((change for change in reversed(self.changes) if change.author and with_change), None)
+        state = self.statement or self.found
+        return state if change is None else f"{state}: {change.clause(now)}"
 
     def __str__(self) -> str:
         return f"[{self.label}] {self.found}, expected {self.expected}"
@@ -148,6 +183,18 @@ class InferenceFailure:
         """Whether no candidate remains."""
         return not self.total or bool(self.left and not self.left[-1].count)
 
+    @property
+    def cause(self) -> str:
+        """Why there is no element for the parameter, as a main clause."""
+        kind = words(self.wanted)
+        if not self.total:
+            return f"the scene has no {kind} for {self.key}"
+        if not self.emptied:
+            return f"each {kind} for {self.key} contradicts another parameter"
+        others = f", of {self.left[-2].count} that meet the other conditions" if len(self.left) > 1 else ""
+        nearest = f" ({'; '.join(map(str, self.nearest))})" if self.nearest else ""
+        return f"for {self.key}, no {kind}{others} {self.left[-1].condition}{nearest}"
+
 
 @dataclass
 class Provenance:
@@ -195,6 +242,9 @@ class Explanation(JsonData):
     :param tried: the explanations of the rejected implementations, if there were several.
     :param stamp: time of the first failure with this message (s since the epoch).
     :param times: the number of failures with this message; messages that differ only in numbers count as the same.
+    :param by: the client that has preempted the task; "" if unknown.
+    :param running: for `PREEMPT` and `STOP`, the names of the skills that were running.
+    :param labels: of the elements in the texts, by id; ambiguous ones with the id in brackets.
     """
 
     _data_name = "explanation"
@@ -212,32 +262,80 @@ class Explanation(JsonData):
     tried: list[Explanation] = field(default_factory=list)
     stamp: float = field(default_factory=time.time)
     times: int = 1
+    by: str = ""
+    running: list[str] = field(default_factory=list)
+    labels: dict[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         """`type-label`, or the type alone."""
         return f"{self.type}-{self.label}" if self.label else self.type
 
+    @property
+    def sentence(self) -> str:
+        """Why it failed, in one sentence with labels and times."""
+        name = label_text(self.label or local_name(self.type)).replace("task_", "task ")
+        if self.path and self.path[0] != self.path[-1]:
+            name += f" (in {label_text(self.path[0])})"
+        if self.stage in (PREEMPT, STOP) and self.running:
+            name = " and ".join(map(label_text, self.running))
+        is_refused = self.stage == STOP and not self.running
+        text = _NOT_STARTED if is_refused else _SENTENCES.get(self.stage, _NOT_STARTED)
+        at, by = moment(self.stamp, time.time()), f" by {self.by.strip('/')}" if self.by else ""
+        sentence = text.format(name, cause=self._cause(self._named), at=at, by=by)
+        return f"{sentence.rstrip('.')}."
+
     def __str__(self) -> str:
         """The explanation for people, in several lines."""
         return "\n".join(self.lines())
 
     def lines(self) -> Iterator[str]:
-        """The lines of the text."""
+        """The lines of the text: the sentence, then the details."""
+        yield self.sentence
+        yield from self.details()
+
+    def details(self) -> Iterator[str]:
+        """The lines after the sentence: stage and code, reasons, and where the values came from."""
+        yield from self._details(self._named)
+
+    def _details(self, named: Callable[[str], str]) -> Iterator[str]:
         times = f", {self.times} times" if self.times > 1 else ""
         path = " > ".join(self.path) or self.name
-        yield f"{path} failed ({self.stage}, code {self.code}{times})"
-        yield from (f"  {line}" for line in self._reasons() or self.message.splitlines())
+        clock = time.strftime("%H:%M:%S", time.localtime(self.stamp))
+        yield f"{path} failed at {clock} ({self.stage}, code {self.code}{times})"
+        facts = [line for finding in self.findings for line in finding.lines()]
+        reasons = [in_words(named(line)) for line in (*facts, *map(str, self.candidates))]
+        reasons += [line for tried in self.tried for line in tried._details(named)]
+        yield from (f"  {line}" for line in reasons or map(named, self.message.splitlines()))
         for provenance in self.params:
-            yield f"  parameter {provenance}"
+            yield f"  parameter {named(str(provenance))}"
 
-    def _reasons(self) -> list[str]:
-        """The findings, inference failures and rejected implementations."""
-        lines = [line for finding in self.findings for line in finding.lines()]
-        lines += map(str, self.candidates)
-        for tried in self.tried:
-            lines += tried.lines()
-        return lines
+    def _cause(self, named: Callable[[str], str]) -> str:
+        """Why it failed, as one clause or more.
+
+        :param named: replaces ids by labels.
+        """
+        now = time.time()
+        emptied = [candidate for candidate in self.candidates if candidate.emptied]
+        clauses = [finding.cause(now, with_change=self.stage != POST) for finding in self.findings]
+        clauses += [candidate.cause for candidate in emptied or self.candidates]
+        causes = [in_words(named(clause)) for clause in clauses]
+        causes += [tried._cause(named) for tried in self.tried]
+        return "; ".join(dict.fromkeys(causes)) or named(self._first_line)
+
+    @property
+    def _first_line(self) -> str:
+        """The first line of the message, without the name of the skill, and of a file without its folder."""
+        line = next((line.strip() for line in self.message.splitlines() if line.strip()), "it gave no reason")
+        line = line.removeprefix(f"{self.name}, parameter ").removeprefix(f"{self.name}: ")
+        return _FOLDER.sub("(", line)
+
+    def _named(self, text: str) -> str:
+        """Returns a text with labels instead of ids."""
+        return with_names(text, self._label, lambda eid: label_text(self.labels.get(eid) or local_name(eid)))
+
+    def _label(self, eid: str) -> str:
+        return self.labels.get(eid, "").removesuffix(f" ({local_name(eid)})")
 
     def all_changes(self) -> Iterator[Change]:
         """The changes of all findings, including those of rejected implementations."""
@@ -248,3 +346,8 @@ class Explanation(JsonData):
             finding = waiting.pop()
             yield from finding.changes
             waiting += finding.parts
+
+
+def cause_of(explanations: Sequence[Explanation], message: str) -> str:
+    """Returns the sentence of the failure that ended a task, the last explanation; without any, the message."""
+    return explanations[-1].sentence if explanations else message

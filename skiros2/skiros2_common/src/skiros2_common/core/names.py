@@ -12,6 +12,9 @@ from typing import Protocol
 
 DEFAULT_PREFIX = "skiros"
 
+#: The root of the scene, and the relation of which all relations from a holder to what it holds are subproperties.
+SCENE_ROOT, SPATIAL = "skiros:Scene-0", "skiros:spatiallyRelated"
+
 #: The classes of an abstract element that stands for elements of any class.
 ANY_TYPE = ("", "Unknown", "skiros:Unknown")
 

@@ -12,6 +12,7 @@ from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.property import same_value
+from skiros2_common.core.wording import wrong_value
 from skiros2_common.core.world_element import Element
 
 if TYPE_CHECKING:
@@ -57,6 +58,17 @@ class _OfProperty(ConditionBase):
         if missing or element is None:
             return missing
         return f"{self._name(self._subject_key)}: {self.property} is {self._values_text(element)}"
+
+    def statement(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None or element.isAbstract():
+            return super().statement(ph, wmi)
+        values = element.getProperty(self.property).values if element.hasProperty(self.property) else []
+        return wrong_value(self.property, repr(element), ", ".join(map(str, values)), self._wanted_text())
+
+    def _wanted_text(self) -> str:
+        """The wanted value or comparison, for people; "" if no value is wanted."""
+        return ""
 
     def _values_text(self, element: Element) -> str:
         """The values of the property, as text."""
@@ -173,6 +185,12 @@ class ConditionProperty(_OfProperty):
     def expected(self) -> str:
         compared = "" if self._operator == "=" else f"{self._operator} "
         return f"{'' if self._desired_state else 'not '}{compared}{self._value!r}"
+
+    def _wanted_text(self) -> str:
+        compared = "" if self._operator == "=" else f"{self._operator} "
+        if not self._desired_state and not compared:
+            return ""
+        return f"{'' if self._desired_state else 'not '}{compared}{self._value}"
 
     def _apply(self, element: Element) -> bool:
         if self._operator in (">", "<"):

@@ -13,8 +13,9 @@ from skiros2_common.core.condition import (
 )
 from skiros2_common.core.condition_record import Cost
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
-from skiros2_common.core.names import full_name, id_order
+from skiros2_common.core.names import SCENE_ROOT, SPATIAL, full_name, id_order, local_name
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.wording import unrelated
 from skiros2_common.core.world_element import Element, reasoners
 
 if TYPE_CHECKING:
@@ -97,6 +98,19 @@ class ConditionRelation(ConditionBase):
         if subj is not None and obj is not None and all(not e.id or is_in_scene(e, wmi) for e in (subj, obj)):
             reasons += self._related(subj, obj, wmi)
         return "; ".join(reasons)
+
+    def statement(self, ph: ParamHandler, wmi: WorldModelPort) -> str:
+        subj, obj = self._element(self._subject_key, ph, wmi), self._element(self._object_key, ph, wmi)
+        missing = [text for key in dict.fromkeys(self.getKeys()) if (text := self._missing_reason(key, ph, wmi))]
+        found = [e for e in (subj, obj) if e is not None and not e.isAbstract()]
+        if not self._desired_state or missing or len(found) < 2 or not self.is_stored():
+            return super().statement(ph, wmi)
+        subj, obj = found
+        if local_name(self.relation) == "contain" and not wmi.get_relations("", SPATIAL, obj.id):
+            return f"{obj!r} is nowhere"
+        holders = [r["src"] for r in wmi.get_relations("", self.relation, obj.id)]
+        others = [r["dst"] for r in wmi.get_relations(subj.id, self.relation, "")]
+        return unrelated(self.relation, repr(subj), repr(obj), _all_named(holders, wmi), _all_named(others, wmi))
 
     def filter_text(self, key: str, ph: ParamHandler) -> str:
         for other in self.getKeys():
@@ -266,6 +280,11 @@ def _is_exactly(eid: str, etype: str, wmi: WorldModelPort) -> bool:
 def _set_relations(relations: Sequence[Any], state: bool, wmi: WorldModelPort) -> None:
     for relation in relations:
         wmi.set_relation(relation["src"], relation["type"], relation["dst"], state)
+
+
+def _all_named(ids: Sequence[Any], wmi: WorldModelPort) -> list[str]:
+    """The elements with these ids as text, at most `MAX_EXAMPLES`."""
+    return ["the scene" if eid == SCENE_ROOT else _named([eid], wmi) for eid in ids[:MAX_EXAMPLES]]
 
 
 def _named(ids: Iterable[str], wmi: WorldModelPort) -> str:

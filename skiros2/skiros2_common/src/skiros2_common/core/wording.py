@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from skiros2_common.core.names import local_name
 
@@ -66,9 +66,45 @@ def with_names(text: str, label_of: Callable[[str], str], name_of: Callable[[str
         if found.start() < end:
             continue  # in a label
         parts += [text[end : found.start()], name_of(found[1])]
-        after = f"-{label_of(found[1])}"
-        end = found.end(1) + len(after) if len(after) > 1 and text.startswith(after, found.end(1)) else found.end()
+        after, end = f"-{label_of(found[1])}", found.end()
+        if text.startswith(after, found.end(1)) and not (after == "-" and text[end + 1 : end + 2].isalnum()):
+            end = found.end(1) + len(after)
     return "".join((*parts, text[end:]))
+
+
+def unrelated(relation: str, subject: str, other: str, holders: Sequence[str] = (), others: Sequence[str] = ()) -> str:
+    """Returns a clause that a relation does not hold, with the one that holds instead.
+
+    :param holders: the elements that have the relation to `other`.
+    :param others: the elements that `subject` has the relation to.
+    """
+    name = local_name(relation)
+    if name == "contain" and holders:
+        return f"{other} is in {' and '.join(holders)}, not in {subject}"
+    if name == "hasA" and holders:
+        return f"{other} is a part of {' and '.join(holders)}, not of {subject}"
+    if name == "at":
+        return f"{subject} is at {' and '.join(others)}, not at {other}" if others else f"{subject} is at no place"
+    return f"{subject} {verb(relation, False)} {other}"
+
+
+def wrong_value(key: str, subject: str, values: str, wanted: str) -> str:
+    """Returns a clause that a property does not have the wanted value.
+
+    :param values: as text; "" for none.
+    :param wanted: the value or the comparison, such as "Empty" or "not > 3"; "" for no value.
+    """
+    if not values:
+        return f"{subject} has no {words(key)}"
+    if not wanted:
+        return f"{words(key)} of {subject} is {values}"
+    is_compared = wanted.startswith(("not ", "<", ">"))
+    return f"{words(key)} of {subject} is {values}, {'expected' if is_compared else 'not'} {wanted}"
+
+
+def a(noun: str) -> str:
+    """Returns a noun with its indefinite article."""
+    return f"{'an' if noun[:1].lower() in 'aeiou' else 'a'} {noun}"
 
 
 def ids_in(text: str) -> list[str]:

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
@@ -172,6 +172,18 @@ class ManagerClient:
         """
         answer = self._known(self._call("why", srvs.SkillWhyRequest(task_id)))
         return Why(answer.text, [Explanation.from_dict(data) for data in json.loads(answer.json or "[]")])
+
+    def explain(self, run: SkillRun) -> list[Explanation]:
+        """Returns why nodes of an ended run failed, with the authors of changes as far as the manager knows them.
+
+        :raises SkirosError: the result cannot be read.
+        """
+        if run.task >= 0 and not run.succeeded():
+            try:
+                return self.why(run.task).explanations
+            except SkirosError as error:
+                log.debug("%s", error)
+        return run.explanations()
 
     def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         """Inspects a node of a task that has not ended: its parameters, and whether its conditions hold.

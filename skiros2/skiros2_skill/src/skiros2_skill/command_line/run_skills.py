@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+from skiros2_common.core.errors import Refused, TimedOut
 from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS, state_name
@@ -56,7 +56,7 @@ def run(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -
     if result.task_id < 0:
         raise Refused(result.message or "cancelled before it was started")
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
-    explanations = _explanations(manager, skill_run)
+    explanations = manager.explain(skill_run)
     lines, data = _summary(result, explanations, manager.name, display.seconds, _not_given(steps, known))
     return CommandResult([part for line in lines for part in screen.wrapped(line, "    ")], data, status)
 
@@ -143,16 +143,6 @@ class _ProgressDisplay:
         self.update()
 
 
-def _explanations(manager: ManagerClient, run: SkillRun) -> list[Explanation]:
-    """Why a task failed. The service `why` adds the authors of changes to the explanations of the result."""
-    if not run.succeeded():
-        try:
-            return manager.why(run.task).explanations
-        except SkirosError as error:
-            log.debug("%s", error)
-    return run.explanations()
-
-
 def _summary(
     result: Any, explanations: list[Explanation], robot: str, seconds: float, keys: set[str]
 ) -> tuple[list[str], dict[str, Any]]:
@@ -171,13 +161,13 @@ def _summary(
     if result.state == SUCCESS:
         return [f"task {result.task_id} has succeeded after {seconds:.1f} s", *_values(params, keys)], data
     failed = f"task {result.task_id} {'was preempted' if preempted else 'has failed'} after {seconds:.1f} s"
-    if preempted:
-        return [failed], data
     if not explanations:
         return [f"{failed}: {result.message}"], data
-    lines = [f"  {line}" for line in explanations[-1].lines()]
+    if preempted:
+        return [explanations[-1].sentence, failed], data
+    lines = [f"  {line}" for line in explanations[-1].details()]
     more = [f"  {len(explanations) - 1} more failed before: why {result.task_id}"] if len(explanations) > 1 else []
-    return [failed, *lines, *more], data
+    return [explanations[-1].sentence, failed, *lines, *more], data
 
 
 def _not_given(steps: list[Step], known: list[Skill]) -> set[str]:

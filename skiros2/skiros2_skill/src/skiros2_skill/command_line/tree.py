@@ -163,6 +163,10 @@ def first_line(text: str) -> str:
     return text.strip().splitlines()[0] if text.strip() else ""
 
 
+#: The indent of the continuation of a line, which starts with a time.
+_INDENT = " " * 10
+
+
 class Changes:
     """Formats the changes of a task as lines, with the time since the first one.
 
@@ -191,10 +195,10 @@ class Changes:
         for line in itertools.islice(run.log.lines, max(0, len(run.log) - new), None):
             if not line.path and line.state == RUNNING and line.message:  # paused, and why
                 text = f"{line.time - run.start:6.1f} s  {first_line(line.message)}"
-                yield Line(self._screen.fitted(text), _COLOURS["paused"])
+                yield from (Line(part, _COLOURS["paused"]) for part in self._screen.wrapped(text, _INDENT))
             elif line.path and line.state in (*ENDS, RUNNING):
                 style, node = style_of(line.state), tree[line.path]
                 name = "  " * (len(line.path) - 1) + _title(self._screen, style, line.name, node.processor)
                 message = _message(node)
                 text = f"{line.time - run.start:6.1f} s  {f'{name}  {message}' if message else name}"
-                yield Line(self._screen.fitted(text), _colour(style))
+                yield from (Line(part, _colour(style)) for part in self._screen.wrapped(text, _INDENT))

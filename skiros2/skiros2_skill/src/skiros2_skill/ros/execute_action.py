@@ -137,7 +137,7 @@ class ExecuteAction(GoalServer):
             ids = [task_id for task_id, goal in self._goals.items() if goal.handle == handle]
         for task_id in ids:
             try:
-                self._scheduler.preempt(task_id)
+                self._scheduler.preempt(task_id, by=handle.get_goal().author)
             except UnknownName:
                 log.debug("task %s has ended already", task_id)
             else:

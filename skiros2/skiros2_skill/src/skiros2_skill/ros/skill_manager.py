@@ -7,6 +7,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import rospy
@@ -216,7 +217,9 @@ class SkillManager(DiscoverableNode):
         scheduler = self._running()
         commands: dict[str, Callable[[Any], int]] = {
             request.START: self._on_start,
-            request.PREEMPT: lambda r: _for_tasks(r.execution_id, scheduler.preempt, scheduler.preempt_all),
+            request.PREEMPT: lambda r: _for_tasks(
+                r.execution_id, partial(scheduler.preempt, by=r.author), partial(scheduler.preempt_all, by=r.author)
+            ),
             request.PAUSE: self._on_pause,
             request.TICK_ONCE: lambda r: self._on_start(r, ticks=1),
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import rospy
@@ -73,7 +74,9 @@ class StopService:
             return self._resume(request.task_id)
         tasks = [task.id for task in self._scheduler.tasks()] if request.task_id == ALL else [request.task_id]
         if request.action == request.PREEMPT:
-            self._for_tasks(request.task_id, self._scheduler.preempt, self._scheduler.preempt_all)
+            preempt, preempt_all = self._scheduler.preempt, self._scheduler.preempt_all
+            by = request.author
+            self._for_tasks(request.task_id, partial(preempt, by=by), partial(preempt_all, by=by))
         else:
             self._for_tasks(request.task_id, self._scheduler.pause, self._scheduler.pause_all)
             self._scheduler.wait_until_idle(tasks, PAUSE_TIMEOUT)

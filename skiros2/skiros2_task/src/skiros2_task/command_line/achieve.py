@@ -169,9 +169,10 @@ def format_result(result: Any, seconds: float) -> tuple[list[str], dict[str, Any
         return [f"the goal is reached after {seconds:.1f} s: {_count(succeeded, 'step')} done{more}"], data
     outcome = "was cancelled" if result.state == "cancelled" else "is not reached"
     first = f"the goal {outcome} after {seconds:.1f} s, {_count(succeeded, 'step')} done"
-    lines = [first, *result.message.splitlines()]
+    cause, *details = result.message.splitlines() or [""]
+    lines = [*([cause] if cause else []), first, *details]
     if explanations:
-        lines += [f"  {line}" for line in Explanation.from_dict(explanations[-1]).lines()]
+        lines += [f"  {line}" for line in Explanation.from_dict(explanations[-1]).details()]
     return lines, data
 
 

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.wording import label_text, with_names
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.plan import Step, plan_flaw
 from skiros2_task.core.planning import Verdict
@@ -257,7 +258,7 @@ class ExecutionStateMachine:
         else:
             record.state = StepState.FAILED
             self._failures[record.step.call.manager, record.step.call.label] += 1
-            self.message = f"{record.step} has failed: {message}"
+            self.message = message if record.explanations else f"{record.step} has failed: {message}"
         if self._outcome is not None:
             return self._finish(self._outcome)
         released = [self._claim()] if self._interrupted else []
@@ -378,14 +379,26 @@ class ExecutionStateMachine:
 
     def _replan(self, reason: str) -> list[Command]:
         """Drops the waiting steps and plans again, at most `max_replans` times."""
-        self.message = reason
+        self.message = self._named(reason)
         self._broken_since = None
         self._drop_waiting()
         if self.replans >= self.max_replans:
-            count = f" after {self.replans} replans" if self.replans else ""
-            return self._finish(End(Verdict.FAILED, f"{reason}{count}"))
+            return self._finish(End(Verdict.FAILED, self.message + self._replans_text()))
         self.replans += 1
         return self._plan()
+
+    def _replans_text(self) -> str:
+        """The sentence that follows the reason of the end."""
+        if not self.replans:
+            return ""
+        plans = f"{self.replans} other plan{'s' if self.replans > 1 else ''}"
+        return f"{' ' if self.message.endswith('.') else '. '}The goal is given up after {plans}."
+
+    def _named(self, text: str) -> str:
+        """Returns a text with the labels of the elements of all steps instead of their ids."""
+        elements = (e for record in self.records.values() for _, e in record.step.call.arguments)
+        labels = {element.id: element.label for element in elements if element.label}
+        return with_names(text, lambda eid: "", lambda eid: label_text(labels.get(eid, eid)))
 
     def _drop_waiting(self) -> None:
         for record in self.records.values():

@@ -6,21 +6,19 @@ unreachable too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations, islice
 
 from skiros2_common.core.json_data import JsonData
-from skiros2_task.core.actions import Action, declared_effects, make_actions, why_unusable
-from skiros2_task.core.conditions import FactFamilies
-from skiros2_task.core.conditions import Literal as PredicateLiteral
+from skiros2_common.core.wording import ids_in, label_text, with_names
+from skiros2_task.core.actions import Action
 from skiros2_task.core.engines import Outcome
-from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate, bind, conjuncts
-from skiros2_task.core.no_plan_sentence import label_of, sentence_of
+from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, bind, conjuncts
+from skiros2_task.core.no_plan_sentence import Clauses, needs
 from skiros2_task.core.reachability import Binding, Deadline, Reached, bindings, explore
-from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.unusable_skills import UnusableSkill
 from skiros2_task.core.world import WorldView
 
 #: The states of a fact: it holds initially; it is reachable in the relaxed task; it is not; the deadline passed.
@@ -28,6 +26,16 @@ HOLDS, REACHABLE, UNREACHABLE, UNKNOWN = "holds", "reachable", "unreachable", "u
 
 #: The number of skills, and of parts of a fact, in an explanation.
 MAX_LISTED = 3
+
+#: The start of the sentence, by verdict.
+_VERDICTS = {
+    Outcome.TIMED_OUT.value: "No plan found in time",
+    Outcome.CANCELLED.value: "Planning was cancelled",
+    Outcome.FAILED.value: "Planning failed",
+}
+
+_CONTRADICTED = "the goal asks for it and for the opposite"
+_NO_ELEMENT = "the scene has no element for it"
 
 #: The default timeout (s).
 _TIMEOUT = 5.0
@@ -44,7 +52,7 @@ class Achiever:
     """A skill with a fact as its effect, with the binding that has the fewest unsatisfied conditions.
 
     :param values: the bound parameters: elements by key.
-    :param obstacles: reasons that no skill can change, such as an element of a different class.
+    :param obstacles: reasons that no skill can change, such as "needs a product for Object, but Table is a location".
     :param unsatisfied: its unreachable conditions.
     """
 
@@ -56,7 +64,7 @@ class Achiever:
     def lines(self) -> Iterator[str]:
         values = ", ".join(f"{key}={value}" for key, value in self.values.items())
         name = f"{self.skill} with {values}" if values else self.skill
-        yield f"{name}: {'; '.join(self.obstacles)}" if self.obstacles else f"{name} needs"
+        yield f"{name} {' and '.join(self.obstacles) or 'needs'}"
         for fact in self.unsatisfied:
             yield from (f"  {line}" for line in fact.lines())
 
@@ -66,6 +74,7 @@ class Fact:
     """A part of a goal, or a condition.
 
     :param text: in goal syntax.
+    :param clause: for people, such as "Shelf contains Blue cup".
     :param state: `HOLDS`, `REACHABLE`, `UNREACHABLE` or `UNKNOWN`.
     :param note: a further reason.
     :param parts: the unreachable parts of a conjunction or disjunction.
@@ -79,10 +88,11 @@ class Fact:
     parts: list[Fact] = field(default_factory=list)
     achievers: list[Achiever] = field(default_factory=list)
     more: int = 0
+    clause: str = ""
 
     def lines(self) -> Iterator[str]:
-        state = {UNREACHABLE: " cannot be reached", UNKNOWN: " is not known to be reachable"}.get(self.state, "")
-        yield f"{self.text}{state}{f': {self.note}' if self.note else ''}"
+        state = {UNREACHABLE: "cannot be reached: ", UNKNOWN: "not known to be reachable: "}.get(self.state, "")
+        yield f"{state}{self.clause or self.text}{f' ({self.note})' if self.note else ''}"
         for part in self.parts:
             yield from (f"  {line}" for line in part.lines())
         for achiever in self.achievers:
@@ -102,7 +112,8 @@ class NoPlan(JsonData):
         that skills have as an effect only if they hold already.
     :param left_out: the skills that planning cannot use, with the reasons.
     :param missing_values: parameters as SKILL.PARAMETER: with values for them there would be a plan.
-    :param sentence: the cause in one sentence, with labels; "" if it has none.
+    :param sentence: the cause as one main clause, with labels and times.
+    :param labels: of the elements in the other texts, by id.
     """
 
     verdict: str
@@ -112,6 +123,7 @@ class NoPlan(JsonData):
     left_out: list[str] = field(default_factory=list)
     missing_values: list[str] = field(default_factory=list)
     sentence: str = ""
+    labels: dict[str, str] = field(default_factory=dict)
     _data_name = "why there is no plan"
 
     def __str__(self) -> str:
@@ -122,27 +134,33 @@ class NoPlan(JsonData):
         """The unreachable parts of the goal."""
         return [goal for goal in self.goals if goal.state == UNREACHABLE]
 
+    @property
+    def headline(self) -> str:
+        """The verdict and the cause in one sentence: "No plan: Blue cup is nowhere."."""
+        cause = (self.sentence or self.undecided or self.reason).rstrip(".")
+        verdict = _VERDICTS.get(self.verdict, "No plan")
+        return f"{verdict}: {cause}." if cause else f"{verdict}."
+
     def lines(self) -> Iterator[str]:
         """Yields the text: the sentence, then the details."""
-        if self.sentence:
-            yield self.sentence
-        yield f"no plan ({self.verdict}){f': {self.reason}' if self.reason else ''}"
-        for goal in self.unreachable:
-            yield from goal.lines()
-        if self.goals and not self.unreachable:
-            yield self._undecided()
-        if self.missing:
-            yield "missing facts:"
-            yield from (f"  {fact}" for fact in self.missing)
+        yield self.headline
+        yield f"verdict: {self.verdict}{f' ({self.reason})' if self.reason else ''}"
+        for line in (line for goal in self.unreachable for line in goal.lines()):
+            yield with_names(line, lambda eid: "", lambda eid: self.labels.get(eid, eid))
+        if self.goals and not self.unreachable and self.sentence:
+            yield self.undecided
 
-    def _undecided(self) -> str:
-        """Returns the text for a goal whose parts are not known to be unreachable."""
+    @property
+    def undecided(self) -> str:
+        """The clause for a goal whose parts are not known to be unreachable; "" if one is."""
+        if not self.goals or self.unreachable:
+            return ""
         if any(goal.state == UNKNOWN for goal in self.goals):
             return "the time was too short to find the unreachable parts of the goal"
         several = len(self.goals) > 1
-        subject = "each part of the goal" if several else self.goals[0].text
+        subject = "each part of the goal" if several else f"the goal ({self.goals[0].clause or self.goals[0].text})"
         if self.verdict != Outcome.IMPOSSIBLE.value:
-            return f"{subject} may be reachable; more time may help"
+            return f"{subject} may be reachable, more time may help"
         if several:
             return f"{subject} may be reachable alone, but not all parts together"
         return f"{subject} could be reached only if no effect were ever undone"
@@ -162,16 +180,16 @@ def explain_no_plan(
     :param reason: the planner's.
     :param left_out: the skills that are not part of the task.
     :param deadline: by default in 5 s.
-    :param world: the snapshot, for the sentence; None: there is none.
+    :param world: the snapshot, for labels and places; None: the text names elements by their ids.
     """
     deadline = deadline or Deadline(_TIMEOUT)
     reached = explore(task, deadline)
-    name = (lambda eid: eid) if world is None else partial(label_of, world)
-    explainer = _Explainer(task, reached, left_out, deadline, name)
+    clauses = Clauses(world)
+    explainer = _Explainer(task, reached, left_out, deadline, clauses)
     parts = conjuncts(task.goal)
     contradicted = _contradicted(parts)
     goals = {
-        part: Fact(format_formula(part), UNREACHABLE, "the goal asks for it and for the opposite")
+        part: Fact(format_formula(part), UNREACHABLE, _CONTRADICTED, clause=clauses.fact(part))
         if part in contradicted
         else explainer.explain(part)
         for part in parts
@@ -181,26 +199,35 @@ def explain_no_plan(
         reason = f"the planner did not prove it ({outcome.value}{f': {reason}' if reason else ''}), but this does"
         outcome = Outcome.IMPOSSIBLE
     missing = explainer.missing or explainer.circular
-    sentence = _sentence(found, missing, world) if world is not None else ""
-    return NoPlan(outcome.value, reason, found, list(missing), [str(skill) for skill in left_out], sentence=sentence)
+    sentence = _sentence(found, missing, clauses)
+    why = NoPlan(outcome.value, reason, found, list(missing), [str(skill) for skill in left_out], sentence=sentence)
+    return replace(why, labels={eid: clauses.name(eid) for eid in ids_in(why.to_json())} if world is not None else {})
 
 
-def _sentence(goals: Sequence[Fact], missing: Mapping[str, Formula], world: WorldView) -> str:
+def _sentence(goals: Sequence[Fact], missing: Mapping[str, Formula], clauses: Clauses) -> str:
     """Returns the cause: that of the first unreachable part of the goal, in its nearest achiever."""
-    fact = next((goal for goal in goals if goal.state == UNREACHABLE), None)
+    fact = first = next((goal for goal in goals if goal.state == UNREACHABLE), None)
     while fact is not None:
         if fact.achievers and fact.achievers[0].obstacles:
-            first = fact.achievers[0]
-            return f"{first.skill} cannot help: {'; '.join(first.obstacles)}."
+            nearest = fact.achievers[0]
+            return f"{_short(nearest.skill)} {' and '.join(nearest.obstacles)}"
+        if fact.note == _CONTRADICTED:
+            return f"{_CONTRADICTED}: {fact.clause}"
         inner = [*fact.parts, *(part for achiever in fact.achievers[:1] for part in achiever.unsatisfied)]
         fact = inner[0] if inner else None
-    return next((text for formula in missing.values() if (text := sentence_of(formula, world))), "")
+    causes = (clauses.obstacle(formula) for formula in missing.values())
+    return next(causes, f"{first.clause}: {first.note}" if first is not None else "")
+
+
+def _short(skill: str) -> str:
+    """Returns the label of a skill that is named with its type: `skiros:Pick (pick)` gives `pick`."""
+    return label_text(skill.rpartition("(")[2].rstrip(")"))
 
 
 class _Explainer:
     """Explains facts of one task. Each fact is explained in full once.
 
-    :param name: names an element for people.
+    :param clauses: formats facts for people.
     """
 
     def __init__(
@@ -209,9 +236,9 @@ class _Explainer:
         reached: Reached,
         left_out: Sequence[UnusableSkill],
         deadline: Deadline,
-        name: Callable[[str], str],
+        clauses: Clauses,
     ) -> None:
-        self._name = name
+        self._clauses = clauses
         self._task = task
         self._reached = reached
         self._now = Reached(task.init, set(task.init))
@@ -228,15 +255,15 @@ class _Explainer:
 
     def explain(self, formula: Formula) -> Fact:
         """Returns the state of a formula, with the reasons if it is unreachable."""
+        fact = Fact(format_formula(formula), UNREACHABLE, clause=self._clauses.fact(formula))
         if self.holds(formula):
-            return Fact(format_formula(formula), HOLDS)
+            return replace(fact, state=HOLDS)
         if self._reached.may_hold(formula):
-            return Fact(format_formula(formula), REACHABLE)
+            return replace(fact, state=REACHABLE)
         if not self._reached.complete:
-            return Fact(format_formula(formula), UNKNOWN, "the time was too short")
+            return replace(fact, state=UNKNOWN, note="the time was too short")
         if isinstance(formula, And | Or):
             return self._compound(formula)
-        fact = Fact(format_formula(formula), UNREACHABLE)
         if formula in self._explained:
             fact.note = "see above"
             if formula in self._open:
@@ -247,7 +274,13 @@ class _Explainer:
         achievers = [*self._achievers(formula), *self._unused(formula)]
         achievers.sort(key=lambda a: (len(a.obstacles), len(a.unsatisfied)))
         achievers = [a for a in achievers if not a.obstacles] or achievers
-        fact.achievers, fact.more = achievers[:MAX_LISTED], max(0, len(achievers) - MAX_LISTED)
+        being_explained = set(map(format_formula, self._open))
+        straight = [a for a in achievers if not any(part.text in being_explained for part in a.unsatisfied)]
+        if achievers and not straight:
+            names = " and ".join(dict.fromkeys(_short(a.skill) for a in achievers))
+            needed = dict.fromkeys(p.clause for a in achievers for p in a.unsatisfied if p.text in being_explained)
+            fact.note = f"only by {names}, which needs that {' or '.join(needed)}"
+        fact.achievers, fact.more = straight[:MAX_LISTED], max(0, len(straight) - MAX_LISTED)
         if not achievers:
             is_skill = isinstance(formula, Atom) and formula.predicate.kind is Kind.CAN
             fact.note = "its manager does not offer it" if is_skill else "no skill brings it about"
@@ -258,11 +291,13 @@ class _Explainer:
     def _compound(self, formula: And | Or) -> Fact:
         unreachable = [part for part in formula.parts if not self._reached.may_hold(part)]
         if not unreachable:
-            return Fact("(or)", UNREACHABLE, "the scene has no element for it")
+            return Fact("(or)", UNREACHABLE, _NO_ELEMENT)
         note = "all parts are needed" if isinstance(formula, And) else "no alternative can be reached"
-        text = format_formula(formula) if len(formula.parts) <= MAX_LISTED else f"({_connective(formula)} ...)"
+        is_short = len(formula.parts) <= MAX_LISTED
+        text = format_formula(formula) if is_short else f"({_connective(formula)} ...)"
         parts = [self.explain(part) for part in unreachable[:MAX_LISTED]]
-        return Fact(text, UNREACHABLE, note, parts, more=len(unreachable) - len(parts))
+        clause = self._clauses.fact(formula) if is_short else f"{len(formula.parts)} conditions"
+        return Fact(text, UNREACHABLE, note, parts, more=len(unreachable) - len(parts), clause=clause)
 
     def _achievers(self, formula: Formula) -> Iterator[Achiever]:
         """Yields the skills of the task with the formula as an effect."""
@@ -276,16 +311,13 @@ class _Explainer:
     def _achiever(self, action: Action, given: Binding) -> Achiever:
         keys = {v.name: v.key or "Robot" for v in action.variables}
         known = {keys[name]: value for name, value in given.items() if name in keys}
-        wrong = [
-            f"{self._name(given[v.name])} is no {' and '.join(v.classes)}"
-            for v in action.variables
-            if v.name in given and given[v.name] not in self._task.candidates(v.classes)
-        ]
-        wrong += [
-            f"the scene has no element for {v.key or 'Robot'} ({' and '.join(v.classes)})"
-            for v in action.variables
-            if not self._task.candidates(v.classes)
-        ]
+        wrong = []
+        for v in action.variables:
+            element, candidates = given.get(v.name), self._task.candidates(v.classes)
+            if not candidates:
+                wrong.append(f"{needs(v)}, but the scene has none")
+            elif element is not None and element not in candidates:
+                wrong.append(f"{needs(v)}, but {self._clauses.name(element)} is {self._clauses.kind(element)}")
         if wrong:
             return Achiever(action.skill.name, known, wrong)
         binding, unsatisfied = self._nearest(action, given)
@@ -319,7 +351,7 @@ class _Explainer:
         atom, state = _literal(formula)
         for skill in self._left_out:
             if (atom.predicate, state) in skill.effects:
-                yield Achiever(skill.name, {}, [skill.reason])
+                yield Achiever(skill.name, {}, [skill.obstacle or f"cannot be planned with: {skill.reason}"])
 
 
 def _contradicted(parts: Sequence[Formula]) -> set[Formula]:
@@ -370,73 +402,3 @@ def _unify(effect: Atom, wanted: Atom) -> Binding | None:
         if (binding.setdefault(own, term) if own.startswith("?") else own) != term:
             return None
     return binding
-
-
-# -- skills that planning cannot use -----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class UnusableSkill:
-    """A skill with effects that no plan can use.
-
-    :param managers: the node names of its managers.
-    :param reason: why it is unusable.
-    :param effects: the task's literals that it would make true.
-    """
-
-    name: str
-    managers: tuple[str, ...]
-    reason: str
-    effects: frozenset[PredicateLiteral]
-
-    def __str__(self) -> str:
-        return f"{self.name} of {', '.join(self.managers)}: {self.reason}"
-
-
-#: Why a plan cannot use the effect of a hold-condition. It would need concurrency (Cushing, Kambhampati, Mausam, Weld:
-#: When is temporal planning really temporal?, IJCAI 2007), but planners produce sequences.
-_TEMPORARY = "this lasts only while it runs, and plans start no step during another one; a skill that runs both can"
-
-
-def unusable_skills(world: WorldView, task: PlanningTask) -> list[UnusableSkill]:
-    """Returns the robots' skills with effects that a task needs and cannot use.
-
-    :param world: the snapshot that the task was compiled from.
-    """
-    predicates = {p for p in task.predicates if p.kind is not Kind.CAN}
-    families = FactFamilies((), world.is_subproperty)
-    owners: dict[Skill, list[str]] = {}
-    for robot in world.robots:
-        for skill in robot.skills:
-            owners.setdefault(skill, []).append(robot.manager)
-    usable = {action.skill: action for action in make_actions(world.robots)[0]}
-    in_task = {action.skill for action in task.actions}
-    found = []
-    for skill, managers in owners.items():
-        reasons: dict[str, list[PredicateLiteral]] = {}
-        if skill not in usable:
-            reasons[why_unusable(skill)] = declared_effects(skill)
-        else:
-            reasons[_TEMPORARY] = [(e.atom.predicate, e.state) for e in usable[skill].during]
-            empty = [v for v in usable[skill].variables if not world.members_of_all(v.classes)]
-            if empty and skill not in in_task:
-                wanted = ", ".join(f"{v.key or 'Robot'} ({' and '.join(v.classes)})" for v in empty)
-                reasons[f"the scene has no element for {wanted}"] = declared_effects(skill)
-        for reason, declared in reasons.items():
-            effects = frozenset(_consequences(declared, predicates, families, world))
-            if effects:
-                found.append(UnusableSkill(skill.name, tuple(managers), reason, effects))
-    return found
-
-
-def _consequences(
-    effects: Iterable[PredicateLiteral], predicates: set[Predicate], families: FactFamilies, world: WorldView
-) -> Iterator[PredicateLiteral]:
-    for effect, state in effects:
-        yield from families.consequences(effect, state, predicates)
-        if effect.kind is Kind.RELATION and state:
-            yield from ((p, True) for p in predicates if _is_subproperty(effect, p, world))
-
-
-def _is_subproperty(effect: Predicate, predicate: Predicate, world: WorldView) -> bool:
-    return predicate.kind is Kind.RELATION and world.is_subproperty(effect.name, predicate.name)

@@ -1,76 +1,119 @@
-"""The one sentence that says why there is no plan, with labels and times: "Blue cup is nowhere: ..."."""
+"""Clauses about facts and elements for people, with labels and times: "Blue cup is nowhere: root removed it ..."."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
-from skiros2_common.core.names import local_name
-from skiros2_task.core.formula import Atom, Formula, Kind, Not
+from skiros2_common.core.names import SCENE_ROOT, SPATIAL, local_name
+from skiros2_common.core.wording import a, label_text, moment, unrelated, verb, words, wrong_value
+from skiros2_task.core.actions import Variable
+from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or
 from skiros2_task.core.world import WorldView
 
-#: The relations of a holder to what it holds and contains, and the root of the scene.
-_SPATIAL, _CONTAIN, _ROOT = "skiros:spatiallyRelated", "skiros:contain", "skiros:Scene-0"
-
-#: Units of the time since a change: the number of seconds, and the name.
-_UNITS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
+_CONTAIN = "skiros:contain"
 
 
-def sentence_of(formula: Formula, world: WorldView, now: Callable[[], float] = time.time) -> str:
-    """Returns why a fact cannot be reached, which no skill brings about or only skills that need it themselves."""
-    atom, state = (formula.part, False) if isinstance(formula, Not) else (formula, True)
-    if not isinstance(atom, Atom):
-        return ""
-    first = label_of(world, atom.terms[0])
-    kind, name = atom.predicate.kind, local_name(atom.predicate.name)
-    if kind is Kind.CAN:
-        return f"{first} does not offer the skill {atom.predicate.name}."
-    if kind is Kind.RELATION and state and world.is_subproperty(atom.predicate.name, _SPATIAL):
-        return _place(atom.terms[0], atom.terms[1], world, now)
-    if kind is Kind.RELATION:
-        fact, holds = f"({name} {first} {label_of(world, atom.terms[1])})", "does not hold" if state else "holds"
-        return f"{fact} {holds}, and no skill changes that."
-    if kind in (Kind.VALUE, Kind.COMPARES):
-        element = world.objects.get(atom.terms[0])
-        found = None if element is None else element.value_of(atom.predicate.name)
-        operator = atom.predicate.operator or "="
-        wanted = f"{'' if state else 'not '}{operator} {atom.predicate.value}"
-        present = f"has no {name}" if found is None else f"has {name} = {found}"
-        return f"{first} {present}; {wanted} is needed, and no skill brings it about."
-    return ""
+class Clauses:
+    """Formats facts of a world as clauses.
+
+    :param world: None: elements are named by their ids, and nothing is known about them.
+    """
+
+    def __init__(self, world: WorldView | None) -> None:
+        self._world = world
+
+    def name(self, eid: str) -> str:
+        """The label of an element without prefix; with the id if others have the same label; or else the id."""
+        element = self._world.objects.get(eid) if self._world is not None else None
+        if eid == SCENE_ROOT:
+            return "the scene"
+        if self._world is None or element is None or not element.label:
+            return eid
+        name = label_text(element.label)
+        is_unique = len(self._world.instances(element.label)) < 2
+        return name if is_unique else f"{name} ({local_name(eid)})"
+
+    def kind(self, eid: str) -> str:
+        """The class of an element, with its article: "a location"."""
+        element = self._world.objects.get(eid) if self._world is not None else None
+        return a(words(element.type if element is not None else eid.rpartition("-")[0]))
+
+    def fact(self, formula: Formula) -> str:
+        """A formula as a clause: "Shelf contains Blue cup"."""
+        if isinstance(formula, And | Or):
+            word = " and " if isinstance(formula, And) else " or "
+            return word.join(map(self.fact, formula.parts)) or "(nothing)"
+        atom, state = (formula.part, False) if isinstance(formula, Not) else (formula, True)
+        if not isinstance(atom, Atom):
+            return str(formula)
+        predicate, names = atom.predicate, [self.name(term) for term in atom.terms]
+        kind, be = predicate.kind, "is" if state else "is not"
+        if kind is Kind.RELATION:
+            return f"{names[0]} {verb(predicate.name, state)} {names[1]}"
+        if kind is Kind.ALLOWED:
+            return f"the ontology {'allows' if state else 'forbids'} that {names[0]} {verb(predicate.name)} {names[1]}"
+        if kind is Kind.CAN:
+            return f"{names[0]} {'has' if state else 'does not have'} the skill {predicate.name}"
+        if kind is Kind.IN_SCENE:
+            return f"{names[0]} {be} in the scene"
+        if kind is Kind.HAS:
+            return f"{names[0]} has {'a' if state else 'no'} value of {words(predicate.name)}"
+        if kind is Kind.IS_A:
+            return f"{names[0]} {be} {a(words(predicate.name))}"
+        if kind is Kind.VALUE:
+            return f"{words(predicate.name)} of {names[0]} {be} {predicate.value}"
+        if kind is Kind.COMPARES:
+            return f"{words(predicate.name)} of {names[0]} {be} {predicate.operator} {predicate.value}"
+        return f"{names[0]} {be} {names[1]}"
+
+    def obstacle(self, formula: Formula) -> str:
+        """Why a fact cannot be reached that no skill brings about, or only skills that need it themselves."""
+        atom, state = (formula.part, False) if isinstance(formula, Not) else (formula, True)
+        if not isinstance(atom, Atom) or self._world is None:
+            return f"{self.fact(formula)}: no skill brings it about"
+        kind, key = atom.predicate.kind, atom.predicate.name
+        if kind is Kind.CAN:
+            return f"{self.name(atom.terms[0])} does not offer the skill {key}"
+        if kind is Kind.RELATION and state and self._world.is_subproperty(key, SPATIAL):
+            return self._place(key, *atom.terms)
+        if kind is Kind.RELATION and state:
+            others = [self.name(obj) for subject, obj in self._world.pairs(key) if subject == atom.terms[0]]
+            text = unrelated(key, *map(self.name, atom.terms), others=others)
+        elif kind in (Kind.VALUE, Kind.COMPARES) and atom.terms[0] in self._world.objects:
+            found = self._world.objects[atom.terms[0]].value_of(key)
+            compared = f"{atom.predicate.operator} " if kind is Kind.COMPARES and atom.predicate.operator != "=" else ""
+            wanted = f"{'' if state else 'not '}{compared}{atom.predicate.value}"
+            shown = "" if found is None else str(found)
+            text = wrong_value(key, self.name(atom.terms[0]), shown, wanted if state or compared else "")
+        else:
+            text = self.fact(Not(atom) if state else atom)
+        return f"{text}, and no skill can change that"
+
+    def _place(self, relation: str, wanted: str, eid: str) -> str:
+        """Returns where an element is that cannot come to the wanted place."""
+        assert self._world is not None
+        thing = self.name(eid)
+        holders = [
+            (subject, held)
+            for held in self._world.stated_relations()
+            if self._world.is_subproperty(held, SPATIAL)
+            for subject, obj in self._world.pairs(held)
+            if obj == eid
+        ]
+        if holders:
+            holder, held = holders[0]
+            is_in = self._world.is_subproperty(held, _CONTAIN)
+            where = f"{thing} is in" if is_in else f"{thing} is a part of"
+            bring = "bring it to" if self._world.is_subproperty(relation, _CONTAIN) else "give it to"
+            return f"{where} {self.name(holder)}, and no skill can {bring} {self.name(wanted)}"
+        removal = self._world.removal(eid, SPATIAL)
+        if removal is None:
+            return f"{thing} is nowhere"
+        holder, author, stamp = removal
+        at = moment(stamp, time.time())
+        return f"{thing} is nowhere: {author.strip('/')} removed it from {self.name(holder)} at {at}"
 
 
-def label_of(world: WorldView, eid: str) -> str:
-    """The label of an element without prefix, or else its id."""
-    element = world.objects.get(eid)
-    return local_name(element.label) if element is not None and element.label else eid
-
-
-def _place(wanted: str, eid: str, world: WorldView, now: Callable[[], float]) -> str:
-    """Returns where an element is that cannot come to the wanted place."""
-    thing, place = label_of(world, eid), label_of(world, wanted)
-    holders = [
-        (subject, world.is_subproperty(relation, _CONTAIN))
-        for relation in world.stated_relations()
-        if world.is_subproperty(relation, _SPATIAL)
-        for subject, obj in world.pairs(relation)
-        if obj == eid
-    ]
-    if holders:
-        holder, is_in = holders[0]
-        name = "the scene" if holder == _ROOT else label_of(world, holder)
-        if not is_in:
-            return f"{thing} is a part of {name}, and no skill can give it to {place}."
-        return f"{thing} is in {name}, and no skill can bring it to {place}."
-    removal = world.removal(eid, _SPATIAL)
-    if removal is None:
-        return f"{thing} is nowhere."
-    holder, author, stamp = removal
-    clock = time.strftime("%H:%M", time.localtime(stamp))
-    return f"{thing} is nowhere: {author} removed it from {label_of(world, holder)} at {clock} ({_ago(now() - stamp)})."
-
-
-def _ago(seconds: float) -> str:
-    """Formats the time since a change in the largest unit that it reaches."""
-    size, unit = next(((size, unit) for size, unit in _UNITS if seconds >= size), _UNITS[-1])
-    return f"{max(0, int(seconds // size))} {unit} ago"
+def needs(variable: Variable) -> str:
+    """Returns the phrase that a skill needs an element: "needs a product for Object"."""
+    return f"needs {' and '.join(a(words(cls)) for cls in variable.classes)} for {variable.key or 'Robot'}"

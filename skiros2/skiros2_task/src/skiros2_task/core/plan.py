@@ -8,7 +8,9 @@ from functools import cached_property
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import local_name
+from skiros2_common.core.wording import label_text
 from skiros2_common.core.world_element import Element
+from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.formula import Formula
 from skiros2_task.core.partial_order import PartialOrder, deorder
 from skiros2_task.core.reduction import reduced
@@ -60,7 +62,11 @@ class Step:
     end: float = 0.0
 
     def __str__(self) -> str:
-        return f"step {self.number}, {self.call}"
+        call = self.call
+        named = ((key, label_text(e.label) or e.id or e.type) for key, e in call.arguments if key != ROBOT_KEY)
+        given = ", ".join(f"{key}={name}" for key, name in named)
+        name = f"{label_text(call.label) or local_name(call.type)} by {call.manager.strip('/')}"
+        return f"step {self.number}, {name}: {given}" if given else f"step {self.number}, {name}"
 
     @cached_property
     def precondition(self) -> Formula:

@@ -16,7 +16,7 @@ from skiros2_common.core.manager_names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task, note_of_empty_class
 from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome, PlannerAnswer
-from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan, unusable_skills
+from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan
 from skiros2_task.core.explain_plan import explain_plan
 from skiros2_task.core.formula import FALSE, Formula
 from skiros2_task.core.given_plan import GivenPlan, plan_data
@@ -28,6 +28,7 @@ from skiros2_task.core.reachability import Deadline
 from skiros2_task.core.skills import Robot, RunningManagers, assume_values, no_managers
 from skiros2_task.core.store import Archive, Durations
 from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.unusable_skills import unusable_skills
 from skiros2_task.core.world import WorldView, WorldViews
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
@@ -328,7 +329,9 @@ def _without_plan(
     """
     if outcome in (Outcome.CANCELLED, Outcome.FAILED):
         why = NoPlan(outcome.value, reason)
-        return PlanningResult(_VERDICTS[outcome], reason, task.notes, task, why=why)
+        return PlanningResult(_VERDICTS[outcome], why.headline, task.notes, task, why=why)
     deadline = Deadline(_EXPLANATION_TIMEOUT, cancelled)
     why = explain_no_plan(task, outcome, reason, unusable_skills(world, task), deadline, world)
+    if reason == NO_ROBOT or task.goal == FALSE:
+        why = replace(why, sentence=reason)
     return PlanningResult(_VERDICTS[Outcome(why.verdict)], str(why), task.notes, task, why=why)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 import rospy
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
-from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.explanation import Explanation, cause_of
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
@@ -221,13 +221,14 @@ class _StepRun:
         seconds, result = time.monotonic() - started, run.result()
         succeeded = result.state == SkillProgress.SUCCESS
         log.info("%s has ended after %.2f s: %s", self.step, seconds, result.message)
-        self.ended(succeeded, result.message, _explanations(run))
+        explanations = _explanations(manager, run)
+        self.ended(succeeded, result.message if succeeded else cause_of(explanations, result.message), explanations)
         return succeeded
 
 
-def _explanations(run: SkillRun) -> list[Explanation]:
+def _explanations(manager: SkillManagerInterface, run: SkillRun) -> list[Explanation]:
     try:
-        return run.explanations()
+        return manager.explain(run)
     except SkirosError as error:
         log.warning("an explanation cannot be read: %s", error)
         return []

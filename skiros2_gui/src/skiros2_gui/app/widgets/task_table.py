@@ -18,7 +18,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
-from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, message_text, skills_text
+from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, skills_text
 from skiros2_gui.app.widgets.controls import plain_tip, push_button, timer
 from skiros2_gui.app.widgets.theme import colour_state
 from skiros2_gui.app.window import Window
@@ -185,7 +185,7 @@ class TaskTable(QWidget):
         style, silent = style_of(run.state), self._is_live(run) and is_silent(run, time.time())
         state = "… silent" if silent else f"{style.symbol} {style.word}"
         skills = skills_text(run)
-        texts = (skills, state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), message_text(run))
+        texts = (skills, state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), self._window.tasks.message(run))
         for column, text in enumerate(texts):
             if item.text(column) != text:
                 item.setText(column, text)

@@ -45,6 +45,7 @@ class RunTab(QWidget):
         self.presenter = RunPresenter(window)
         self.view = TreeView(self.presenter)
         self._folder = ""
+        self._window_tasks = window.tasks
         self._tasks = TaskTable(window, "taskChoice", lambda: self.presenter.runs, lambda: self.presenter.run)
         self._tasks.picked.connect(self.presenter.pick)
         self._names = Names(window.system)
@@ -196,7 +197,8 @@ class RunTab(QWidget):
         has_failed = frame is not None and bool(line) and frame.state(0) == FAILURE
         if frame is not None and frame.has_ended and not has_failed:
             line = ""
-        line = self._names.readable(line)
+        cause = self._window_tasks.cause(self.presenter.run) if self.presenter.run is not None else ""
+        line = cause if cause and frame is not None and frame.has_ended else self._names.readable(line)
         text = line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
         if text != self._banner.text():
             self._banner.setText(text)

@@ -266,7 +266,8 @@ def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandl
         else:
             params[key] = param = param.with_values(own)
             param.defaults = list(own)
-        slot = Slot(param, names.get(key, key), DEFAULT if own is None else provenance)
+        is_default = own is None or (provenance == GIVEN and is_same(own, declared._params[key].defaults))
+        slot = Slot(param, names.get(key, key), DEFAULT if is_default else provenance)
         if slot.placeholder is not None or not param.current:
             slot.provenance = UNSET
         slots.append(slot)

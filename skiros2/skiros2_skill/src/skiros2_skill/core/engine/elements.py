@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.wording import moment
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_common.core.world_model_port import Revisions, WorldModelPort
 from skiros2_skill.core.engine.blackboard import Slot
@@ -80,25 +81,25 @@ def apply_changes(element: Element, changes: ElementChanges) -> Element:
 
 def removal_text(eid: str, wmi: WorldModelPort) -> str:
     """States that an element is missing and, if the world model knows, who removed it and when."""
-    removal = _removal(eid, wmi)
+    removal = removal_of(eid, wmi)
     return f"element {eid} was {removal}" if removal else f"element {eid} is not in the scene any more"
 
 
 def missing_text(element: Element, wmi: WorldModelPort) -> str:
     """Same as `removal_text`, after the name of a parameter."""
-    removal = _removal(element.id, wmi)
+    removal = removal_of(element.id, wmi)
     return f"is {element!r}, which is not in the scene{f': it was {removal}' if removal else ''}"
 
 
-def _removal(eid: str, wmi: WorldModelPort) -> str:
+def removal_of(eid: str, wmi: WorldModelPort) -> str:
+    """States who removed an element and when: "removed by NAME at TIME"; "" if the world model does not know."""
     try:
         removed = wmi.removal_of(eid) if eid and hasattr(wmi, "removal_of") else None
     except SkirosError:
         removed = None
     if removed is None:
         return ""
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(removed.stamp))
-    return f"removed by {removed.author or 'an unknown author'} at {when}"
+    return f"removed by {removed.author.strip('/') or 'an unknown author'} at {moment(removed.stamp, time.time())}"
 
 
 def assigned_elements(slots: list[Slot]) -> list[Element]:

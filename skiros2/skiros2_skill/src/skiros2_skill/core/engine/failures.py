@@ -10,7 +10,7 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,8 +27,11 @@ from skiros2_common.core.explanation import (
     InferenceFailure,
     Provenance,
 )
+from skiros2_common.core.names import SCENE_ROOT, local_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.source_location import format_error
+from skiros2_common.core.wording import ids_in
+from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_runs.core.values import FAILS, HOLDS, ConditionStatus
 from skiros2_skill.core.engine.blackboard import provenance_of
@@ -58,6 +61,7 @@ class Failure:
     :param provenance: returns the provenance of the parameters; None: that of the node's.
     :param tried: the failures of the rejected implementations.
     :param late: the node had failed or ended before: this is not the cause.
+    :param by, running: see `Explanation`.
     """
 
     stage: str
@@ -70,6 +74,8 @@ class Failure:
     provenance: Callable[[], list[Provenance]] | None = None
     tried: Sequence[Failure] = ()
     late: bool = False
+    by: str = ""
+    running: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -112,10 +118,12 @@ class Failures:
                 del self._entries[next(iter(self._entries))]
 
     def explanations(self) -> list[Explanation]:
-        """The explanations, ordered by the last occurrence of each failure."""
+        """The explanations, ordered by the last occurrence of each failure; that of the root's failure is the last."""
         self.settle()
         with self._lock:
             entries = list(self._entries.values())
+            cause = self._cause_entry()
+        entries.sort(key=lambda entry: entry is cause)
         return [replace(entry.explanation, node=entry.node._id) for entry in entries]
 
     def settle(self) -> None:
@@ -128,10 +136,12 @@ class Failures:
 
     def cause(self) -> tuple[SkillInterface, Explanation] | None:
         """The node that made the root fail, and the explanation; None when no node failed."""
-        for entry in reversed(self._entries.values()):
-            if not entry.late and all(node.state is State.Failure for node in _path(entry.node)):
-                return entry.node, entry.explanation
-        return None
+        entry = self._cause_entry()
+        return (entry.node, entry.explanation) if entry is not None else None
+
+    def _cause_entry(self) -> _Entry | None:
+        entries = (entry for entry in reversed(self._entries.values()) if not entry.late)
+        return next((e for e in entries if all(node.state is State.Failure for node in _path(e.node))), None)
 
     def cause_below(self, node: SkillInterface) -> tuple[str, int] | None:
         """The message (one line) and the code of the failure that made a compound fail."""
@@ -144,7 +154,9 @@ class Failures:
 
     def _explained(self, node: SkillInterface, failure: Failure) -> Explanation:
         path = [_name(n) for n in _path(node) if n.parent is not None or n is node]
-        return self._explanation(node, failure, path)
+        explanation = self._explanation(node, failure, path)
+        held = (v for params in (failure.params, node._params) for p in params.values() for v in p.values)
+        return with_labels(explanation, self._wmi, (value for value in held if isinstance(value, Element)))
 
     def _explanation(self, node: SkillInterface, failure: Failure, path: list[str]) -> Explanation:
         return Explanation(
@@ -160,6 +172,8 @@ class Failures:
             failure.provenance() if failure.provenance is not None else _provenance(node),
             [self._explanation(node, tried, []) for tried in failure.tried],
             time.time(),
+            by=failure.by,
+            running=failure.running,
         )
 
     def _findings(self, failure: Failure) -> list[Finding]:
@@ -174,6 +188,33 @@ class Failures:
                 wanted = condition.getDescription()
                 findings.append(Finding(type(condition).__name__, condition.label, {}, wanted, f"not {wanted}"))
         return findings
+
+
+def with_labels(explanation: Explanation, wmi: WorldModelPort, known: Iterable[Element] = ()) -> Explanation:
+    """Adds the labels of the elements that an explanation names. Returns it.
+
+    :param known: elements that may have been removed.
+    """
+    labels = {element.id: element.label for element in known}
+    try:
+        for eid in ids_in(explanation.to_json()):
+            explanation.labels[eid] = name_in_scene(eid, labels.get(eid, ""), wmi)
+    except FOREIGN_ERRORS:  # a world model that does not answer, or that of a library
+        log.debug("labels of an explanation", exc_info=True)
+    return explanation
+
+
+def name_in_scene(eid: str, label: str, wmi: WorldModelPort) -> str:
+    """The label of an element, followed by its id in brackets if others have the same label.
+
+    :param label: of an element that is not in the scene.
+    """
+    if eid == SCENE_ROOT:
+        return "the scene"
+    element = wmi.find_element(eid)
+    label = element.label if element is not None else label
+    same = [e for e in wmi.resolve_elements(Element("", label)) if e.type != "skiros:Parameter"] if label else []
+    return label if len(same) < 2 else f"{label} ({local_name(eid)})"
 
 
 def _provenance(node: SkillInterface) -> list[Provenance]:

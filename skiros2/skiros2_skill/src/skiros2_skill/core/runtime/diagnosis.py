@@ -26,6 +26,7 @@ from skiros2_runs.core.values import (
     TaskBounds,
 )
 from skiros2_skill.core.engine.blackboard import format_values, provenance_of
+from skiros2_skill.core.engine.failures import name_in_scene
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -51,6 +52,8 @@ def add_authors(explanations: Iterable[Explanation], wmi: WorldModelPort, timeou
         for change in explanation.all_changes():
             if not change.author and time.monotonic() < deadline:
                 _add_author(change, explanation.stamp, wmi)
+                if change.removed_from and change.removed_from not in explanation.labels:
+                    explanation.labels[change.removed_from] = name_in_scene(change.removed_from, "", wmi)
 
 
 def _add_author(change: Change, until: float, wmi: WorldModelPort) -> None:
@@ -63,6 +66,8 @@ def _add_author(change: Change, until: float, wmi: WorldModelPort) -> None:
     entry = next((e for e in reversed(entries) if not names or e.affects(names)), None)
     if entry is not None:
         change.number, change.stamp, change.author = entry.number, entry.stamp, entry.author
+        lost = (r["src"] for r in entry.unrelated if r["dst"] == change.element and r["type"] in names)
+        change.removed_from = next(map(str, lost), "")
 
 
 def inspect(task: Task, node_id: int, wmi: WorldModelPort) -> NodeStatus:

@@ -31,7 +31,7 @@ class Record:
     :param state: of its root; Idle when it was refused.
     :param code: 1 after success, 0 while it runs, else the progress code of the failure.
     :param message: one line.
-    :param explanations: why nodes failed, the last failure at the end.
+    :param explanations: why nodes failed; the failure that ended the task at the end.
     :param preempted: whether it was preempted by a command.
     """
 
@@ -53,6 +53,8 @@ class Record:
         return "\n".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
+        if self.explanations and self.failed:
+            yield self.explanations[-1].sentence
         by = f" by {self.author}" if self.author else ""
         if self.state is State.Idle:
             yield f"a task{by} was refused: {self.message}"
@@ -61,9 +63,10 @@ class Record:
             yield f"task {self.task_id}{by} {f'is {self.message}' if self.message else runs}"
         else:
             words = "has succeeded" if self.state is State.Success else "has failed"
-            yield f"task {self.task_id}{by} {words}: {self.message}"
-        for explanation in self.explanations:
-            yield from explanation.lines()
+            message = "" if self.failed and self.explanations else f": {self.message}"
+            yield f"task {self.task_id}{by} {words}{message}"
+        for explanation in reversed(self.explanations):
+            yield from explanation.details()
 
 
 def record_of(task: Task) -> Record:

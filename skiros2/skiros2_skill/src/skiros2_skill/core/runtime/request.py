@@ -24,7 +24,9 @@ from skiros2_common.core.params import Origin, Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import format_values
+from skiros2_skill.core.engine.elements import removal_of
 from skiros2_skill.core.engine.executor import Executor, preview_start
+from skiros2_skill.core.engine.failures import with_labels
 from skiros2_skill.core.engine.learned_parameters import learned_values
 from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
@@ -224,7 +226,8 @@ def _checked_values(declared: Param, given: Param | JsonValues, wmi: WorldModelP
             raise OutOfLimits(problem)
     for value in values:
         if isinstance(value, Element) and not value.isAbstract() and wmi.find_element(value.id) is None:
-            raise UnknownName(f"there is no element {value.id!r} in the scene")
+            removal = removal_of(value.id, wmi)
+            raise UnknownName(f"there is no element {value!r} in the scene{f', it was {removal}' if removal else ''}")
     return values
 
 
@@ -320,6 +323,8 @@ class TaskStarter:
         text = one_line(text)
         if explanation is None:
             explanation = _explanation(requests, text, code)
+        named = (v for r in requests for p in r.params.values() for v in p.values if isinstance(v, Element))
+        with_labels(explanation, self._wmi, named)
         record = Record(REFUSED, author, State.Idle, code, text, [explanation])
         self._history.refuse(record)
         raise TaskRefused(record)
@@ -402,6 +407,7 @@ def _allowed_when_stopped(nodes: Sequence[SkillWrapper]) -> bool:
 
 def _fill(root: Root, robot: Element, nodes: Sequence[SkillWrapper]) -> None:
     root.params.addParam("Robot", robot, ParamTypes.Inferred, "The manager's robot")
+    root.params.getParamMap()["Robot"].set_by = "the manager"
     root(*nodes)
 
 

@@ -106,14 +106,15 @@ class Scheduler:
             scheduled.task.resume(ticks)
             self._request_tick(scheduled)
 
-    def preempt(self, task_id: int) -> None:
+    def preempt(self, task_id: int, by: str = "") -> None:
         """Preempts a task.
 
+        :param by: the client that asks for it; "" if unknown.
         :raises UnknownName: there is no such task.
         """
         with self._lock:
             scheduled = self._get(task_id)
-            if not scheduled.task.preempt():
+            if not scheduled.task.preempt(by=by):
                 raise self._unknown(task_id)
             self._request_stop(scheduled)
 
@@ -135,11 +136,11 @@ class Scheduler:
             tasks = [s for number in task_ids if (s := self._scheduled.get(number)) is not None]
             return self._lock.wait_for(lambda: all(map(self._is_idle, tasks)), timeout)
 
-    def preempt_all(self, shuts_down: bool = False) -> None:
+    def preempt_all(self, shuts_down: bool = False, by: str = "") -> None:
         """Preempts all tasks; see `Task.preempt`."""
         with self._lock:
             for scheduled in self._scheduled.values():
-                scheduled.task.preempt(shuts_down=shuts_down)
+                scheduled.task.preempt(shuts_down=shuts_down, by=by)
                 self._request_stop(scheduled)
 
     def pause_all(self) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, RobotStopped
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, STOP, Explanation
+from skiros2_common.core.names import local_name
 from skiros2_common.core.params import Param
 from skiros2_common.core.signals import SignalSource
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort, changed_ids
@@ -89,7 +90,7 @@ class Task:
         self.preempted_at: float | None = None
         self._stopping = False  # all running nodes were preempted
         self._handlers = PreemptHandlers(self._executor, self.root, wmi)
-        self._reason, self._stage = "Preempted", PREEMPT
+        self._reason, self._stage, self._preempted_by = "Preempted", PREEMPT, ""
         self._abandons_ending = False
         self._hung: HungHook | None = None
         self._node_ids = _NodeIds()
@@ -116,12 +117,13 @@ class Task:
 
     # -- commands, from any thread -----------------------------------------------------------------------------
 
-    def preempt(self, stop: str = "", shuts_down: bool = False) -> bool:
+    def preempt(self, stop: str = "", shuts_down: bool = False, by: str = "") -> bool:
         """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills, except
         the `on_preempt` of its skills. A request while such a handler runs abandons it.
 
         :param stop: the stop of the robot that fails the task: no handler runs; "": a command preempts it.
         :param shuts_down: no handler runs, because the manager shuts down.
+        :param by: the client that preempts it; "" if unknown.
         :returns: False if it had ended before.
         """
         with self._deciding:
@@ -130,6 +132,7 @@ class Task:
             if self.preempted_at is None:
                 if stop:
                     self._reason, self._stage = stop, STOP
+                self._preempted_by = by
                 self.preempted_at = time.monotonic()
                 self._executor.halt_requested = True
             if stop:
@@ -251,7 +254,7 @@ class Task:
             overruled = self.preempted_at is not None and not self._stopping
         if overruled:
             self._stopping = True
-            self._executor.failures.record(self.root, Failure(self._stage, _code(self._stage), self._reason))
+            self._executor.failures.record(self.root, self._ended_by(self._stage, self._reason))
             self.root._setState(State.Failure)
             return State.Failure
         return state
@@ -288,7 +291,7 @@ class Task:
     def _stop(self, stage: str, reason: str) -> State:
         """Preempts all running nodes."""
         self._handlers.begin(reason if stage != PREEMPT else "")
-        self._executor.failures.record(self.root, Failure(stage, _code(stage), reason))
+        self._executor.failures.record(self.root, self._ended_by(stage, reason))
         self._reason, self._stopping = reason, True
         self._executor.halt_requested = False
         if self.preempted_at is None:
@@ -296,6 +299,10 @@ class Task:
         preempt_all(self._executor, self.root)
         self.root._setState(State.Failure)
         return self._handlers.tick(self._executor.tick(self.root))
+
+    def _ended_by(self, stage: str, reason: str) -> Failure:
+        """The failure of a task that is ended from outside, with the skills that run."""
+        return Failure(stage, _code(stage), reason, by=self._preempted_by, running=_running_skills(self.root))
 
     def _close(self, state: State) -> None:
         self._executor.failures.settle()
@@ -367,6 +374,18 @@ def _progress_of(node: SkillInterface, reason: str) -> NodeProgress:
         progress_message=node.progress_msg or reason,
         params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
     )
+
+
+def _running_skills(root: SkillInterface) -> list[str]:
+    """The names of the running skills that have no running skill below them."""
+    names, with_running_children = [], set()
+    for node in reversed([*all_nodes(root)]):
+        is_running = isinstance(node, SkillWrapper) and node.state is State.Running
+        if is_running and node not in with_running_children:
+            names.append(node.label or local_name(node.type))
+        if is_running or node in with_running_children:
+            with_running_children.add(node.parent)
+    return list(dict.fromkeys(reversed(names)))
 
 
 def _code(stage: str) -> int:

@@ -277,7 +277,8 @@ def test_why_explains_a_failed_task(ros, robot):
     assert [len(node.progress_message.splitlines()) for node in refused.progress] == [1, 1]
     assert result.message == refused.progress[0].progress_message
     text = robot.why(run.task).text
-    assert text.startswith(f"task {run.task} by tests has failed: skiros:Weigh-weigh(Failure): ")
+    assert text.startswith("weigh did not start: ")
+    assert text.splitlines()[1] == f"task {run.task} by tests has failed"
     (why,) = robot.why(run.task).explanations
     assert why.stage == INFERENCE
     assert why == run.explanations()[0]

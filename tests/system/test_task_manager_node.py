@@ -247,7 +247,8 @@ def test_planner_timeout_is_reported(ros: Ros, wm: WorldModelInterface) -> None:
     goals = [f"(skiros:contain {world.places[(i + 1) % 12]} {p})" for i, p in enumerate(world.products)]
     code, message = answer(ask(client, ", ".join(goals)))
     assert code == FAILED
-    assert message.startswith("no plan (timed out): the planner found no plan within the time limit")
+    assert message.startswith("No plan found in time: ")
+    assert "\nverdict: timed out (the planner found no plan within the time limit)" in message
 
 
 def test_invalid_time_is_rejected(ros: Ros, shared: SharedSystem) -> None:

@@ -45,6 +45,7 @@ EXAMPLE = Explanation(
     tried=[Explanation("start", "skiros:Pick", "pick_slow", -1, -1, "busy")],
     stamp=1001.5,
     times=4,
+    labels={"skiros:Part-12": "PartA"},
 )
 
 names = st.text(max_size=8)
@@ -87,15 +88,17 @@ def test_full_example_round_trips_through_json():
 def test_text_has_expected_and_found_state_changes_and_provenance():
     text = str(EXAMPLE)
     for part in (
-        "transport > pick_fast failed (pre, code -1, 4 times)",
-        "[At] skiros:Part-12-PartA skiros:at skiros:Table-3, expected skiros:Part-12-PartA skiros:at skiros:Table-5",
-        "nearest: skiros:Part-9: skiros:at skiros:Table-5",
-        "skiros:Part-12 skiros:at was last changed at ",
+        "pick_fast (in transport) did not start: PartA is at Table-3: robot_2 changed it at ",
+        "transport > pick_fast failed at ",
+        "(pre, code -1, 4 times)",
+        "[At] PartA is at Table-3, expected PartA is at Table-5",
+        "nearest: Part-9: is at Table-5",
+        "PartA is at was last changed at ",
         "by /robot_2",
-        "parameter 'Gripper': 2 skiros:Gripper in the scene, none with skiros:State = 'Idle' [Free]",
-        "parameter Object = skiros:Part-12-PartA (from look)",
+        "parameter 'Gripper': 2 gripper in the scene, none with state = 'Idle' [Free]",
+        "parameter Object = PartA (from look)",
         "parameter Gripper is unset",
-        "skiros:Pick-pick_slow failed (start, code -1)",
+        "skiros:Pick-pick_slow failed at ",
     ):
         assert part in text
 

@@ -67,10 +67,10 @@ def test_failed_skill_is_explained(system: LocalSystem) -> None:
 
     robot.start("skiros:Drive", "", {"TargetLocation": system.element("Dock")}, end)
     assert ended.wait(TIMEOUT)
-    ((succeeded, _, explanations),) = results
-    assert not succeeded
+    ((succeeded, message, explanations),) = results
+    assert (succeeded, message) == (False, "drive did not start: my_robot is at Dock.")
     assert "RobotElsewhere" in str(explanations[0])
-    assert str(explanations[0]) in str(robot.why())
+    assert str(robot.why()).splitlines()[0] == message
 
 
 def test_wrong_request_is_refused_with_its_reason(system: LocalSystem) -> None:

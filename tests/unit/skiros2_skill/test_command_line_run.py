@@ -1,6 +1,7 @@
 """The command `run` with a manager in this process: what it tells of the task, and how it ends."""
 
 import json
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -11,6 +12,7 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
 from skiros2_msgs import msg as msgs
 from skiros2_skill.client.description import Why, read_skill
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.command_line import run_skills
 
 ADD = read_skill(
@@ -97,6 +99,7 @@ def run(monkeypatch):
         monkeypatch.setattr(run_skills, "become_node", lambda name: None)
         monkeypatch.setattr(run_skills, "_PROGRESS_TIMEOUT", 0.0)
         manager = SimpleNamespace(name="/arm", author="tests", read_skills=lambda: [ADD], run=start, why=why)
+        manager.explain = partial(ManagerClient.explain, manager)
         arguments = SimpleNamespace(words=["add", "A=1", *words], detach=False, json=as_json)
         return run_skills.run(manager, arguments, Screen()), one
 
@@ -126,7 +129,8 @@ def test_failure_is_explained_by_the_last_explanation(run):
     reasons = [failure(EXECUTE, "first", "slipped"), failure(EXECUTE, "add", "too heavy")]
     answer, _ = run(result(FAILURE, "add: too heavy", reasons))
     assert answer.status == 1
-    assert answer.lines[0].startswith("task 4 has failed after")
+    assert answer.lines[0] == "add failed: too heavy."
+    assert answer.lines[1].startswith("task 4 has failed after")
     assert "    too heavy" in answer.lines
     assert answer.lines[-1] == "  1 more failed before: why 4"
     assert not any("slipped" in line for line in answer.lines)
@@ -149,7 +153,8 @@ def test_first_interruption_preempts_and_waits(run, capsys):
     assert task.cancelled == 1
     assert capsys.readouterr().err == "preempting task 4; Ctrl-C again ends this command at once\n"
     assert answer.status == 130
-    assert answer.lines[0].startswith("task 4 was preempted after")
+    assert answer.lines[0].startswith("Add was preempted at ")
+    assert answer.lines[1].startswith("task 4 was preempted after")
     assert answer.data["state"] == "preempted"
 
 

@@ -382,7 +382,7 @@ def test_root_names_the_failed_node_instead_of_preempted_ones(bench):
     )
     task = bench.run(Skill("", ParallelFf())(bench.node("work"), bench.node("wait")))
     assert task.root.progress_msg == "skiros:Work-work(Failure): no grip"
-    assert [e.stage for e in task.explanations()] == [EXECUTE, EXCEPTION]
+    assert [e.stage for e in task.explanations()] == [EXCEPTION, EXECUTE]
 
 
 def test_root_names_the_hold_condition_instead_of_ended_children(bench):
@@ -400,7 +400,7 @@ def test_root_names_the_hold_condition_instead_of_ended_children(bench):
     task.tick()
     bench.wmi.set_relation(bench.tray.id, "skiros:contain", bench.product.id, False)
     task.tick()
-    assert [e.stage for e in task.explanations()] == [HOLD, EXCEPTION]
+    assert [e.stage for e in task.explanations()] == [EXCEPTION, HOLD]
     assert task.root.progress_msg.startswith("skiros:Hold-hold(Failure): Hold-condition failed: [Contains]")
     assert f"but {bench.tray!r} skiros:contain nothing" in task.root.progress_msg
 
@@ -411,13 +411,13 @@ def test_root_names_the_failure_before_a_late_one(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no grip", 1)), tidy)
     task = bench.run(Skill("", Serial())(Skill("", Selector())(bench.node("work"), bench.node("tidy"))))
     assert task.root.progress_msg == "skiros:Work-work(Failure): no grip"
-    assert [e.message for e in task.explanations()] == ["no grip", "tidied up"]
+    assert [e.message for e in task.explanations()] == ["tidied up", "no grip"]
 
 
 def test_exception_in_on_end_does_not_hide_the_failure(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no grip", 1), onEnd=raises))
     task = bench.run(bench.node("work"))
-    assert [e.stage for e in task.explanations()] == [EXECUTE, EXCEPTION]
+    assert [e.stage for e in task.explanations()] == [EXCEPTION, EXECUTE]
     assert task.root.progress_msg == "skiros:Work-work(Failure): no grip"
 
 

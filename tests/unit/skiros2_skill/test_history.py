@@ -32,7 +32,7 @@ def test_record_of_failed_task_has_code_message_and_explanations(bench, history)
     assert record.message == "skiros:Work-work 3(Failure): no grip"
     assert [(e.stage, e.code, e.message) for e in record.explanations] == [(EXECUTE, -7, "no grip")]
     assert history.get(3) is record
-    assert str(record).splitlines()[0].endswith("has failed: skiros:Work-work 3(Failure): no grip")
+    assert str(record).splitlines()[0] == "work 3 failed: no grip."
 
 
 def test_record_of_succeeded_task_has_code_1(bench, history):

@@ -141,17 +141,18 @@ def test_satisfied_goal_prints_message() -> None:
 def test_failed_goal_prints_explanation() -> None:
     why = Explanation(EXECUTE, "skiros:Drive", "drive", 3, -1, "the way is blocked", stamp=1.0)
     done = [progress(1, "/alpha", "failed", "the way is blocked")]
-    text, data = format_result(result("failed", "broken after 5 replans", done, [why.to_dict()]), 60.0)
+    message = "drive failed: the way is blocked. The goal is given up after 5 other plans."
+    text, data = format_result(result("failed", message, done, [why.to_dict()]), 60.0)
     assert text == [
+        "drive failed: the way is blocked. The goal is given up after 5 other plans.",
         "the goal is not reached after 60.0 s, 0 steps done",
-        "broken after 5 replans",
-        *(f"  {line}" for line in why.lines()),
+        *(f"  {line}" for line in why.details()),
     ]
     assert data["explanations"] == [why.to_dict()]
 
 
 def test_cancelled_goal_prints_message() -> None:
     assert format_result(result("cancelled", "by the client"), 1.0)[0] == [
-        "the goal was cancelled after 1.0 s, 0 steps done",
         "by the client",
+        "the goal was cancelled after 1.0 s, 0 steps done",
     ]

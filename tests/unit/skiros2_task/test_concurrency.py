@@ -35,7 +35,7 @@ def lamp_world(*skills: Any, lit: bool = False) -> tuple[PlanningWorld, str]:
     return world, f"(Seen {product})"
 
 
-TEMPORARY = "skiros:Flash (flash): this lasts only while it runs, and plans start no step during another one"
+TEMPORARY = "flash cannot be planned with: this lasts only while it runs, and plans start no step during another one"
 
 
 def test_temporary_fact_of_a_condition_is_explained(plan: Plan) -> None:

@@ -86,7 +86,7 @@ def test_execution_fails_after_max_replans() -> None:
     cell.run()
     assert cell.end is not None
     assert cell.end.verdict is Verdict.FAILED
-    assert cell.end.message.endswith("has failed: broken after 3 replans")
+    assert cell.end.message.endswith("has failed: broken. The goal is given up after 3 other plans.")
     assert len(cell.started) == 4
 
 

@@ -18,12 +18,12 @@ from skiros2_task.core.explain_no_plan import (
     Fact,
     NoPlan,
     explain_no_plan,
-    unusable_skills,
 )
 from skiros2_task.core.formula import FALSE, And, Atom, Formula, Kind, Not, Or, Predicate, conjunction
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.reachability import Deadline
 from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.unusable_skills import unusable_skills
 from skiros2_task.core.world import WorldView
 from support.planning_world import DRIVE, PICK, PLACE, REQUIRED, PlanningWorld, prop, skill, transport_world
 from support.transport_task import AT, HAS_A, at, contain, transport_task
@@ -67,7 +67,10 @@ def test_elements_of_wrong_class_are_obstacles() -> None:
     (fact,) = impossible(transport_task(1, 2, 1, contain(P, B))).goals
     place = next(a for a in fact.achievers if a.skill == "skiros:Place (place)")
     assert place.values == {"Place": P, "Object": B}
-    assert place.obstacles == [f"{P} is no skiros:Location", f"{B} is no skiros:Product"]
+    assert place.obstacles == [
+        f"needs a location for Place, but {P} is a product",
+        f"needs a product for Object, but {B} is a location",
+    ]
 
 
 def test_nearest_binding_is_explained_to_missing_fact() -> None:
@@ -111,7 +114,7 @@ def test_robot_without_skill_is_reported() -> None:
 
 def test_missing_class_of_elements_is_reported() -> None:
     (fact,) = impossible(transport_task(0, 2, 1)).goals
-    assert "the scene has no element for Robot (cora:Robot)" in fact.achievers[0].obstacles
+    assert "needs a robot for Robot, but the scene has none" in fact.achievers[0].obstacles
 
 
 def test_permanent_fact_in_negated_goal_is_reported() -> None:
@@ -181,7 +184,7 @@ def test_unusable_helpful_skill_is_reported() -> None:
     world.thing("skiros:Product", Colour="red")
     why = of_world(world, f"(red {world.products[0]})")
     (achiever,) = why.goals[0].achievers
-    assert achiever.obstacles == ["it has no pre-conditions"]
+    assert achiever.obstacles == ["cannot be planned with: it has no pre-conditions"]
     assert why.left_out == [f"{achiever.skill} of /painter: it has no pre-conditions"]
     assert why.missing == []
 
@@ -191,17 +194,19 @@ def test_skill_without_candidates_is_reported() -> None:
     world.robot("handless", DRIVE, PICK, PLACE, at=world.places[0])
     why = of_world(world, f"(skiros:contain {world.places[1]} {world.products[0]})")
     obstacles = {text for achiever in why.goals[0].achievers for text in achiever.obstacles}
-    assert obstacles == {"the scene has no element for Gripper (rparts:GripperEffector)"}
+    assert obstacles == {"needs a gripper effector for Gripper, but the scene has none"}
 
 
 def test_text_has_all_levels() -> None:
     why = impossible(without(transport_task(1, 2, 1), HAS_A), reason="search space exhausted")
     lines = str(why).splitlines()
-    assert lines[0] == "no plan (proven impossible): search space exhausted"
-    assert lines[1] == f"(skiros:contain {B} {P}) cannot be reached"
-    assert lines[2] == f"  skiros:Place (place) with Robot={R}, Gripper={G}, Place={B}, Object={P} needs"
-    assert lines[3] == f"    (skiros:hasA {R} {G}) cannot be reached: no skill brings it about"
-    assert lines[-2:] == ["missing facts:", f"  (skiros:hasA {R} {G})"]
+    assert lines[:5] == [
+        f"No plan: {R} has {G}: no skill brings it about.",
+        "verdict: proven impossible (search space exhausted)",
+        f"cannot be reached: {B} contains {P}",
+        f"  skiros:Place (place) with Robot={R}, Gripper={G}, Place={B}, Object={P} needs",
+        f"    cannot be reached: {R} has {G} (no skill brings it about)",
+    ]
 
 
 def test_no_plan_json_round_trip() -> None:
@@ -214,4 +219,4 @@ def test_no_plan_json_round_trip() -> None:
 
 
 def test_unknown_fact_has_own_text() -> None:
-    assert list(Fact("(a b)", UNKNOWN, "because").lines()) == ["(a b) is not known to be reachable: because"]
+    assert list(Fact("(a b)", UNKNOWN, "because").lines()) == ["not known to be reachable: (a b) (because)"]

@@ -352,6 +352,10 @@ def fails(message: str) -> Callable[[Any], object]:
     return lambda skill: skill.fail(message, -7)
 
 
+def stop(text: str) -> Callable[[Cell, Task], object]:
+    return lambda cell, task: task.preempt(stop=text)
+
+
 def divides_by_zero(skill: Any) -> None:
     raise ZeroDivisionError("division by zero")
 
@@ -426,8 +430,8 @@ FAILED: dict[str, tuple[Run, str]] = {
         Run(PRESS, {"Object": "cup"}, "R", meanwhile=lambda cell, task: task.preempt(by="/window")),
         "press was preempted by window at HH:MM (0 s ago)."),
     "emergency stop": (
-        Run(PRESS, {"Object": "cup"}, "R", meanwhile=lambda cell, task: task.preempt("emergency stop by /cell: button")),
-        "press was stopped at HH:MM (0 s ago): emergency stop by /cell: button."),
+        Run(PRESS, {"Object": "cup"}, "R", meanwhile=stop("emergency stop by /cell: E1")),
+        "press was stopped at HH:MM (0 s ago): emergency stop by /cell: E1."),
     "unknown skill": (
         Run(SAY, {"Text": "hello"}, offered=False),
         "Say did not start: no skill of type skiros:Say; known types: none."),

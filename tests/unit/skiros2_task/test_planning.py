@@ -67,23 +67,25 @@ def test_invalid_plan_is_not_returned(world: PlanningWorld, plan: tuple[PlanStep
 
 
 @pytest.mark.parametrize(
-    ("outcome", "verdict"),
+    ("outcome", "verdict", "message"),
     [
-        (Outcome.CANCELLED, Verdict.CANCELLED),
-        (Outcome.FAILED, Verdict.FAILED),
+        (Outcome.CANCELLED, Verdict.CANCELLED, "Planning was cancelled: because."),
+        (Outcome.FAILED, Verdict.FAILED, "Planning failed: because."),
     ],
 )
-def test_reason_of_planner_is_quoted(world: PlanningWorld, outcome: Outcome, verdict: Verdict) -> None:
+def test_reason_of_planner_is_quoted(
+    world: PlanningWorld, outcome: Outcome, verdict: Verdict, message: str
+) -> None:
     result = planner(world, PlannerAnswer(outcome, reason="because")).plan(drive_goal(world))
-    assert (result.verdict, result.calls, result.message) == (verdict, (), "because")
+    assert (result.verdict, result.calls, result.message) == (verdict, (), message)
 
 
 def test_timeout_of_planner_is_quoted(world: PlanningWorld) -> None:
     result = planner(world, PlannerAnswer(Outcome.TIMED_OUT, reason="60 s were over")).plan(drive_goal(world))
     assert (result.verdict, result.calls) == (Verdict.TIMED_OUT, ())
     first, second = result.message.splitlines()
-    assert first == "no plan (timed out): 60 s were over"
-    assert second == f"{drive_goal(world)} may be reachable; more time may help"
+    expected = "No plan found in time: the goal (alpha is at Location-2) may be reachable, more time may help."
+    assert (first, second) == (expected, "verdict: timed out (60 s were over)")
 
 
 def test_unreachable_goal_overrides_timeout(world: PlanningWorld) -> None:
@@ -97,8 +99,8 @@ def test_impossible_goal_is_explained(world: PlanningWorld) -> None:
     goal = f"(skiros:at {world.robots[0]} {world.products[0]})"
     result = planner(world, PlannerAnswer(Outcome.IMPOSSIBLE, reason="no way")).plan(goal)
     sentence, verdict, *_ = result.message.splitlines()
-    assert sentence == f"skiros:Drive (drive) cannot help: {world.products[0]} is no skiros:Location."
-    assert verdict == "no plan (proven impossible): no way"
+    assert sentence == "No plan: drive needs a location for TargetLocation, but Product-3 is a product."
+    assert verdict == "verdict: proven impossible (no way)"
 
 
 def test_planner_is_not_called_for_trivial_goals(world: PlanningWorld) -> None:

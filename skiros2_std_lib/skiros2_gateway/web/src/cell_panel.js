@@ -3,7 +3,7 @@
 import { notify, request } from "./cell.js";
 import { commandRobots } from "./commands.js";
 import { openJobDialog } from "./job_dialog.js";
-import { clock, duration, h, keyed, localName, setText } from "./dom.js";
+import { clock, duration, firstLine, h, keyed, localName, setText } from "./dom.js";
 
 const ROBOT_ROLES = { busy: "running", idle: "idle", paused: "paused" };
 const JOB_ROLES = { Running: "running", Interrupted: "paused", Ended: "success", Aborted: "failure" };
@@ -95,7 +95,8 @@ export class CellPanel {
     const done = steps.filter((step) => step.state === "succeeded").length;
     const progress = goal?.plan.length ? `step ${Math.min(done + 1, goal.plan.length)} of ${goal.plan.length}` : (goal?.phase ?? "");
     const took = response.started ? `took ${duration(response.ended - response.started)}` : "";
-    fill(element, role, title, word, hasFailed ? this.cell.withLabels(response.message) : state === "Running" ? progress : took || job.id);
+    const message = hasFailed ? this.cell.withLabels(response.message) : state === "Running" ? progress : took || job.id;
+    fill(element, role, title, word, firstLine(message), message);
     const allowed = JOB_METHODS[state];
     this.#showButtons(element, Object.fromEntries(["start", "pause", "resume", "stop", "cancel", "clear"]
       .map((method) => [method, allowed.includes(method)])));
@@ -167,11 +168,11 @@ function card() {
   return element;
 }
 
-function fill(element, role, title, word, detail) {
+function fill(element, role, title, word, detail, whole = detail) {
   setText(element.title2, title);
   setText(element.chip, word);
   setText(element.detail, detail);
-  element.detail.title = detail;
+  element.detail.title = whole;
   element.chip.className = `chip ${role}`;
 }
 

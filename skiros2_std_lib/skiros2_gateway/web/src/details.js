@@ -3,12 +3,16 @@
 import { button } from "./cell_panel.js";
 import { notify, request } from "./cell.js";
 import { commandRobots } from "./commands.js";
-import { clock, duration, h, keyed, setText } from "./dom.js";
+import { clock, duration, firstLine, h, keyed, setText } from "./dom.js";
+
+// The states of ended tasks with a cause.
+const CAUSED = ["failed", "preempted"];
 
 const VERDICTS = { holds: ["✓", "success"], fails: ["✗", "failure"], unknown: ["?", "idle"] };
 
 export class RunBar {
   tables = ["runs", "trees"];
+  #causes = new Map();
 
   constructor(panel, cell, run) {
     [this.cell, this.run] = [cell, run];
@@ -21,9 +25,10 @@ export class RunBar {
     this.slider = h("input", { type: "range", min: 0, step: "any", "aria-label": "Time of the run", oninput: () => this.#seek() });
     this.at = h("span", { class: "at" });
     this.live = h("button", { class: "small", onclick: () => run.select(run.key) }, "Live");
+    this.cause = h("p", { class: "cause", hidden: true });
     this.why = h("div", { class: "why", hidden: true });
     panel.append(h("div", { class: "line" }, this.chip, this.name, this.times, this.buttons),
-      h("div", { class: "line history" }, this.slider, this.at, this.live), this.why);
+      h("div", { class: "line history" }, this.slider, this.at, this.live), this.cause, this.why);
     this.panel = panel;
   }
 
@@ -47,10 +52,26 @@ export class RunBar {
     const isPaused = summary.state === "paused";
     const may = cell.mayCommand && !run.hasEnded && run.time === null;
     const shown = { pause: may && !isPaused, resume: may && isPaused, step: may && isPaused, stop: may,
-      why: ["failed", "lost"].includes(summary.state) && !run.bagName };
+      why: [...CAUSED, "lost"].includes(summary.state) && !run.bagName };
     for (const each of this.buttons.children) each.hidden = !shown[each.dataset.action];
     if (this.shownKey !== run.key) this.why.hidden = true;
     this.shownKey = run.key;
+    const isFailure = CAUSED.includes(summary.state) && !run.bagName;
+    if (isFailure && !this.#causes.has(run.key)) this.#readCause(run.key);
+    setText(this.cause, (isFailure && this.#causes.get(run.key)) || "");
+    this.cause.hidden = !this.cause.textContent;
+  }
+
+  // Why a run has failed, in one sentence: the first line of the manager's answer.
+  async #readCause(key) {
+    this.#causes.set(key, "");
+    try {
+      const { text, explanations } = await request(`/api/live/runs/${key}/why`);
+      if (explanations.length) this.#causes.set(key, firstLine(text));
+    } catch {
+      return; // the manager does not run any more; the tree has the messages
+    }
+    this.render();
   }
 
   #command(action) {

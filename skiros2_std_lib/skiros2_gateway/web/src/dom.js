@@ -50,6 +50,9 @@ export function duration(seconds) {
   return parts.map((part, index) => (index ? String(part).padStart(2, "0") : part)).join(":");
 }
 
+// The first line of a text that may have more.
+export const firstLine = (text) => text.split("\n", 1)[0];
+
 // A time of day (s since the epoch).
 export const clock = (time) => new Date(time * 1000).toLocaleTimeString([], { hour12: false });
 

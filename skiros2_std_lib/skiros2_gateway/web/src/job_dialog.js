@@ -1,7 +1,7 @@
 // The dialog that starts a job: a work master with its parameters, or a goal in words of the planner.
 
 import { notify, request } from "./cell.js";
-import { duration, h, notice } from "./dom.js";
+import { duration, firstLine, h, notice } from "./dom.js";
 
 const OWN_GOAL = "";
 // How long a plan may take (s).
@@ -57,7 +57,9 @@ export async function openJobDialog(cell) {
     try {
       const answer = await request("/api/plan", { goal }, "POST", PLAN_LIMIT);
       preview.replaceChildren(
-        h("p", {}, answer.plan.length ? `${answer.plan.length} steps, ${duration(answer.makespan)}` : answer.message),
+        h("p", {}, answer.plan.length ? `${answer.plan.length} steps, ${duration(answer.makespan)}` : firstLine(answer.message)),
+        answer.message.includes("\n") && !answer.plan.length
+          ? h("details", {}, h("summary", {}, "Details"), h("pre", {}, answer.message.slice(firstLine(answer.message).length + 1))) : null,
         h("ol", {}, answer.plan.map((step) => h("li", {}, h("b", {}, step.label), " ",
           Object.values(step.arguments).map((id) => cell.label(id)).join(", ")))));
     } catch (error) {

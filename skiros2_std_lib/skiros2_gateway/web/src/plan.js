@@ -1,6 +1,6 @@
 // The plan of a goal as a Gantt chart: each step as it was planned, and as it was carried out.
 
-import { duration, h, keyed, setText } from "./dom.js";
+import { duration, firstLine, h, keyed, setText } from "./dom.js";
 
 const ROLES = { running: "running", succeeded: "success", failed: "failure", stopped: "paused", dropped: "idle" };
 const TICKS = [0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600];
@@ -39,7 +39,9 @@ export class PlanView {
     if (!goal) return;
     keyed(this.select, ids, (each) => each, (each) => h("option", { value: each }), (option, each) => setText(option, this.#title(each)));
     this.select.value = id;
-    setText(this.message, this.cell.withLabels(goal.message, this.run.shownScene.elements));
+    const message = this.cell.withLabels(goal.message, this.run.shownScene.elements);
+    setText(this.message, firstLine(message));
+    this.message.title = message;
     this.#draw(goal);
   }
 

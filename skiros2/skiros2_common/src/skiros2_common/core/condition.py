@@ -123,9 +123,8 @@ class _OfParameters:
 class ConditionBase(_OfParameters):
     """A condition on one parameter. Subclasses define the fact (`holds`) and how to apply it as an effect.
 
-    A subclass is a plug-in: it states here what inference, the engine, lint and planning need to know about it. A
-    subclass that changes how a condition is evaluated inherits no shortcut (`element_ids`, `candidate_ids`,
-    `indexed_value`, `satisfied_by`, `from_record`), and has to state again those that still apply.
+    A subclass is a plug-in: it states here what inference, the engine, lint and planning need to know about it. If it
+    changes how a condition is evaluated, it inherits no shortcut (see `_SHORTCUTS`), and states again those that apply.
 
     :param clabel: label for people.
     :param subj: key of the parameter.
@@ -138,8 +137,7 @@ class ConditionBase(_OfParameters):
     #: Whether only planners use it; a running skill does not check it.
     only_exported = False
 
-    #: Whether the fact may change while the world model and the parameters stay the same, so that every tick evaluates
-    #: the condition.
+    #: Whether the fact may change although the world model and the parameters do not: every tick evaluates it.
     volatile: bool = False
 
     #: The cost of an evaluation; inference evaluates cheap conditions first.
@@ -151,8 +149,7 @@ class ConditionBase(_OfParameters):
     #: The fields of a `ConditionRecord` that the constructor takes; None: `from_record` creates none.
     record_fields: ClassVar[tuple[str, ...] | None] = None
 
-    #: Its planning predicate: a `Kind` of `skiros2_task.core.formula`, `specified`, `any` (of its parts), `ignored`, or
-    #: "" (none: planning ignores it and says so).
+    #: Its planning predicate: a `Kind` of `formula`, `specified`, `any` (of its parts), `ignored`, or "": none.
     planned_as: str = ""
 
     #: The loaded classes by name.

@@ -191,9 +191,12 @@ class InferenceFailure:
             return f"the scene has no {kind} for {self.key}"
         if not self.emptied:
             return f"each {kind} for {self.key} contradicts another parameter"
-        others = f", of {self.left[-2].count} that meet the other conditions" if len(self.left) > 1 else ""
+        others = ""
+        if len(self.left) > 1:
+            count = self.left[-2].count
+            others = f", although {'one meets' if count == 1 else f'{count} meet'} the other conditions"
         nearest = f" ({'; '.join(map(str, self.nearest))})" if self.nearest else ""
-        return f"for {self.key}, no {kind}{others} {self.left[-1].condition}{nearest}"
+        return f"for {self.key}, no {kind} {self.left[-1].condition}{others}{nearest}"
 
 
 @dataclass

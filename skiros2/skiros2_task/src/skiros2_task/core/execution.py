@@ -389,10 +389,8 @@ class ExecutionStateMachine:
 
     def _replans_text(self) -> str:
         """The sentence that follows the reason of the end."""
-        if not self.replans:
-            return ""
-        plans = f"{self.replans} other plan{'s' if self.replans > 1 else ''}"
-        return f"{' ' if self.message.endswith('.') else '. '}The goal is given up after {plans}."
+        dot, plans = "" if self.message[-1:] == "." else ".", "plan" if self.replans == 1 else "plans"
+        return f"{dot} The goal is given up after {self.replans} other {plans}." if self.replans else ""
 
     def _named(self, text: str) -> str:
         """Returns a text with the labels of the elements of all steps instead of their ids."""

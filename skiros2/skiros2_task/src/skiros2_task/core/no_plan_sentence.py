@@ -23,12 +23,14 @@ class Clauses:
         self._world = world
 
     def name(self, eid: str) -> str:
-        """The label of an element without prefix; with the id if others have the same label; or else the id."""
+        """The label of an element, with the id if others have the same label, or else the id; without prefix."""
         element = self._world.objects.get(eid) if self._world is not None else None
         if eid == SCENE_ROOT:
             return "the scene"
-        if self._world is None or element is None or not element.label:
+        if self._world is None:
             return eid
+        if element is None or not element.label:
+            return local_name(eid)
         name = label_text(element.label)
         is_unique = len(self._world.instances(element.label)) < 2
         return name if is_unique else f"{name} ({local_name(eid)})"

@@ -185,7 +185,8 @@ class TaskTable(QWidget):
         style, silent = style_of(run.state), self._is_live(run) and is_silent(run, time.time())
         state = "… silent" if silent else f"{style.symbol} {style.word}"
         skills = skills_text(run)
-        texts = (skills, state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), self._window.tasks.message(run))
+        message = self._window.tasks.message(run)
+        texts = (skills, state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), message)
         for column, text in enumerate(texts):
             if item.text(column) != text:
                 item.setText(column, text)

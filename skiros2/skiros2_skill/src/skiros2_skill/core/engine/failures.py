@@ -155,7 +155,9 @@ class Failures:
     def _explained(self, node: SkillInterface, failure: Failure) -> Explanation:
         path = [_name(n) for n in _path(node) if n.parent is not None or n is node]
         explanation = self._explanation(node, failure, path)
-        held = (v for params in (failure.params, node._params) for p in params.values() for v in p.values)
+        held = [v for params in (failure.params, node._params) for p in params.values() for v in p.values]
+        if isinstance(node, SkillWrapper):
+            held += [v for slot in node.slots for v in slot.ignored or ()]  # elements that were removed
         return with_labels(explanation, self._wmi, (value for value in held if isinstance(value, Element)))
 
     def _explanation(self, node: SkillInterface, failure: Failure, path: list[str]) -> Explanation:

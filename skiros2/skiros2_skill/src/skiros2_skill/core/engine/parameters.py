@@ -203,7 +203,7 @@ class Parameters:
                 removed = self._refresh_elements(node, revisions)
                 if removed and not node.is_compound:  # the children of a compound check what they need
                     text = f"{removal_text(removed[0], self._wmi)}, while {node.label} was running with it"
-                    return Failure(PARAMETER, HOLD_FAILED, text)
+                    return Failure(HOLD, HOLD_FAILED, text)
                 failure = self._check_hold_conditions(node)
             else:
                 failure = self._check_hold_conditions(node) if node.volatile else None

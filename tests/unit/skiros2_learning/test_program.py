@@ -95,7 +95,7 @@ def test_a_goal_without_a_plan_is_one_line(capsys: pytest.CaptureFixture[str]) -
     arguments = ["--scene", scene, "--libraries", ",".join(data["libraries"])]
     assert main(["scenario", "--goal", "(skiros:at Goal Block)", *arguments]) == 1
     error = capsys.readouterr().err
-    assert error.startswith("learn: goal '(skiros:at Goal Block)': No plan: drive needs a ")
+    assert error.startswith("learn: goal '(skiros:at Goal Block)': No plan: drive needs an agent for Robot, but ")
     assert "; verdict: proven impossible" in error
     assert error.count("\n") == 1
     assert main(["scenario", *arguments]) == 1

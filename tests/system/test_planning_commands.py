@@ -68,7 +68,7 @@ def test_plan_command_explains_why_there_is_no_plan(run: Run, world: PlanningWor
     explained = run("explain", f"(skiros:contain {world.places[1]} {world.products[0]})")
     assert (explained.returncode, explained.stderr) == (1, "")
     sentence, verdict, *_ = explained.stdout.splitlines()
-    assert re.fullmatch(r"No plan: GripperEffector-\d+ is nowhere: planning_world removed it from \w+ at .* ago\)\.", sentence)
+    assert re.fullmatch(r"No plan: GripperEffector-\d+ is nowhere: tests removed it from \w+ at .* ago\)\.", sentence)
     assert verdict.startswith("verdict: proven impossible")
 
 

@@ -80,7 +80,7 @@ class Clauses:
             return self._place(key, *atom.terms)
         if kind is Kind.RELATION and state:
             others = [self.name(obj) for subject, obj in self._world.pairs(key) if subject == atom.terms[0]]
-            text = unrelated(key, *map(self.name, atom.terms), others=others)
+            text = unrelated(key, self.name(atom.terms[0]), self.name(atom.terms[1]), others=others)
         elif kind in (Kind.VALUE, Kind.COMPARES) and atom.terms[0] in self._world.objects:
             found = self._world.objects[atom.terms[0]].value_of(key)
             compared = f"{atom.predicate.operator} " if kind is Kind.COMPARES and atom.predicate.operator != "=" else ""

@@ -75,7 +75,7 @@ def test_achieve_prints_the_steps_and_reaches_the_goal(run: Run) -> None:
 def test_achieve_prints_why_a_goal_is_unreachable(run: Run) -> None:
     refused = run("(skiros:contain demo:Tray-12 demo:Tray-10)")
     assert (refused.returncode, refused.stderr) == (1, "")
-    assert "Tray A is no skiros:Manipulatable" in refused.stdout
+    assert "No plan: place needs a manipulatable for Object, but Tray A is a tray." in refused.stdout
     unknown = run("(skiros:contain demo:Tray-12 skiros:Product-99)")
     assert unknown.returncode == 1
     assert "unknown element 'skiros:Product-99'" in unknown.stdout

@@ -109,7 +109,7 @@ def test_failure_is_explained_at_once_and_later(run: Run) -> None:
     assert task, failed
     why = run("why", task[1])
     assert why.returncode == 0
-    assert "skiros:contain" in why.stdout
+    assert why.stdout.startswith("place did not start: for Workstation, no workstation ")
     reasons = [line.strip() for line in why.stdout.splitlines()[1:]]
     assert reasons
     assert set(reasons) <= {line.strip() for line in failed.stdout.splitlines()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +18,12 @@ from skiros2_common.core.errors import (
     WrongType,
     WrongValue,
 )
-from skiros2_common.core.explanation import GIVEN, PARAMETER, START, STOP, Explanation, Provenance
+from skiros2_common.core.explanation import DEFAULT, GIVEN, PARAMETER, START, STOP, Explanation, Provenance
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Origin, Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_skill.core.engine.blackboard import format_values
+from skiros2_skill.core.engine.blackboard import format_values, is_same
 from skiros2_skill.core.engine.elements import removal_of
 from skiros2_skill.core.engine.executor import Executor, preview_start
 from skiros2_skill.core.engine.failures import with_labels
@@ -118,7 +118,7 @@ def explain_refusal(
     """
     produced = set(assumed)
     for request in requests:
-        params = [Provenance(key, format_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
+        params = list(_provenance(request, library))
         stype = full_name(request.type)
         try:
             given, problems = _match(request, library, wmi, produced)
@@ -132,6 +132,19 @@ def explain_refusal(
             text = "; ".join(t.message for t in tried)
             return tried[0] if len(tried) == 1 else Explanation(START, stype, "", -1, code, text, tried=tried)
     return None
+
+
+def _provenance(request: SkillRequest, library: SkillLibrary) -> Iterator[Provenance]:
+    """The values of a request, of which a client may have sent the defaults again."""
+    try:
+        declared = library.candidates(request.type, request.label)[0].declared.params.getParamMap()
+    except (SkirosError, LookupError):
+        declared = {}
+    for key, param in request.params.items():
+        values = [value for value in param.values if not _is_unspecific(value)]
+        if values:
+            is_default = key in declared and is_same(values, declared[key].defaults)
+            yield Provenance(key, format_values(values), DEFAULT if is_default else GIVEN)
 
 
 def _code(error: SkirosError, code: int) -> int:

@@ -5,7 +5,6 @@ setup(
     **generate_distutils_setup(
         packages=find_packages("src"),
         package_dir={"": "src"},
-        package_data={"skiros2_skill": ["templates/*", "templates/my_skills/*", "templates/my_skills/*/*",
-                                        "templates/my_skills/src/my_skills/*"]},
+        package_data={"skiros2_skill": ["templates/**/*", "templates/*"]},
     )
-)  # fmt: skip
+)

@@ -44,6 +44,7 @@ FOREIGN_NAMES = {
 #: Folders in which modules still access private names of others.
 PRIVATE_ACCESS_REMAINS = (
     "skiros2/skiros2_common/src/skiros2_common/ros/",
+    "skiros2/skiros2_common/src/skiros2_common/core/json_codec.py",
     "skiros2/skiros2_world_model/",
     "skiros2_std_lib/skiros2_bags/",
     "skiros2_gui/",

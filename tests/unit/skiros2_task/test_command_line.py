@@ -44,7 +44,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp
 
     def run(name: str, *arguments: str) -> Result:
         try:
-            status = program._run(name, arguments)
+            status = program.status(name, arguments)
         except SystemExit as ended:
             status = int(str(ended.code))
         return Result(status, *capsys.readouterr())

@@ -8,23 +8,50 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, UNAVAILABLE, USAGE
+from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, UNAVAILABLE, USAGE, end
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.names import nearest
 
-#: The programs by name: the module, the arguments of its `run` before those of the command line, and what it does.
+_SKILL, _TASK, _WORLD = (f"skiros2_{name}.command_line.program" for name in ("skill", "task", "world_model"))
+
+#: The commands that work in a cell, by name: the module, the command in it, and what it does.
+_CELL_COMMANDS: dict[str, tuple[str, str, str]] = {
+    "list": (_SKILL, "list", "list the robot's skills"),
+    "describe": (_SKILL, "describe", "show a skill's parameters and conditions"),
+    "run": (_SKILL, "run", "run skills"),
+    "preview": (_SKILL, "preview", "show whether skills would start"),
+    "why": (_SKILL, "why", "show why a skill failed"),
+    "plan": (_TASK, "plan", "plan for a goal"),
+    "explain": (_TASK, "explain", "explain the plan, or why there is none"),
+    "achieve": (_TASK, "achieve", "plan for a goal, and run the plan"),
+    "view": (_WORLD, "view", "show the scene"),
+    "get": (_WORLD, "get", "show an element"),
+    "set": (_WORLD, "set", "change an element"),
+    "query": (_WORLD, "query", "answer a SPARQL query"),
+    "history": (_WORLD, "history", "show what has changed, when, and by whom"),
+    "diff": (_WORLD, "diff", "compare scenes"),
+    "load": (_WORLD, "load", "start again from the scene file, or from another"),
+    "save": (_WORLD, "save", "write the scene to a file"),
+}
+#: The other commands: the module, the arguments of its `run` before those of the command line, and what it does.
 _PROGRAMS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "new": ("skiros2_skill.command_line.new", (), "make a package with skills, or a skill, reasoner or scene in one"),
-    "lint": ("skiros2_skill.command_line.lint", (), "check skill libraries"),
-    "plan": ("skiros2_task.command_line.program", ("plan",), "plan for a goal, with --scene FILE"),
-    "explain": ("skiros2_task.command_line.program", ("explain",), "explain the plan, or why there is none"),
-    "validate": ("skiros2_world_model.command_line.program", ("validate_scene",), "check scene files"),
+    "lint": ("skiros2_skill.command_line.lint", (), "check skill libraries, ontologies and scenes"),
+    "test": ("skiros2_skill.command_line.test", (), "run the tests of the package in this folder"),
+    "validate": (_WORLD, ("validate_scene",), "check scene files"),
+    "learn": ("skiros2_learning.command_line.program", (), "learn parameters of skills in simulation"),
 }
 _TRY = "a robot reaches goals in the terminal, is disturbed, and explains a failure (half a minute)"
+#: Commands of a running system.
+_WITH_ROS = ("stop", "pause", "resume", "step", "breakpoint", "watch", "reload", "safety", "doctor")
 
 
 def run() -> NoReturn:
     """Runs the command with the arguments of this process, and ends the process."""
-    sys.exit(main(sys.argv[1:]))
+    try:
+        end(main(sys.argv[1:]))
+    except KeyboardInterrupt:
+        end(INTERRUPTED)
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -34,25 +61,49 @@ def main(arguments: Sequence[str]) -> int:
     :raises SystemExit: another program than `try` has ended.
     """
     command, *given = arguments or ["--help"]
-    if command in _PROGRAMS:
-        module, fixed, _ = _PROGRAMS[command]
-        try:
+    try:
+        if command in _CELL_COMMANDS:
+            from skiros2_local.cell import CommandCell
+
+            logging.basicConfig(format="%(message)s", level=logging.ERROR)
+            module, name, _ = _CELL_COMMANDS[command]
+            return int(import_module(module).status(name, given, CommandCell()))
+        if command in _PROGRAMS:
+            module, fixed, _ = _PROGRAMS[command]
             import_module(module).run(*fixed, given)
-        except ModuleNotFoundError as error:
-            sys.stderr.write(f"skiros2 {command}: this needs ROS, or a missing library: {error}\n")
-            return UNAVAILABLE
+    except ModuleNotFoundError as error:
+        extra = "; it needs: pip install 'skiros2[learning]'" if command == "learn" else ""
+        sys.stderr.write(f"skiros2 {command}: {error}{extra}\n")
+        return UNAVAILABLE
     if command == "try" and not given:
         return _try()
-    wrong = command not in ("-h", "--help")
-    (sys.stderr if wrong else sys.stdout).write(_help())
-    return USAGE if wrong else OK
+    if command in ("-h", "--help"):
+        sys.stdout.write(_help())
+        return OK
+    sys.stderr.write(f"{_unknown(command)}\n")
+    return USAGE
+
+
+def _unknown(command: str) -> str:
+    if command == "try":
+        return "skiros2 try: expected no arguments; see skiros2 --help"
+    if command in _WITH_ROS:
+        return f"skiros2: {command} is for a system with ROS: rosrun skiros2_skill {command}. Here Ctrl-C stops a task"
+    near = nearest(command, ["try", *_CELL_COMMANDS, *_PROGRAMS], 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"skiros2: there is no command {command!r}; {hint}skiros2 --help lists the commands"
 
 
 def _help() -> str:
-    rows = {"try": _TRY, **{name: text for name, (_, _, text) in _PROGRAMS.items()}}
-    lines = [f"  {name:<9} {text}" for name, text in rows.items()]
-    usage, more = "usage: skiros2 COMMAND [ARGUMENTS]", "skiros2 COMMAND --help shows the arguments."
-    return "\n".join([usage, "", *lines, "", more, ""])
+    programs = {**_CELL_COMMANDS, **_PROGRAMS}
+    first = {"try": _TRY, **{name: programs[name][2] for name in ("new", "lint", "test")}}
+    cell = {name: text for name, (_, _, text) in _CELL_COMMANDS.items()}
+    last = {name: programs[name][2] for name in _PROGRAMS if name not in first}
+    lines = ["usage: skiros2 COMMAND [ARGUMENTS]"]
+    for title, rows in (("", first), ("in a cell, which is a scene with robots:", cell), ("", last)):
+        lines += ["", *([title] if title else []), *(f"  {name:<9} {text}" for name, text in rows.items())]
+    more = "A command finds the cell as the one before has left it. skiros2 COMMAND --help shows the arguments."
+    return "\n".join([*lines, "", more, ""])
 
 
 def _try() -> int:

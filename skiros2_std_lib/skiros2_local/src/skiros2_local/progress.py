@@ -20,7 +20,9 @@ _REPORTED = (TaskState.PAUSED, TaskState.ENDING, TaskState.PREEMPTED)
 
 
 @dataclass(frozen=True)
-class _Param:
+class ParamText:
+    """A parameter as JSON, as a `Param` message has it."""
+
     param: str
 
 
@@ -34,7 +36,7 @@ class LocalProgress:
     parent_id: int
     type: str
     label: str
-    params: tuple[_Param, ...]
+    params: tuple[ParamText, ...]
     processor: str
     state: int
     progress_code: int
@@ -47,7 +49,7 @@ def progress_of(task: Task, robot: str) -> list[NodeMessage]:
 
     :param robot: the name of its robot.
     """
-    status = (_Param(status_text(task.status)),) if task.status in _REPORTED else ()
+    status = (ParamText(status_text(task.status)),) if task.status in _REPORTED else ()
     return [
         LocalProgress(
             robot, task.id, node.id, node.parent_id, node.type, node.label, () if index else status, node.processor,

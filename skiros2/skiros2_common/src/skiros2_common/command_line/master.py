@@ -22,7 +22,7 @@ def ask_master(call: str, *arguments: Any) -> Any:
 
     :raises Unavailable: no master answers.
     """
-    uri = _master_uri()
+    uri = master_uri()
     try:
         return ask_node(uri, call, *arguments)
     except XMLRPC_ERRORS as error:
@@ -30,10 +30,11 @@ def ask_master(call: str, *arguments: Any) -> Any:
         raise Unavailable(f"no ROS master answers at {uri} ({reason}); start one, or set ROS_MASTER_URI") from None
 
 
-def _master_uri() -> str:
+def master_uri() -> str:
+    """The address of the master that the environment names."""
     import rosgraph  # not there without ROS
 
-    return str(rosgraph.get_master_uri())
+    return str(rosgraph.getmaster_uri())
 
 
 def check_node(node: str, service: str, what: str) -> None:
@@ -44,7 +45,7 @@ def check_node(node: str, service: str, what: str) -> None:
     """
     address = ask_master("lookupNode", node)
     if not address or not ask_master("lookupService", f"{node}/{service}"):
-        raise Unavailable(f"there is no {what} {node} on the master {_master_uri()}")
+        raise Unavailable(f"there is no {what} {node} on the master {master_uri()}")
     try:
         # A probe connection to the service would make the node report a failed connection.
         ask_node(str(address), "getPid")

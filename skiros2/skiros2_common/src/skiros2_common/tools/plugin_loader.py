@@ -7,10 +7,12 @@ import importlib
 import inspect
 import logging
 import pkgutil
+import re
 import sys
 import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -19,6 +21,12 @@ from skiros2_common.core.names import nearest
 
 log = logging.getLogger(__name__)
 
+#: The modules of ROS: its tools, clients and messages.
+_ROS_MODULE = re.compile(
+    r"ros(py|lib|graph|pkg|bag|launch|master|msg|node|param|service|topic|unit)|tf2?(_\w+)?|actionlib\w*|catkin_pkg|"
+    r"cv_bridge|dynamic_reconfigure|gen(py|msg)|message_filters|moveit_commander|\w+_(msgs|srvs)"
+)
+
 
 @dataclass(frozen=True)
 class ImportFailure:
@@ -26,11 +34,18 @@ class ImportFailure:
 
     :param text: the error, for people.
     :param file, line: its source location; "" and 0 when it is not known.
+    :param missing: the module that is not installed; "" for other errors.
     """
 
     text: str
     file: str = ""
     line: int = 0
+    missing: str = ""
+
+    @property
+    def needs_ros(self) -> bool:
+        """Whether the module uses ROS, which is not installed."""
+        return bool(_ROS_MODULE.fullmatch(self.missing.partition(".")[0])) and find_spec("rospy") is None
 
     def __str__(self) -> str:
         return f"{self.file}, line {self.line}: {self.text}" if self.file else self.text
@@ -132,7 +147,9 @@ class PluginLoader:
                 module = importlib.import_module(name)
             except FOREIGN_ERRORS as error:
                 self.failures[name] = _cause(error)
-                log.error("module %s cannot be imported and is skipped: %s", name, self.failures[name])
+                failure = self.failures[name]
+                level = logging.DEBUG if failure.needs_ros else logging.ERROR
+                log.log(level, "module %s cannot be imported and is skipped: %s", name, failure)
             else:
                 modules += self._modules(module)
         return modules
@@ -144,4 +161,6 @@ def _cause(error: Exception | SystemExit) -> ImportFailure:
         return ImportFailure(error.msg, error.filename or "", error.lineno or 0)
     text = f"{type(error).__name__}: {error}"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "importlib" not in f.filename]
-    return ImportFailure(text, frames[-1].filename, frames[-1].lineno or 0) if frames else ImportFailure(text)
+    file, line = (frames[-1].filename, frames[-1].lineno or 0) if frames else ("", 0)
+    missing = error.name if isinstance(error, ModuleNotFoundError) else ""
+    return ImportFailure(text, file, line, missing or "")

@@ -15,6 +15,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
+from skiros2_skill.client.port import ALL, NEW
 from skiros2_skill.client.skill_run import SkillRun, SkillRunner
 from skiros2_skill.client.stop_line import NoStopService, StopLine
 from skiros2_skill.core.breakpoint import Breakpoint
@@ -24,8 +25,7 @@ from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
 
-#: The task id in a command for all tasks, or for a new one.
-ALL = NEW = -1
+__all__ = ["ALL", "NEW", "ManagerClient"]
 
 #: The services of a manager, private names of its node.
 _SERVICES = {
@@ -49,6 +49,9 @@ class ManagerClient:
     :param name: the manager's node name.
     :param author: named in the manager's log.
     """
+
+    #: See `ManagerPort`.
+    world_model = None
 
     def __init__(self, name: str, author: str) -> None:
         self._name = name
@@ -172,18 +175,6 @@ class ManagerClient:
         """
         answer = self._known(self._call("why", srvs.SkillWhyRequest(task_id)))
         return Why(answer.text, [Explanation.from_dict(data) for data in json.loads(answer.json or "[]")])
-
-    def explain(self, run: SkillRun) -> list[Explanation]:
-        """Returns why nodes of an ended run failed, with the authors of changes as far as the manager knows them.
-
-        :raises SkirosError: the result cannot be read.
-        """
-        if run.task >= 0 and not run.succeeded():
-            try:
-                return self.why(run.task).explanations
-            except SkirosError as error:
-                log.debug("%s", error)
-        return run.explanations()
 
     def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         """Inspects a node of a task that has not ended: its parameters, and whether its conditions hold.

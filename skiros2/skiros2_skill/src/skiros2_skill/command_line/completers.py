@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from skiros2_common.command_line.completion import Typed
 from skiros2_common.core.errors import UnknownName
 from skiros2_skill.client.description import Parameter, Skill, find_skill
-from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.command_line.queries import World
+
+if TYPE_CHECKING:
+    from skiros2_skill.client.manager import ManagerClient
 
 
 def skill_names(manager: ManagerClient) -> Iterator[str]:
@@ -57,7 +60,7 @@ def _last_skill(words: Sequence[str], skills: Sequence[Skill]) -> tuple[Sequence
 def _values(manager: ManagerClient, declared: Parameter, begun: str) -> list[str]:
     """The values that a parameter may have: choices, or elements by label, or by id where no label begins so."""
     if declared.is_element:
-        elements = World(manager.name, manager.author).elements_for(declared)
+        elements = World.of(manager).elements_for(declared)
         labels = [element.label for element in elements if element.label]
         unique = [label for label in labels if labels.count(label) == 1]
         found = [label for label in unique if label.startswith(begun)]

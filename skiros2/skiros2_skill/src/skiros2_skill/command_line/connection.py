@@ -1,20 +1,21 @@
-"""Finds a running skill manager for a command, without a node, and monitors its tasks as a node."""
+"""Finds a running skill manager for a command, without a node, and monitors its tasks as a node.
+
+ROS is imported where it is used: other commands work without it.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Sequence
-from typing import Any
-
-import rosgraph
-import rospy
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.command_line.command import Unavailable, UsageError
-from skiros2_common.command_line.master import ask_master, check_node
+from skiros2_common.command_line.master import ask_master, check_node, master_uri
 from skiros2_common.core.names import nearest
-from skiros2_msgs.msg import TreeProgress
-from skiros2_skill.client.manager import ManagerClient
+
+if TYPE_CHECKING:
+    from skiros2_skill.client.manager import ManagerClient
 
 _SKILLS, _COMMAND = "get_skills", "command"
 
@@ -27,7 +28,10 @@ def connect(robot: str, author: str) -> ManagerClient:
     :raises Unavailable: no manager answers; determined within seconds.
     :raises UsageError: there are several, and `robot` is empty.
     """
-    return ManagerClient(find_manager(robot), author)
+    name = find_manager(robot)
+    from skiros2_skill.client.manager import ManagerClient
+
+    return ManagerClient(name, author)
 
 
 def find_manager(robot: str) -> str:
@@ -42,7 +46,7 @@ def find_manager(robot: str) -> str:
         raise UsageError(f"there are {len(alive)} skill managers, {', '.join(alive)}: name one with --robot")
     if not alive:
         dead = f" that answers ({', '.join(registered)} may have been killed)" if registered else ""
-        raise Unavailable(f"there is no skill manager{dead} on the master {rosgraph.get_master_uri()}")
+        raise Unavailable(f"there is no skill manager{dead} on the master {master_uri()}")
     return alive[0]
 
 
@@ -55,13 +59,15 @@ def registered_managers() -> list[str]:
 
 
 def _resolved(robot: str, registered: list[str]) -> str:
+    import rosgraph
+
     namespace = rosgraph.names.get_ros_namespace()
     for name in (rosgraph.names.ns_join(namespace, robot), f"/{robot}"):
         if name in registered:
             return name
     near = nearest(f"/{robot.lstrip('/')}", registered, 1)
     hint = f"did you mean {near[0]}?" if near else f"there are: {', '.join(registered) or 'none'}"
-    raise Unavailable(f"there is no skill manager {robot} on the master {rosgraph.get_master_uri()}; {hint}")
+    raise Unavailable(f"there is no skill manager {robot} on the master {master_uri()}; {hint}")
 
 
 def is_alive(manager: str) -> bool:
@@ -79,6 +85,8 @@ _ALIVE_CHECK_PERIOD = 2.0
 
 def become_node(name: str) -> None:
     """Makes this process a ROS node with a unique name; Ctrl-C stays a `KeyboardInterrupt`."""
+    import rospy
+
     rospy.init_node(name, anonymous=True, disable_signals=True, disable_rosout=True)
 
 
@@ -90,6 +98,10 @@ class TaskMonitor:
         self._received = threading.Condition()
         self._messages: list[Any] = []
         self._received_at = time.monotonic()
+        import rospy
+
+        from skiros2_msgs.msg import TreeProgress
+
         self._subscriber = rospy.Subscriber(f"{manager.name}/monitor", TreeProgress, self._on_progress, queue_size=100)
 
     def close(self) -> None:

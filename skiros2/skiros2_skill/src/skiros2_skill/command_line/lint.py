@@ -1,4 +1,4 @@
-"""`rosrun skiros2_skill lint`: checks skills, ontologies and scenes without a robot, a world model or a master."""
+"""The command lint: checks skills, ontologies and scenes without a robot, a world model or a master."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from skiros2_common.command_line.command import (
     run_command,
 )
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.tools.libraries import find_libraries
 from skiros2_skill.client.description import did_you_mean
 from skiros2_skill.command_line.lint_files import ENDINGS, file_faults, knowledge_files
 from skiros2_skill.command_line.local_world_model import ontology_folders, world_model_of
@@ -88,6 +89,7 @@ def _lint(given: argparse.Namespace) -> CommandResult:
     named = [Path(name) for name in given.packages if name.endswith(ENDINGS)]
     packages = [name for name in given.packages if not name.endswith(ENDINGS)]
     workspace = given.workspace or (named[0].parent if named else None)
+    find_libraries([*packages, *used], *(file.parent for file in named))
     folders = [*ontology_folders(packages), *([given.workspace] if given.workspace else [])]
     with world_model_of([*packages, *used], workspace, "lint", skip_broken=True) as wmi:
         faults = lint_libraries(packages, wmi, used) if packages else []

@@ -61,11 +61,13 @@ def ontology_folders(packages: Sequence[str]) -> Iterator[Path]:
 
 
 def _root(package: str) -> Path | None:
-    """The folder of the ROS package that contains a Python package; None when there is none."""
+    """The folder of the ROS package that contains a Python package, or the one above `src`; None if there is none."""
     spec = importlib.util.find_spec(package.partition(".")[0])
     if spec is None or not spec.origin:
         return None
-    return next((folder for folder in Path(spec.origin).parents if (folder / "package.xml").is_file()), None)
+    folders = Path(spec.origin).parents
+    above_src = (folder.parent for folder in folders if folder.name == "src")
+    return next((folder for folder in folders if (folder / "package.xml").is_file()), next(above_src, None))
 
 
 def _gather(folders: Sequence[Path], into: Path) -> None:

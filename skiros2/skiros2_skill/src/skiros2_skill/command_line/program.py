@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from typing import Any
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, Protocol
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
 from skiros2_common.command_line.completion import Typed, complete_by
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import Refused, SkirosError
-from skiros2_skill.client.manager import ALL, ManagerClient
+from skiros2_skill.client.port import ALL, ManagerPort
 from skiros2_skill.command_line import completers, queries, run_skills, watch
 from skiros2_skill.command_line.connection import connect, registered_managers
+
+if TYPE_CHECKING:
+    from skiros2_skill.client.manager import ManagerClient
 
 
 def stop(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
@@ -97,7 +101,7 @@ def safety(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen
     return CommandResult(lines, {"robot": manager.name, **known, "since": status.since.to_sec()})
 
 
-Command = Callable[[ManagerClient, argparse.Namespace, Screen], CommandResult]
+Command = Callable[[Any, argparse.Namespace, Screen], CommandResult]
 
 _VALUES = (
     "A VALUE is of the type that the skill declares: an element by its id or label, a list or dict in JSON, several "
@@ -109,18 +113,41 @@ _BREAKPOINTS = (
 )
 
 
-def _run(name: str, given: Sequence[str]) -> int:
+def status(name: str, given: Sequence[str], cell: Cell | None = None) -> int:
+    """Runs a command. Returns its exit status.
+
+    :param given: its arguments.
+    :param cell: opens the cell of a command without ROS; None: a manager over ROS.
+    """
     command, parser = _parser(name)
+    if cell is not None:
+        cell.add_arguments(parser)
     # With words, options may stand anywhere.
     arguments = (parser.parse_intermixed_args if name in ("run", "preview") else parser.parse_args)(given)
 
     def work() -> CommandResult:
-        return command(connect(arguments.robot, arguments.author), arguments, screen())
+        if cell is None:
+            return command(connect(arguments.robot, arguments.author), arguments, screen())
+        with cell.manager(arguments, reads=name != "run") as manager:
+            return command(manager, arguments, screen())
 
     return run_command(parser.prog, work, arguments.json)
 
 
-run = program(_run)
+run = program(status)
+
+
+class Cell(Protocol):
+    """A cell in this process."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Adds the arguments that name the cell."""
+
+    def manager(self, arguments: argparse.Namespace, reads: bool) -> AbstractContextManager[ManagerPort]:
+        """Opens the cell, and yields the manager of its robot, or of the one with the name `arguments.robot`.
+
+        :param reads: whether no skill is started.
+        """
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:

@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import rosgraph
-
 from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
@@ -19,7 +17,7 @@ from skiros2_common.core.manager_names import runs_on
 from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_skill.client.description import REQUIRED, Parameter, Skill, did_you_mean, find_skill
-from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.client.port import ManagerPort
 from skiros2_skill.core.engine.learned_parameters import has_learned_values
 from skiros2_world_model.command_line.program import connect
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -71,15 +69,19 @@ class World:
     """
 
     def __init__(self, manager: str, author: str, wm: WorldModelAbstractInterface | None = None) -> None:
-        self._name = rosgraph.names.ns_join(rosgraph.names.namespace(manager), "wm")
         self._manager = manager
         self._author = author
         self._wm = wm
 
+    @classmethod
+    def of(cls, manager: ManagerPort) -> World:
+        """The world model of a manager."""
+        return cls(manager.name, manager.author, manager.world_model)
+
     @property
     def _client(self) -> WorldModelAbstractInterface:
         if self._wm is None:
-            self._wm = connect(self._name, self._author)
+            self._wm = connect(f"{self._manager.rpartition('/')[0]}/wm", self._author)
         return self._wm
 
     def find_element(self, declared: Parameter, name: str) -> Any:
@@ -199,7 +201,7 @@ def stop_lines(robot: str, status: Any) -> list[str]:
     return [f"{robot} is stopped since {since}: {status.stops[0]}", *status.stops[1:]] if status.stops else []
 
 
-def present_stops(manager: ManagerClient) -> list[str]:
+def present_stops(manager: ManagerPort) -> list[str]:
     """The stops of a manager's robot, a line each; [] while there is none, and when the manager does not say."""
     try:
         return stop_lines(manager.name, manager.safety())
@@ -208,7 +210,7 @@ def present_stops(manager: ManagerClient) -> list[str]:
         return []
 
 
-def list_skills(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def list_skills(manager: ManagerPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Lists the skills of a robot with their parameters; optional ones are in brackets."""
     skills = sorted(manager.read_skills(), key=lambda skill: (skill.type, skill.label))
     rows = [(s.label, s.type, " ".join(_short(p) for p in _in_order(s) if p.key != "Robot")) for s in skills]
@@ -216,11 +218,11 @@ def list_skills(manager: ManagerClient, arguments: argparse.Namespace, screen: S
     return CommandResult([*present_stops(manager), *lines], [_skill_json(skill) for skill in skills])
 
 
-def describe(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def describe(manager: ManagerPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows the parameters, conditions and implementations of a skill."""
     skills = manager.read_skills()
     named = find_skill(arguments.skill, skills)
-    world = World(manager.name, manager.author)
+    world = World.of(manager)
     lines: list[str] = []
     data = []
     for skill in named.skills:
@@ -233,7 +235,7 @@ def describe(manager: ManagerClient, arguments: argparse.Namespace, screen: Scre
     return CommandResult(lines[1:], data)
 
 
-def why(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def why(manager: ManagerPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows why a task or its nodes failed, by default the last task that failed or was refused."""
     found = manager.why(-1 if arguments.task is None else arguments.task)
     return CommandResult(found.text.splitlines(), [explanation.to_dict() for explanation in found.explanations])

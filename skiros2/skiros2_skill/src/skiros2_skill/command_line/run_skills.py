@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import logging
 import sys
 import threading
 import time
@@ -17,14 +16,11 @@ from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS, state_name
 from skiros2_skill.client.description import Skill, Step
-from skiros2_skill.client.manager import NEW, ManagerClient
-from skiros2_skill.client.skill_run import SkillRun
+from skiros2_skill.client.port import NEW, ManagerPort, RunPort, explain
 from skiros2_skill.command_line.assignments import read_steps
-from skiros2_skill.command_line.connection import become_node
 from skiros2_skill.command_line.queries import World
 from skiros2_skill.command_line.tree import Changes
 
-log = logging.getLogger(__name__)
 
 #: Period of the display (s).
 _PERIOD = 0.1
@@ -36,15 +32,18 @@ _PROGRESS_TIMEOUT = 3.0
 _ELEMENT = {"id", "label", "type"}
 
 
-def run(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def run(manager: ManagerPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Runs skills in sequence, as one task, until it has ended. Ctrl-C preempts it."""
     known = manager.read_skills()
-    world = World(manager.name, manager.author)
+    world = World.of(manager)
     steps = read_steps(arguments.words, known, world.find_element, world.has_learned_values)
     if arguments.detach:
         task_id = manager.command("start", NEW, steps)
         return CommandResult([f"task {task_id} runs on {manager.name}"], {"robot": manager.name, "task": task_id})
-    become_node("skill_run")
+    if manager.world_model is None:
+        from skiros2_skill.command_line.connection import become_node  # not there without ROS
+
+        become_node("skill_run")
     out = None if arguments.json else sys.stdout
     display = _ProgressDisplay(manager.name, screen, out)
     try:
@@ -56,14 +55,14 @@ def run(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -
     if result.task_id < 0:
         raise Refused(result.message or "cancelled before it was started")
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
-    explanations = manager.explain(skill_run)
+    explanations = explain(manager, skill_run)
     lines, data = _summary(result, explanations, manager.name, display.seconds, _not_given(steps, known))
     return CommandResult([part for line in lines for part in screen.wrapped(line, "    ")], data, status)
 
 
-def preview(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def preview(manager: ManagerPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows whether skills would start now, and with which elements; nothing is started."""
-    world = World(manager.name, manager.author)
+    world = World.of(manager)
     steps = read_steps(arguments.words, manager.read_skills(), world.find_element, world.has_learned_values)
     found = manager.preview(steps)
     data = {
@@ -77,7 +76,7 @@ def preview(manager: ManagerClient, arguments: argparse.Namespace, screen: Scree
     return CommandResult([f"{found.label} would start", *_values(elements, set(elements) - {"Robot"})], data)
 
 
-def _wait(skill_run: SkillRun, display: _ProgressDisplay) -> bool:
+def _wait(skill_run: RunPort, display: _ProgressDisplay) -> bool:
     """Displays the progress until the task has ended. Returns whether Ctrl-C has preempted it."""
     interrupted = False
     while True:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.command_line.command import OK, REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import UnknownName
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS
-from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.command_line.queries import present_stops
 from skiros2_skill.command_line.tree import frame_of, picture
 from skiros2_skill.command_line.views import JsonView, Nodes, View, task_json, view_of
+
+if TYPE_CHECKING:
+    from skiros2_skill.client.manager import ManagerClient
 
 #: Minimum time between redraws of a terminal (s).
 _PERIOD = 0.1

@@ -13,7 +13,7 @@ from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
 from skiros2_common.core.params import Param
 from skiros2_common.ros.goal_server import GoalServer, is_cancelled
 from skiros2_msgs import msg as msgs
-from skiros2_skill.core.runtime.history import Record, record_of
+from skiros2_skill.core.runtime.history import Record, outputs_of, record_of
 from skiros2_skill.core.runtime.request import TaskRefused, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
@@ -90,7 +90,7 @@ class ExecuteAction(GoalServer):
             goal = self._goals.pop(task.id, None)
         if goal is None:
             return
-        handle, result = goal.handle, _result(record, _outputs(task))
+        handle, result = goal.handle, _result(record, outputs_of(task))
         if record.state is State.Success:
             handle.set_succeeded(result, result.message)
         elif record.preempted:
@@ -142,16 +142,6 @@ class ExecuteAction(GoalServer):
                 log.debug("task %s has ended already", task_id)
             else:
                 log.info("task %s is cancelled", task_id)
-
-
-def _outputs(task: Task) -> dict[str, Param]:
-    """The parameters on the blackboard of a task and, where these have no value, those of its skills."""
-    params: dict[str, Param] = {}
-    for node in task.root.children:
-        if node.state is not State.Idle:
-            params.update(node.params.getParamMap())
-    params.update((key, param) for key, param in task.root.params.getParamMap().items() if param.is_bound())
-    return {key: param for key, param in params.items() if param.is_bound()}
 
 
 def _result(record: Record, params: dict[str, Param]) -> Any:

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import rospy
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
-from skiros2_common.core.json_data import read_json
 from skiros2_common.core.params import Param
-from skiros2_common.core.property import format_value
-from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_runs.core.progress import status_text
 from skiros2_runs.core.states import TaskState
-from skiros2_skill.core.runtime.request import JsonValues, SkillRequest
+from skiros2_skill.core.runtime.request import SkillRequest
+from skiros2_skill.core.runtime.request_json import param_texts, read_request
 from skiros2_skill.core.runtime.task import NodeProgress, Task
-
-log = logging.getLogger(__name__)
 
 WIRE_STATES = {
     State.Success: msgs.SkillProgress.SUCCESS,
@@ -35,35 +29,7 @@ WIRE_STATES = {
 
 def skill_request(skill: Any) -> SkillRequest:
     """Converts a `ResourceDescription`. A parameter without `specType` and `type` gets them from the skill."""
-    params: dict[str, Param | JsonValues] = {}
-    problems: list[SkirosError] = []
-    for index, message in enumerate(skill.params):
-        try:
-            key, param = _read(message.param)
-        except SkirosError as error:
-            problems.append(WrongValue(f"{skill.type}, params[{index}]: {error}"))
-            continue
-        if key in params:
-            problems.append(WrongValue(f"{skill.type}: parameter {key!r} is given twice"))
-        params[key] = param
-    return SkillRequest(skill.type, skill.name, params, problems)
-
-
-def _read(text: str) -> tuple[str, Param | JsonValues]:
-    try:
-        decoded = read_json(text)
-    except ValueError as error:
-        raise WrongValue(f"parameter is not JSON: {error}: {format_value(text)}") from None
-    if not isinstance(decoded, dict) or not isinstance(decoded.get("key"), str):
-        example = '{"key": "Duration", "values": [1.5]}'
-        raise WrongValue(f"parameter: expected a JSON object such as {example}, got {format_value(text)}")
-    if "specType" in decoded and "type" in decoded:
-        param = utils.decodeParam(decoded)
-        return param.key, param
-    if "values" not in decoded:
-        raise WrongValue(f'parameter {decoded["key"]!r} has no "values"')
-    values = decoded["values"]
-    return decoded["key"], JsonValues(values if isinstance(values, list) else [values])
+    return read_request(skill.type, skill.name, [message.param for message in skill.params])
 
 
 def wire_text(text: str) -> str:
@@ -78,13 +44,7 @@ def wire_code(code: int) -> int:
 
 def param_messages(params: Mapping[str, Param]) -> list[Any]:
     """Converts parameters to messages; those with values that have no JSON form are left out."""
-    messages = []
-    for param in params.values():
-        try:
-            messages.append(msgs.Param(json.dumps(param, cls=utils.ParamsEncoder)))
-        except (SkirosError, TypeError, ValueError, RecursionError) as error:
-            log.debug("parameter %r has no JSON form: %s", param.key, error)
-    return messages
+    return [msgs.Param(text) for text in param_texts(params)]
 
 
 def explanations_json(explanations: Iterable[Explanation]) -> str:

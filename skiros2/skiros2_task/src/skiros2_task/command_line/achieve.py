@@ -7,7 +7,8 @@ import json
 import sys
 import threading
 import time
-from typing import Any, TextIO
+from collections.abc import Callable
+from typing import Any, Protocol, TextIO
 
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
 from skiros2_common.command_line.layout import Screen, styled
@@ -15,6 +16,7 @@ from skiros2_common.command_line.master import check_node
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.command_line.planning import goal_text
+from skiros2_task.core.goal_report import RUNNING
 
 #: The task manager's node, and a service that each node has.
 _NODE, _SERVICE = "tm", "get_loggers"
@@ -32,18 +34,27 @@ _STATE_STYLES = {
 _REACHED = ("succeeded", "nothing_to_do")
 
 
-def achieve(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+class GoalClient(Protocol):
+    """Achieves one goal."""
+
+    def achieve(
+        self, goals: str, *, feedback_cb: Callable[[Any], None], quality: str, seconds: float, priority: int,
+        max_replans: int,
+    ) -> None:
+        """Starts; see `TaskManagerInterface.achieve`. Feedback has the fields of `GoalProgress`."""
+
+    def wait_for_result(self) -> Any:
+        """Waits for the end. Returns an object with the fields of `GoalResult`."""
+
+    def preempt(self) -> None:
+        """Cancels the goal."""
+
+
+def achieve(arguments: argparse.Namespace, screen: Screen, client: GoalClient | None = None) -> CommandResult:
     """Achieve a goal: plan, and run the steps on the robots until the goal holds. Ctrl-C cancels it."""
     goal = goal_text(arguments.goal)
-    import rosgraph  # not there without ROS
-
-    check_node(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), _NODE), _SERVICE, "task manager")
-    from skiros2_skill.command_line.connection import become_node
-    from skiros2_task.ros.task_manager_interface import TaskManagerInterface
-
-    become_node("achieve")
+    client = client or _connect()
     printer = ProgressPrinter(screen, None if arguments.json else sys.stdout)
-    client = TaskManagerInterface()
     try:
         client.achieve(
             goal,
@@ -62,7 +73,22 @@ def achieve(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     return CommandResult(lines, data, status)
 
 
-def _result(client: Any) -> tuple[Any, bool]:
+def _connect() -> GoalClient:
+    """Connects to the task manager.
+
+    :raises Unavailable: it does not answer.
+    """
+    import rosgraph  # not there without ROS
+
+    check_node(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), _NODE), _SERVICE, "task manager")
+    from skiros2_skill.command_line.connection import become_node
+    from skiros2_task.ros.task_manager_interface import TaskManagerInterface
+
+    become_node("achieve")
+    return TaskManagerInterface()
+
+
+def _result(client: GoalClient) -> tuple[Any, bool]:
     """Returns the result, and whether Ctrl-C cancelled the goal."""
     interrupted = False
     while True:
@@ -105,7 +131,7 @@ class ProgressPrinter:
             plan = {step["number"]: step for step in json.loads(feedback.plan or "[]")}
             if feedback.phase != self._phase:
                 self._phase = feedback.phase
-                if feedback.phase != feedback.RUNNING:  # the steps show this phase
+                if feedback.phase != RUNNING:  # the steps show this phase
                     self._print(f"{feedback.phase}: {feedback.message}" if feedback.message else feedback.phase)
             self._print_plan(plan)
             for step in json.loads(feedback.steps or "[]"):

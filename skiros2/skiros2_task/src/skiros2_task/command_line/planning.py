@@ -6,7 +6,7 @@ import argparse
 import logging
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 
 from skiros2_common.command_line.command import OK, REFUSED, CommandResult, UsageError
@@ -17,6 +17,7 @@ from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.names import local_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_common.tools.libraries import find_libraries
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.command_line.local_world_model import world_model_of
 from skiros2_skill.core.library.description import Described
@@ -44,26 +45,26 @@ _AUTHOR = "plan"
 _HEADS = ("step", "start", "end", "robot", "skill", "after step", "parameters")
 
 
-def plan(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def plan(arguments: argparse.Namespace, screen: Screen, world: WorldModelPort | None = None) -> CommandResult:
     """Show the plan for a goal: the robot, start and end of each step. No robot moves."""
-    with _planned(arguments) as (_, result):
+    with _planned(arguments, world) as (_, result):
         if result.plan is None:
             return _without_plan(result)
         return CommandResult(_format_plan(result.plan, screen), _as_json(result))
 
 
-def preview(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def preview(arguments: argparse.Namespace, screen: Screen, world: WorldModelPort | None = None) -> CommandResult:
     """Simulate the plan for a goal on a copy of the scene: show the changes of each step. No robot moves."""
-    with _planned(arguments) as (wm, result):
+    with _planned(arguments, world) as (wm, result):
         if result.plan is None:
             return _without_plan(result)
         simulated = simulate(PreviewCopy(wm), result.plan)
         return CommandResult(list(simulated.lines()), simulated.to_dict(), OK if simulated.works else REFUSED)
 
 
-def explain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def explain(arguments: argparse.Namespace, screen: Screen, world: WorldModelPort | None = None) -> CommandResult:
     """Explain the purpose of each step of the plan for a goal; or why there is no plan, and which facts are missing."""
-    with _planned(arguments) as (_, result):
+    with _planned(arguments, world) as (_, result):
         if result.plan is None:
             return _without_plan(result, notes=True)
         why = explain_plan(result.plan)
@@ -92,13 +93,19 @@ def goal_text(words: Sequence[str]) -> str:
 
 
 @contextmanager
-def _planned(arguments: argparse.Namespace) -> Iterator[tuple[WorldModelPort, PlanningResult]]:
-    """Yields the world model, and the result of planning for a command's goal."""
+def _planned(
+    arguments: argparse.Namespace, world: WorldModelPort | None
+) -> Iterator[tuple[WorldModelPort, PlanningResult]]:
+    """Yields the world model, and the result of planning for a command's goal.
+
+    :param world: None: the one that the arguments name.
+    """
     goal = goal_text(arguments.goal)
     folder = FOLDER.expanduser()
     durations = Durations(folder / DURATIONS_FILE)
     seconds = arguments.seconds or (_SECONDS_FOR_BEST if arguments.planner == Quality.BEST.value else _SECONDS)
-    with _world_model(arguments) as wm, closing(EngineProcesses()) as processes:
+    opened = _world_model(arguments) if world is None else nullcontext(world)
+    with opened as wm, closing(EngineProcesses()) as processes:
         manager = _manager_of(arguments.robot)
         if manager:
             _check_manager(wm, manager)
@@ -190,6 +197,7 @@ def _world_model(arguments: argparse.Namespace) -> Iterator[WorldModelPort]:
     if not arguments.scene.is_file():
         raise ConfigurationError(f"scene {arguments.scene}: there is no such file")
     workspace = arguments.workspace or arguments.scene.resolve().parent
+    find_libraries(arguments.libraries, arguments.scene.parent)
     with _quiet(), world_model_of(arguments.libraries, workspace, _AUTHOR, arguments.scene) as wm:
         if arguments.libraries:
             _give_skills(wm, arguments)

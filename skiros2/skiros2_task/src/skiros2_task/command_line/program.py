@@ -5,17 +5,18 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen
 from skiros2_common.command_line.completion import Typed, complete_by
-from skiros2_common.command_line.layout import Screen
 from skiros2_task.command_line import achieve, completers, planning
 from skiros2_task.core.planners import DEFAULT_ENGINE
 from skiros2_world_model.command_line.program import connect
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
-Command = Callable[[argparse.Namespace, Screen], CommandResult]
+Command = Callable[..., CommandResult]
 
 _GOALS = (
     "A GOAL is (relation subject object), (property subject), (not ...), (and ...), (or ...), (exists (?x - class) "
@@ -25,13 +26,42 @@ _GOALS = (
 _OFFLINE = "With --scene, no master and no world model are needed."
 
 
-def _run(name: str, given: Sequence[str]) -> int:
+def status(name: str, given: Sequence[str], cell: Cell | None = None) -> int:
+    """Runs a command. Returns its exit status.
+
+    :param given: its arguments.
+    :param cell: opens the cell of a command without ROS; None: the arguments name a scene, or the system runs over ROS.
+    """
     command, parser = _parser(name)
+    if cell is not None:
+        cell.add_arguments(parser)
+    elif name != "achieve":
+        _scene(parser)
     arguments = parser.parse_intermixed_args(given)  # options may stand anywhere
-    return run_command(parser.prog, lambda: command(arguments, screen()), arguments.json)
+
+    def work() -> CommandResult:
+        if cell is None:
+            return command(arguments, screen())
+        with cell.goal_client(arguments) if name == "achieve" else cell.world_model(arguments) as opened:
+            return command(arguments, screen(), opened)
+
+    return run_command(parser.prog, work, arguments.json)
 
 
-run = program(_run)
+run = program(status)
+
+
+class Cell(Protocol):
+    """A cell in this process."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Adds the arguments that name the cell."""
+
+    def world_model(self, arguments: argparse.Namespace) -> AbstractContextManager[WorldModelPort]:
+        """Opens the cell with its robots, to read. Yields its world model."""
+
+    def goal_client(self, arguments: argparse.Namespace) -> AbstractContextManager[achieve.GoalClient]:
+        """Opens the cell with its robots. Yields a client for one goal."""
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
@@ -59,6 +89,9 @@ def _planning(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seconds", type=_seconds, metavar="S", help="time limit (default: 60; for quality best 10)")
     parser.add_argument("--robot", default="", metavar="NAME", help="plan for this robot only (default: all robots)")
+
+
+def _scene(parser: argparse.ArgumentParser) -> None:
     offline = parser.add_argument_group("without a running system")
     offline.add_argument("--scene", type=Path, metavar="FILE", help="scene file, instead of the world model's scene")
     offline.add_argument(

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Provenance
-from skiros2_common.core.names import full_name
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer, is_cancelled
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveActionGoal, AchieveFeedback, AchieveGoal, AchieveResult
 from skiros2_msgs.srv import GoalOnRestart, GoalOnRestartRequest, GoalOnRestartResponse
-from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
-from skiros2_task.core.execution import Phase
 from skiros2_task.core.executor import GoalExecutor
 from skiros2_task.core.given_plan import GivenPlan
 from skiros2_task.core.goal_execution import Goal, GoalExecution
+from skiros2_task.core.goal_report import progress_of, result_of
 from skiros2_task.core.goal_store import ENDED_GOALS, GoalStore, OnRestart, StoredGoal, StoreFailed
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.recovery import Restart
-from skiros2_task.core.step_record import StepRecord, StepState
 from skiros2_task.ros.plan_actions import START_DELAY, PlanningOptions, end_goal
 
 log = logging.getLogger(__name__)
-
-#: The phase in the feedback of a goal that asks how to continue after a restart. No constant of the message, whose md5
-#: sum covers them.
-ASKING = "asking"
 
 #: The default of a goal's `max_replans`.
 MAX_REPLANS = 5
@@ -216,52 +207,12 @@ class _GoalPublisher:
         self._keep = keep
 
     def on_change(self, execution: GoalExecution) -> None:
-        machine = execution.machine
-        records = machine.records.values()
-        plan = [r for r in records if r.step.number >= machine.plan_start or r.ended is None]
-        self._handle.publish_feedback(
-            AchieveFeedback(
-                phase=_phase(machine.phase),
-                message=machine.message,
-                plan=json.dumps([record.step.to_dict() for record in plan]),
-                steps=json.dumps([_progress(record) for record in plan]),
-                robots=json.dumps(_robots(plan)),
-            )
-        )
+        self._handle.publish_feedback(AchieveFeedback(**vars(progress_of(execution))))
 
     def on_end(self, execution: GoalExecution, end: End) -> None:
-        started = execution.started
-        result = AchieveResult(
-            state=AchieveResult.SUCCEEDED if end.verdict is Verdict.PLANNED else end.verdict.state,
-            message=end.message,
-            done=json.dumps([{**record.step.to_dict(), **_progress(record)} for record in started]),
-            explanations=json.dumps(
-                [why.to_dict() for record in started for why in record.explanations]
-                + [why.to_dict() for why in _missing_values(end.missing)]
-            ),
-        )
+        result = AchieveResult(**vars(result_of(execution, end)))
         self._keep(execution.goal.id, _STATUS.get(end.verdict, GoalStatus.ABORTED), result)
         end_goal(self._handle, end.verdict, result, end.message)
-
-
-def _missing_values(names: Sequence[str]) -> list[Explanation]:
-    """Explains the parameters without a value, as SKILL.PARAMETER, for each skill."""
-    keys: dict[str, list[str]] = {}
-    for name in names:
-        skill, _, key = name.partition(".")
-        keys.setdefault(full_name(skill), []).append(key)
-    return [
-        Explanation(
-            PARAMETER,
-            skill,
-            "",
-            node=-1,
-            code=REFUSED_CODE,
-            message=f"no values for {', '.join(of_skill)}",
-            params=[Provenance(key, "", UNSET) for key in of_skill],
-        )
-        for skill, of_skill in keys.items()
-    ]
 
 
 def _goal_id(goal_id: str, request: dict[str, Any]) -> Any:
@@ -270,32 +221,3 @@ def _goal_id(goal_id: str, request: dict[str, Any]) -> Any:
 
 def _refusal(state: str, message: str) -> Any:
     return AchieveResult(state=state, message=message, done="[]", explanations="[]")
-
-
-def _phase(phase: Phase) -> str:
-    if phase is Phase.STOPPING:
-        return str(AchieveFeedback.STOPPING)
-    if phase is Phase.ASKING:
-        return ASKING
-    return str(AchieveFeedback.PLANNING if phase in (Phase.PLANNING, Phase.BLOCKED) else AchieveFeedback.RUNNING)
-
-
-def _progress(record: StepRecord) -> dict[str, Any]:
-    """Returns the state of a step as JSON data."""
-    return {
-        "number": record.step.number,
-        "robot": record.step.call.manager,
-        "state": record.state.value,
-        "message": record.message,
-    }
-
-
-def _robots(records: Iterable[StepRecord]) -> dict[str, int | None]:
-    """Returns the number of each robot's running step."""
-    running: dict[str, int | None] = {}
-    for record in records:
-        robot = record.step.call.manager
-        running.setdefault(robot, None)
-        if record.state is StepState.RUNNING:
-            running[robot] = record.step.number
-    return running

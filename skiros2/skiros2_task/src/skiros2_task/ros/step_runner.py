@@ -14,6 +14,7 @@ from skiros2_common.core.explanation import Explanation, cause_of
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
+from skiros2_skill.client.port import explain
 from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.ros.registration import ROBOT_PARAMETER
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
@@ -228,7 +229,7 @@ class _StepRun:
 
 def _explanations(manager: SkillManagerInterface, run: SkillRun) -> list[Explanation]:
     try:
-        return manager.explain(run)
+        return explain(manager, run)
     except SkirosError as error:
         log.warning("an explanation cannot be read: %s", error)
         return []

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from skiros2_common.command_line.command import (
     OK,
@@ -100,21 +101,46 @@ _VALUES = (
 )
 
 
-def _run(name: str, given: Sequence[str]) -> int:
+def status(name: str, given: Sequence[str], cell: Cell | None = None) -> int:
+    """Runs a command. Returns its exit status.
+
+    :param given: its arguments.
+    :param cell: opens the cell of a command without ROS; None: a world model over ROS.
+    """
     command, parser = _parser(name)
+    if cell is not None:
+        cell.add_arguments(parser)
     parse = parser.parse_intermixed_args if name == "set" else parser.parse_args  # --remove may be anywhere
     arguments = parse(given)
 
     def work() -> CommandResult:
-        wm = None
-        if name != "validate_scene" and (name != "diff" or reading.needs_world_model(arguments)):
-            wm = connect(arguments.wm, getattr(arguments, "author", "") or user())
-        return command(wm, arguments, screen())
+        if name == "validate_scene" or (name == "diff" and not reading.needs_world_model(arguments)):
+            return command(None, arguments, screen())
+        author = getattr(arguments, "author", "") or user()
+        if cell is None:
+            return command(connect(arguments.wm, author), arguments, screen())
+        with cell.scene(arguments, author, name not in _WRITING) as wm:
+            return command(wm, arguments, screen())
 
     return run_command(parser.prog, work, arguments.json, USAGE if name in _OF_FILES else REFUSED)
 
 
-run = program(_run)
+run = program(status)
+
+
+class Cell(Protocol):
+    """A cell in this process."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Adds the arguments that name the cell."""
+
+    def scene(
+        self, arguments: argparse.Namespace, author: str, reads: bool
+    ) -> AbstractContextManager[WorldModelAbstractInterface]:
+        """Opens the cell without its robots. Yields its world model.
+
+        :param reads: whether nothing is changed.
+        """
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
@@ -212,6 +238,9 @@ _ARGUMENTS = {
         _argument("--strict", action="store_true", help="report unknown names as violations, as with ~strict"),
     ],
 }  # fmt: skip
+
+#: Commands that change the world model, or what it knows of its files.
+_WRITING = ("set", "load", "save")
 
 #: Commands that read files; their refusals are usage errors.
 _OF_FILES = ("diff", "validate_scene")

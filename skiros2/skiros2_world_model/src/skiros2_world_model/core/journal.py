@@ -9,14 +9,14 @@ from __future__ import annotations
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_world_model.core.changes import ONTOLOGY
 from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Provenance, read_record, record_json
-from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta
+from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only
 from skiros2_world_model.core.scene import Scene
 
 #: When a world model recovers from its journal: after it was killed, always, or never.
@@ -280,6 +280,28 @@ def read_state(db: sqlite3.Connection) -> JournalState:
     request = "SELECT last, number, stamp, author FROM request ORDER BY number DESC LIMIT 1"
     number, *last = db.execute(request).fetchone()
     return JournalState(str(session), number, Provenance(*last), list(contexts.values()), stated[True], stated[False])
+
+
+def recorded_state(path: Path) -> JournalState:
+    """Reads the present state of a journal, which another process may be writing.
+
+    :raises ConfigurationError: the journal cannot be read.
+    """
+    try:
+        with closing(read_only(path)) as db:
+            db.execute("BEGIN")
+            return read_state(db)
+    except (sqlite3.DatabaseError, LookupError, SyntaxError, TypeError, ValueError) as error:
+        raise ConfigurationError(f"journal {path} cannot be read: {error}") from None
+
+
+def is_recoverable(path: Path, origin: str) -> bool:
+    """Whether a journal of an origin has a state to recover. Any process may write it meanwhile."""
+    try:
+        with closing(read_only(path)) as db:
+            return bool(read_meta(db, "state") == _RUNNING and read_meta(db, "origin") == origin)
+    except sqlite3.DatabaseError:  # there is none, or it is damaged: it is created again
+        return False
 
 
 # -- the rows of a request -----------------------------------------------------------------------------------------

@@ -21,6 +21,11 @@ from skiros2_common.core.errors import ConfigurationError, Refused
 
 log = logging.getLogger(__name__)
 
+
+class JournalInUse(ConfigurationError):
+    """Another process writes the journal."""
+
+
 _SCHEMA = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value);
 -- number, last: the numbers of its first and last change; past: the highest rowid of past_element at that time
@@ -193,7 +198,7 @@ def _lock(path: Path) -> IO[bytes]:
         except BlockingIOError:
             if time.monotonic() > deadline:
                 lock.close()
-                raise ConfigurationError(f"journal {path}: another world model is using it") from None
+                raise JournalInUse(f"journal {path}: another world model is using it") from None
             time.sleep(0.05)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -31,7 +31,7 @@ from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Context, Contexts, element_operations
 from skiros2_world_model.core.file_content import FileContent
 from skiros2_world_model.core.history import History
-from skiros2_world_model.core.journal import Journal, JournalState, first_number
+from skiros2_world_model.core.journal import Journal, JournalState, first_number, recorded_state
 from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
@@ -59,6 +59,8 @@ class WorldModel:
     :param store: the triple store that answers queries; None: a `WorkerStore`.
     :param knowledge_base: the ontologies, in place of those of the folders; its store has no context.
     :param blank_on_error: logs and skips an initial file, or an ontology of the workspace, that is refused.
+    :param recorded: the journal of another process, in place of an own one: the world model starts from its present
+        state, and records nothing.
     :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
     """
 
@@ -72,6 +74,7 @@ class WorldModel:
         store: TripleStore | None = None,
         blank_on_error: bool = False,
         knowledge_base: KnowledgeBase | None = None,
+        recorded: Path | None = None,
     ) -> None:
         self.knowledge_base = knowledge_base or KnowledgeBase(ontologies, workspace, store, blank_on_error)
         self.lock = self.knowledge_base.lock
@@ -88,13 +91,14 @@ class WorldModel:
         self.advisory_lock = AdvisoryLock()
         self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
         self._journal: Journal | None = None
-        state = journal.restore() if journal is not None else None
+        self._recorded = journal.path if journal is not None else recorded
+        state = journal.restore() if journal is not None else recorded_state(recorded) if recorded is not None else None
         #: Whether the state was recovered from the journal.
         self.recovered = state is not None
         if state is not None:
             self._notifier = ChangeNotifier(state.number, state.session)
             self._recover(state)
-            log.info("the world model has recovered from its journal %s: %s", journal.path if journal else "", state)
+            log.info("the world model has recovered from its journal %s: %s", self._recorded, state)
         else:
             self._notifier = ChangeNotifier(max(first_number(), journal.last if journal is not None else 0))
             for context, file in initial:
@@ -162,9 +166,9 @@ class WorldModel:
 
         :raises Refused: the world model has no journal.
         """
-        if self._journal is None:
+        if self._recorded is None:
             raise Refused("the world model has no journal, so its history is unknown")
-        return History(self._journal.path)
+        return History(self._recorded)
 
     def query(self, query: str, context: str = "", cut_prefix: bool = True, caller: str = "") -> list[str]:
         """Answers a SPARQL query with a text for each row.
@@ -362,6 +366,16 @@ class WorldModel:
                     self._journal.write_file(context, filename or target.file)
                 target.file = filename or target.file
         return path
+
+    @contextmanager
+    def unrecorded(self) -> Iterator[None]:
+        """The changes within the block are not written to the journal: they end with this process."""
+        with self.lock:
+            journal, self._journal = self._journal, None
+            try:
+                yield
+            finally:
+                self._journal = journal
 
     # -- listeners ---------------------------------------------------------------------------------------------
 

@@ -35,7 +35,8 @@ from skiros2_gateway.ros.skill_runs import SkillRuns, check_start
 from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
-from skiros2_task.ros.achieve_action import ASKING, INTERRUPT_PRIORITY
+from skiros2_task.core.goal_report import ASKING
+from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface

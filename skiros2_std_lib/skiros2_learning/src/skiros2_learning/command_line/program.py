@@ -10,9 +10,11 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import NoReturn
 
-from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command, user
+from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, end, run_command, user
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
+from skiros2_common.tools.libraries import find_libraries
 from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.evaluation import Evaluation, Unavailable, check_execution, evaluate, seed_of
 from skiros2_learning.core.hypermapper import import_hypermapper
@@ -234,6 +236,7 @@ def _remove(options: argparse.Namespace) -> CommandResult:
 
 def _scenario(options: argparse.Namespace) -> CommandResult:
     scene, libraries = options.scene.resolve(), options.libraries.split(",")
+    find_libraries(libraries, scene.parent)
     if bool(options.goal) == bool(options.skill):
         raise WrongValue("expected a skill or --goal")
     from skiros2_learning.local.identification import identify, identify_goal
@@ -367,6 +370,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the program. Returns the exit status."""
     options = _parser().parse_args(command_arguments(arguments))
     return run_command("learn", lambda: _do(options), options.json)
+
+
+def run(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Runs the program and ends the process with its status."""
+    end(main(arguments))
 
 
 def _do(options: argparse.Namespace) -> CommandResult:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import yaml
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.tools.libraries import find_libraries
 from skiros2_learning.core.platforms import (
     PLATFORMS,
     REAL_SKILLS,
@@ -238,7 +239,11 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
     version = root.whole("version", VERSION, low=1)
     if version != VERSION:
         root.problem("version", f"expected {VERSION}, got {version}")
-    plugins = tuple(root.texts("plugins", ()))
+    plugins, libraries = tuple(root.texts("plugins", ())), tuple(root.texts("libraries", ()))
+    platform = root.choice("platform", tuple(PLATFORMS), "simulation")
+    execution = root.text("execution", PLATFORMS[platform])
+    scene = _file(root, "scene", folder, needed=execution == SIMULATED_SKILLS)
+    find_libraries([*plugins, *libraries], folder, scene.parent)
     for plugin in plugins:
         try:
             importlib.import_module(plugin)
@@ -255,8 +260,6 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
     objectives = tuple(_objective(key, part) for key, part in root.section("objectives").sections())
     if not objectives:
         root.problem("objectives", "none; a scenario needs at least one")
-    platform = root.choice("platform", tuple(PLATFORMS), "simulation")
-    execution = root.text("execution", PLATFORMS[platform])
     if execution in PLATFORMS.values():
         if not task:
             root.problem("task", "no steps; name at least one skill")
@@ -271,8 +274,8 @@ def _read(root: Section, folder: Path, text: str) -> Scenario:
         task=task,
         variables=variables,
         objectives=objectives,
-        scene=_file(root, "scene", folder, needed=execution == SIMULATED_SKILLS),
-        libraries=tuple(root.texts("libraries", ())),
+        scene=scene,
+        libraries=libraries,
         plugins=plugins,
         execution=execution,
         settings=root.take("settings", {}),

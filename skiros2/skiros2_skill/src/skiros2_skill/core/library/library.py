@@ -228,6 +228,10 @@ class SkillLibrary:
         names = [name for name in self._libraries if f"{cls.__module__}.".startswith(f"{name}.")]
         return max(names, key=len, default=cls.__module__)
 
+    def names_in(self, package: str) -> list[str]:
+        """The classes of skills in an imported package, loaded or not, as `module.Class`."""
+        return [_full_name(cls) for cls in self._loader if f"{cls.__module__}.".startswith(f"{package}.")]
+
     # -- lookup ------------------------------------------------------------------------------------------------
 
     def implementations(self) -> list[Implementation]:

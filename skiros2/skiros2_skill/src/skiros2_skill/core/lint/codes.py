@@ -47,6 +47,10 @@ MEANINGS: dict[str, Meaning] = {
         'self.addParam("Speed", 3.0, ParamTypes.Optional, maximum=2.0)',
         'self.addParam("Speed", 1.0, ParamTypes.Optional, maximum=2.0)',
     ),
+    "needs-ros": Meaning(
+        "A module uses ROS, which is not installed here: its skills are skipped, and were not checked (a note).",
+        "Check the library where ROS is installed.",
+    ),
     "never-set": Meaning(
         "A child requires a value without a default, and nothing in the tree sets it: its start fails.",
         "Specify the value, remap it to a key that a sibling or the compound sets, or give the parameter a default.",

@@ -91,7 +91,9 @@ def lint_libraries(packages: Sequence[str], wmi: WorldModelPort | None = None, u
         others.load(package, bases)
     linter = Linter(dict.fromkeys([*loader, *others]), wmi)
     faults = [
-        Fault(ERROR, "not-imported", module, failure.text, failure.file, failure.line)
+        Fault(NOTE, "needs-ros", module, failure.text, failure.file, failure.line, "skipped without ROS")
+        if failure.needs_ros
+        else Fault(ERROR, "not-imported", module, failure.text, failure.file, failure.line)
         for module, failure in loader.failures.items()
     ]
     return _in_order(faults + [fault for cls in loader for fault in linter.lint(cls)])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.params import Param
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.task import ENDED_SUCCESS, Task
 
@@ -48,6 +50,20 @@ class Record:
         """Whether the task has failed or was refused."""
         return self.state in (State.Failure, State.Idle)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The record as JSON data."""
+        explanations = [explanation.to_dict() for explanation in self.explanations]
+        return {**vars(self), "state": self.state.name, "explanations": explanations}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Record:
+        """The record from its JSON data.
+
+        :raises LookupError, TypeError: it is no such data.
+        """
+        explanations = [Explanation.from_dict(explanation) for explanation in data["explanations"]]
+        return cls(**{**data, "state": State[data["state"]], "explanations": explanations})
+
     def __str__(self) -> str:
         """The record for people, on several lines."""
         return "\n".join(self._lines())
@@ -82,6 +98,16 @@ def record_of(task: Task) -> Record:
     return Record(task.id, task.author, task.state, code, one_line(task.root.progress_msg), explanations, preempted)
 
 
+def outputs_of(task: Task) -> dict[str, Param]:
+    """The parameters on the blackboard of a task and, where these have no value, those of its skills."""
+    params: dict[str, Param] = {}
+    for node in task.root.children:
+        if node.state is not State.Idle:
+            params.update(node.params.getParamMap())
+    params.update((key, param) for key, param in task.root.params.getParamMap().items() if param.is_bound())
+    return {key: param for key, param in params.items() if param.is_bound()}
+
+
 def one_line(text: str) -> str:
     """The first line of a text that is not blank."""
     return next((line.strip() for line in text.splitlines() if line.strip()), "")
@@ -91,14 +117,21 @@ class History:
     """The running tasks of a manager, and records of the last ended and refused ones. Any thread.
 
     :param size: how many records are kept.
+    :param records: of an earlier process, oldest first.
     """
 
-    def __init__(self, size: int = MAX_RECORDS) -> None:
+    def __init__(self, size: int = MAX_RECORDS, records: Iterable[Record] = ()) -> None:
         self._size = size
         self._running: dict[int, Task] = {}
         self._ended: dict[int, Task] = {}
-        self._records: list[Record] = []
+        self._records = [*records]
         self._lock = threading.Lock()
+
+    @property
+    def records(self) -> list[Record]:
+        """The records, oldest first."""
+        with self._lock:
+            return [*self._records]
 
     def begin(self, task: Task) -> None:
         """Adds a task that is about to start."""

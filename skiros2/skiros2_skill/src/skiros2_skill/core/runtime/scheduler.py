@@ -31,6 +31,7 @@ class Scheduler:
     :param preempt_timeout: s that the skills of a preempted task have to end.
     :param hook_timeout: s after which a hook of a preempted task that has not returned is abandoned.
     :param signals: for hold-conditions on signals; None: no signal is published.
+    :param first_id: the id of the first task.
     """
 
     def __init__(
@@ -42,10 +43,11 @@ class Scheduler:
         preempt_timeout: float = 10.0,
         hook_timeout: float = 2.0,
         signals: SignalSource | None = None,
+        first_id: int = 0,
     ) -> None:
         sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
         self._scheduled: dict[int, ScheduledTask] = {}
-        self._next_id = 0
+        self._next_id = first_id % (MAX_ID + 1)
         self._lock = threading.Condition()
         self._stopped = False
         self._signals = signals

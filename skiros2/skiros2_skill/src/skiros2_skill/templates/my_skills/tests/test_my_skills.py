@@ -37,11 +37,3 @@ def test_goal_is_planned(bench):
     goal = ", ".join(f"(my_skills:Inspected {bench.element(name).id})" for name in ("Bolt 1", "Bolt 2"))
     steps = plan(bench, goal, ["drive", "inspect"])
     assert [step.label for step in steps] == ["drive", "inspect", "drive", "inspect"]
-
-
-def test_gripper_is_sent_the_opening(bench):
-    pytest.importorskip("control_msgs")
-    gripper = bench.load("move_gripper").library.find("move_gripper")()
-    gripper.createDescription()
-    gripper.params["Opening"].value = 0.03
-    assert gripper.buildGoal().command.position == 0.03

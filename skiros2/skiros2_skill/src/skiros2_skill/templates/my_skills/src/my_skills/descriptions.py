@@ -34,11 +34,3 @@ class TakePicture(SkillDescription):
     def createDescription(self):
         self.addParam("Object", Element("skiros:Product"), ParamTypes.Required)
         self.addParam("Exposure", 0.5, ParamTypes.Optional, unit="s", minimum=0.01, maximum=10.0)
-
-
-class MoveGripper(SkillDescription):
-    """Opens or closes a gripper."""
-
-    def createDescription(self):
-        self.addParam("Opening", 0.08, ParamTypes.Required, description="Between the fingers", unit="m", minimum=0.0)
-        self.addParam("Action", "gripper/gripper_action", ParamTypes.Optional, description="The gripper's action")

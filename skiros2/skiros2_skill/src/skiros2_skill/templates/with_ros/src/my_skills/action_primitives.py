@@ -3,8 +3,17 @@
 import actionlib
 from control_msgs.msg import GripperCommandAction, GripperCommandGoal
 
-from my_skills.descriptions import MoveGripper
+from skiros2_common.core.abstract_skill import SkillDescription
+from skiros2_common.core.params import ParamTypes
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
+
+
+class MoveGripper(SkillDescription):
+    """Opens or closes a gripper."""
+
+    def createDescription(self):
+        self.addParam("Opening", 0.08, ParamTypes.Required, description="Between the fingers", unit="m", minimum=0.0)
+        self.addParam("Action", "gripper/gripper_action", ParamTypes.Optional, description="The gripper's action")
 
 
 class move_gripper(PrimitiveActionClient):

@@ -1,0 +1,24 @@
+"""The command test: runs the tests of a package of skills."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from skiros2_common.command_line.command import UNAVAILABLE, command_arguments
+
+
+def run(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Runs pytest in the working directory, with the folder `src` first on the path, and ends the process.
+
+    :param arguments: of pytest; None: those of this process.
+    """
+    try:
+        import pytest
+    except ModuleNotFoundError as error:
+        sys.stderr.write(f"test: {error}; install it with: pip install pytest\n")
+        sys.exit(UNAVAILABLE)
+    sys.path.insert(0, str(Path("src").resolve()))
+    sys.exit(pytest.main(command_arguments(arguments)))

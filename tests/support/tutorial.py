@@ -12,6 +12,10 @@ A tutorial is a page of Markdown. Three kinds of fenced blocks are run, in the o
 In an output, `...` stands for any text within a line, and as a line of its own for any lines. Times (`1.2 s`), task
 numbers (`task 3`) and the amount of white space may differ. `# status 1` behind a command states an exit status other
 than 0.
+
+A line of the page says what it needs, see `Needs`:
+
+    > Needs `make demo`, and tutorials [3](03_parameters.md) and [5](05_ontology.md).
 """
 
 from __future__ import annotations
@@ -32,6 +36,10 @@ from support.programs import Program
 _BLOCK = re.compile(r"^```(\w+)(?: +title=\"([^\"]+)\")?\n(.*?)^```$", re.M | re.S)
 _STATUS = re.compile(r"\s+# status (\d+)$")
 _ANY_LINES, _ADDED = "...", " (added)"
+_NEEDS = re.compile(r"^> Needs `([^`]+)`, and (.+)\.$", re.M)
+_LINK = re.compile(r"\]\((\w+\.md)\)")
+#: Lines that only a busy machine prints.
+_OF_LOAD = re.compile(r"a tick took .* longer than the period")
 #: What may differ from run to run: times, numbers of tasks, and what catkin or pytest measure.
 _VARYING = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?= ?m?s\b)|(?<=\btask )\d+")
 
@@ -43,6 +51,36 @@ class Block(NamedTuple):
     title: str
     text: str
     line: int
+
+
+class Needs(NamedTuple):
+    """What a tutorial needs.
+
+    :param setup: a command in the folder of the clone, such as `make demo`.
+    :param pages: the tutorials that come before, themselves without those that they need.
+    """
+
+    setup: str
+    pages: tuple[Path, ...]
+
+    def all_pages(self) -> list[Path]:
+        """The tutorials that come before, with all that they need, in an order that fits."""
+        found: dict[Path, None] = {}
+        for page in self.pages:
+            found |= dict.fromkeys([*needs(page).all_pages(), page])
+        return list(found)
+
+
+def needs(page: Path) -> Needs:
+    """Returns what a tutorial needs, as it says.
+
+    :raises Wrong: it does not say so.
+    """
+    found = _NEEDS.findall(page.read_text())
+    if len(found) != 1:
+        raise Wrong(f"{page.name}: {len(found)} lines like: > Needs `make demo`, and no other tutorial.")
+    ((setup, others),) = found
+    return Needs(setup, tuple(page.parent / name for name in _LINK.findall(others)))
 
 
 class Typed(NamedTuple):
@@ -83,7 +121,7 @@ def words(page: Path) -> int:
 
 def difference(expected: list[str], actual: str) -> str:
     """Returns the first expected line that does not match, and the output; "" if all match."""
-    lines = [line for line in (_plain(line) for line in actual.splitlines()) if line]
+    lines = [line for line in (_plain(line) for line in actual.splitlines()) if line and not _OF_LOAD.search(line)]
     wanted = [_plain(line) for line in expected]
     wanted = [line for line in wanted if line]
     at, anywhere = 0, False
@@ -127,6 +165,7 @@ class Reader:
 
     def __post_init__(self) -> None:
         self._terminals: dict[str, tuple[str, Program]] = {}
+        self._page_env = self.env
         self._cwd, self._shell_env = self.folder, dict(self.env)
 
     def __enter__(self) -> Reader:
@@ -137,15 +176,18 @@ class Reader:
             self.close(title)
 
     def close(self, title: str) -> None:
-        """Ends what runs in a terminal."""
-        self._terminals.pop(title)[1].stop()
+        """Ends what runs in a terminal, if anything does."""
+        if title in self._terminals:
+            self._terminals.pop(title)[1].stop()
 
-    def follow(self, page: Path) -> None:
+    def follow(self, page: Path, env: Mapping[str, str] | None = None) -> None:
         """Runs a tutorial, starting in a new main terminal.
 
+        :param env: further variables of the environment of its terminals.
         :raises Wrong: a command fails, or its output differs; names the page and the line.
         """
-        self._cwd, self._shell_env = self.folder, dict(self.env)
+        self._page_env = {**self.env, **(env or {})}
+        self._cwd, self._shell_env = self.folder, dict(self._page_env)
         for shown in blocks(page):
             block = shown._replace(text=self._typed_text(shown.text))
             try:
@@ -155,6 +197,20 @@ class Reader:
                     self._write(block)
             except AssertionError as error:
                 raise Wrong(f"{page.name}, line {block.line}: {error}") from None
+
+    def check_package(self, folder: Path) -> None:
+        """Runs the tests of a package of skills in a new terminal, if it is there.
+
+        :raises Wrong: one fails.
+        """
+        if folder.is_dir():
+            script = "source ~/skiros2/install/setup.bash && python3 -m pytest -q -p no:cacheprovider tests"
+            done = subprocess.run(
+                ["bash", "-c", script], env=self._page_env, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
+                text=True, check=False,
+            )  # fmt: skip
+            if done.returncode:
+                raise Wrong(f"the tests of {folder.name}:\n{done.stdout}{done.stderr}")
 
     def _typed_text(self, text: str) -> str:
         for shown, typed in self.replaced.items():
@@ -192,7 +248,7 @@ class Reader:
             if not restart and self._terminals[title][0] == script + last and self._terminals[title][1].running:
                 return
             self.close(title)
-        program = Program(["bash", "-ec", f"{script}\n{last}"], self.env, self.folder)
+        program = Program(["bash", "-ec", f"{script}\n{last}"], self._page_env, self.folder)
         self._terminals[title] = script + last, program
         for line in typed[-1].output:
             if line.strip() and line.strip() != _ANY_LINES:

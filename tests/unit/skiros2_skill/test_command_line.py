@@ -60,7 +60,7 @@ SKILLS = [primitive(Grasp, "soft_grasp"), primitive(Grasp, "hard grasp"), primit
 class FakeManager:
     """Stands in for a manager and records its commands."""
 
-    name, author = ROBOT, "tests"
+    name, author, world_model = ROBOT, "tests", None
 
     def __init__(self, skills) -> None:
         self._skills = skills

@@ -1,7 +1,6 @@
 """The command `run` with a manager in this process: what it tells of the task, and how it ends."""
 
 import json
-from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -12,8 +11,7 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
 from skiros2_msgs import msg as msgs
 from skiros2_skill.client.description import Why, read_skill
-from skiros2_skill.client.manager import ManagerClient
-from skiros2_skill.command_line import run_skills
+from skiros2_skill.command_line import connection, run_skills
 
 ADD = read_skill(
     "skiros:Add",
@@ -96,10 +94,11 @@ def run(monkeypatch):
             take(feedback(getattr(outcome, "state", RUNNING)))
             return one
 
-        monkeypatch.setattr(run_skills, "become_node", lambda name: None)
+        monkeypatch.setattr(connection, "become_node", lambda name: None)
         monkeypatch.setattr(run_skills, "_PROGRESS_TIMEOUT", 0.0)
-        manager = SimpleNamespace(name="/arm", author="tests", read_skills=lambda: [ADD], run=start, why=why)
-        manager.explain = partial(ManagerClient.explain, manager)
+        manager = SimpleNamespace(
+            name="/arm", author="tests", world_model=None, read_skills=lambda: [ADD], run=start, why=why
+        )
         arguments = SimpleNamespace(words=["add", "A=1", *words], detach=False, json=as_json)
         return run_skills.run(manager, arguments, Screen()), one
 

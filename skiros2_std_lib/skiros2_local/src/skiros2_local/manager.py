@@ -19,8 +19,9 @@ from skiros2_runs.core.states import FAILURE, SUCCESS
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.runtime.diagnosis import add_authors
 from skiros2_skill.core.runtime.history import REFUSED, Record
-from skiros2_skill.core.runtime.request import SkillRequest, StartPreview, TaskRefused
+from skiros2_skill.core.runtime.request import SkillRequest, TaskRefused
 from skiros2_skill.core.runtime.request_json import param_texts, read_request
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_task.core.engines import Limits
 from skiros2_task.core.goal_execution import Goal
 from skiros2_task.core.goal_report import GoalProgress, GoalResult

@@ -34,7 +34,7 @@ def master_uri() -> str:
     """The address of the master that the environment names."""
     import rosgraph  # not there without ROS
 
-    return str(rosgraph.getmaster_uri())
+    return str(rosgraph.get_master_uri())
 
 
 def check_node(node: str, service: str, what: str) -> None:

@@ -10,7 +10,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Explanation
 from skiros2_runs.core.progress import NodeMessage
 from skiros2_skill.client.description import Skill, Step, Why
-from skiros2_skill.core.runtime.request import StartPreview
+from skiros2_skill.core.start_preview import StartPreview
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 log = logging.getLogger(__name__)

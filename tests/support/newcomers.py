@@ -1,0 +1,59 @@
+"""Newcomers: readers of tutorials with a home folder, a clone in it, and the set-ups that the tutorials name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+from skiros2_common.core.processes import free_port
+from support.ros import ROOT, Ros, RosMaster, run_command
+from support.setups import environment_of
+from support.tutorial import Reader, needs
+
+#: The tutorials with ROS, in the order of their numbers.
+PAGES = [page for page in sorted((ROOT / "docs/tutorials").glob("[0-9]*.md")) if needs(page).setup != "pip install ."]
+
+
+class Newcomer:
+    """Follows tutorials on a ROS master. A context manager that ends what was left running.
+
+    :param home: its home folder, which gets a clone in `skiros2`.
+    """
+
+    def __init__(self, home: Path, master: RosMaster) -> None:
+        self.home = home
+        self._master = master
+        self._ros = Ros(master)
+        (home / "skiros2").symlink_to(ROOT)
+        disabled = "genlisp:gencpp:geneus:gennodejs"
+        env = {**master.env, "HOME": str(home), "TERM": "dumb", "ROS_LANG_DISABLE": disabled}
+        self._reader = Reader(home, env, run_command, {"8765": str(free_port())})
+
+    def __enter__(self) -> Newcomer:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def follow(self, page: Path) -> None:
+        """Follows a tutorial, with the Python packages of the set-up that it needs.
+
+        :raises Wrong: it does not show what happens.
+        """
+        setup = needs(page).setup
+        folder = self.home / ".setups" / setup.replace(" ", "_")
+        found = environment_of(setup, folder)["PYTHONPATH"]
+        self._reader.follow(page, {"PYTHONPATH": f"{found}:{self._master.env['PYTHONPATH']}"})
+        self._master.set_parameter("/use_sim_time", False)  # a newcomer's next roslaunch starts a new master
+
+    def check_package(self) -> None:
+        """Runs the tests of the package that the tutorials make.
+
+        :raises Wrong: one fails.
+        """
+        self._reader.check_package(self.home / "ws/src/my_skills")
+
+    def close(self) -> None:
+        """Ends all programs."""
+        self._reader.__exit__()
+        self._ros.stop()

@@ -10,19 +10,27 @@ export PYTHONDONTWRITEBYTECODE =
 help:  ## show this list
 	@sed -nE 's/^([a-z-]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
 
-setup:  ## set up what is missing: Debian packages, .venv, the build in install/
-	@.ci/setup
+setup:  ## set up what is missing: Debian packages, .venv, the build in install/; FOR="run planner sim window" only for these
+	@.ci/setup $(FOR)
 
 build:  ## build and install anew, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
 
+# The demos: the package and the program of each.
+pick-place := skiros2_sim_skills pick_place_demo
+piston := skiros2_contact_skills piston_demo
+factory := skiros2_gateway factory_demo
+push := skiros2_learning push_demo
+insertion-learning := skiros2_learning insertion_learning_demo
+demos := pick-place piston factory push insertion-learning
+override DEMO := $(or $(DEMO),pick-place)
+gui := $(filter-out 0 false no,$(GUI))
+
 demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=factory: jobs from a MES; DEMO=push, DEMO=insertion-learning learn parameters
-	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway browser)
-	@exec .ci/in_ros rosrun $(if $(filter push insertion-learning,$(DEMO)),skiros2_learning $(subst -,_,$(DEMO))_demo,$(if \
-		$(filter piston,$(DEMO)),skiros2_contact_skills piston_demo,$(if $(filter factory,$(DEMO)),skiros2_gateway factory_demo,$(strip \
-		skiros2_sim_skills pick_place_demo))) \
-		$(if $(filter-out 0 false no,$(GUI)),--gui)) $(DEMO_ARGS)
+	@$(if $(filter $(demos),$(DEMO)),,echo "there is no demo $(DEMO): make demo DEMO=..., one of $(demos)" >&2; exit 2)
+	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway) $(if $(gui),window)
+	@exec .ci/in_ros rosrun $($(DEMO)) $(if $(gui),--gui) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
 # One process more than there are cores, for tests of nodes wait a third of their time.
@@ -49,7 +57,7 @@ audit: setup  ## look for known vulnerabilities of the pinned packages (pip-audi
 	@exec .ci/audit
 
 docs:  ## build the documentation's site with a generated reference in build/docs/site; fails on broken links and missing entries
-	@.ci/setup run planner sim learning gateway dev docs
+	@.ci/setup run planner sim learning gateway dev docs window
 	@exec .ci/in_ros $(python) docs/site/build.py
 
 bench: setup  ## measure, print a table, write build/bench.json
@@ -67,9 +75,9 @@ bench-gateway: setup  ## measure the gateway: latency, 100 clients, kills, hosti
 
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
-	@python3 -m venv build/lock && build/lock/bin/pip install --quiet uv==0.13.9
-	@cd requirements && for list in run core planner sim learning dev gateway browser export bench docs; do \
-		../build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+	@.ci/setup run
+	@cd requirements && for list in uv run core planner sim learning dev gateway browser export bench docs; do \
+		../.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
 			$$([ $$list != core ] || echo --constraint run.txt) $$list.in --output-file $$list.txt || exit; \
 	done

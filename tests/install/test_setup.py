@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import subprocess
@@ -12,6 +11,7 @@ import pytest
 
 from support.ros import ROOT
 
+#: uv takes the index from pip's settings.
 NO_INDEX = {"PIP_CONFIG_FILE": "/dev/null", "PIP_INDEX_URL": "http://127.0.0.1:9/simple", "PIP_EXTRA_INDEX_URL": ""}
 
 
@@ -33,6 +33,19 @@ def commands(tmp_path: Path) -> Path:
 def stand_in(folder: Path, name: str, script: str) -> None:
     (folder / name).write_text(f"#!/bin/sh\n{script}\n")
     (folder / name).chmod(0o755)
+
+
+def environment(clone: Path, *lists: str) -> Path:
+    """Makes an environment as if the lists were installed in it; returns the folder where the set-up keeps them."""
+    subprocess.run(["/usr/bin/python3", "-m", "venv", "--system-site-packages", clone / ".venv"], check=True)
+    (clone / ".venv/bin/uv").symlink_to(ROOT / ".venv/bin/uv")
+    folder = clone / ".venv/requirements"
+    folder.mkdir()
+    for name in lists:
+        (folder / name).write_text((clone / f"requirements/{name}.txt").read_text())
+    version = subprocess.check_output(["/usr/bin/python3", "--version"], text=True).strip()
+    (folder / "place").write_text(f"{clone} {version}\n")
+    return folder
 
 
 def set_up(clone: Path, commands: Path, *lists: str, **env: str) -> subprocess.CompletedProcess[str]:
@@ -77,31 +90,44 @@ def test_without_the_python_index_the_package_is_named_and_no_environment_is_lef
     done = set_up(clone, commands, **NO_INDEX)
     assert done.returncode != 0
     assert len(done.stderr.splitlines()) == 1
-    assert re.search(r"could not fetch the Python package [\w.-]+==", done.stderr)
+    assert "could not fetch the Python package uv" in done.stderr
     assert not (clone / ".venv").exists()
 
 
 def test_an_environment_that_cannot_be_renewed_stays_as_it_was(clone: Path, commands: Path) -> None:
-    stamp = clone / ".venv/requirements/run"
-    stamp.parent.mkdir(parents=True)
-    stamp.write_text("of other requirements")
-    done = set_up(clone, commands, **NO_INDEX)
+    lists = environment(clone, "uv")
+    (lists / "run").write_text("of other requirements")
+    done = set_up(clone, commands, "run", **NO_INDEX)
     assert done.returncode != 0
-    assert stamp.read_text() == "of other requirements"
-    assert not (clone / ".venv.before").exists()
+    assert "could not fetch the Python package" in done.stderr
+    assert (lists / "run").read_text() == "of other requirements"
+    assert not (lists / "incomplete").exists()
 
 
 def test_list_that_cannot_be_added_leaves_the_environment_as_it_was(clone: Path, commands: Path) -> None:
-    run = clone / ".venv/requirements/run"
-    run.parent.mkdir(parents=True)
-    version = subprocess.check_output(["/usr/bin/python3", "--version"])
-    contents = f"{clone}\n".encode() + version + (clone / "requirements/run.txt").read_bytes()
-    run.write_text(hashlib.sha256(contents).hexdigest() + "\n")
-    subprocess.run(["/usr/bin/python3", "-m", "venv", "--system-site-packages", clone / ".venv"], check=True)
+    lists = environment(clone, "uv", "run")
     done = set_up(clone, commands, "run", "sim", **NO_INDEX)
     assert done.returncode != 0
-    assert "could not fetch the Python package numpy==" in done.stderr
-    assert [path.name for path in run.parent.iterdir()] == ["run"]
+    assert re.search(r"could not fetch the Python package [\w-]+ \(no network", done.stderr)
+    assert sorted(path.name for path in lists.iterdir()) == ["place", "run", "uv"]
+
+
+def test_unknown_purpose_is_refused_with_those_that_there_are(clone: Path, commands: Path) -> None:
+    done = set_up(clone, commands, "windows")
+    assert done.returncode != 0
+    assert "nothing for windows" in done.stderr
+    assert {"window", "run", "compat"} <= set(done.stderr.split())
+
+
+def test_demo_needs_no_browser_no_broker_no_window_and_no_compiler(clone: Path, commands: Path) -> None:
+    stand_in(commands, "dpkg-query", "true")
+    stand_in(commands, "id", "echo 1000")
+    stand_in(commands, "sudo", "exit 1")
+    wanted = set(set_up(clone, commands, "run", "planner", "sim").stderr.split())
+    assert {"python3-rospy", "rosbash", "cmake"} <= wanted
+    assert not {"chromium", "mosquitto", "curl", "xterm", "xvfb", "rviz", "python3-pyqt5", "tf-tools"} & wanted
+    assert not {"build-essential", "python3-rostest"} & wanted
+    assert {"rviz", "python3-pyqt5"} <= set(set_up(clone, commands, "run", "window").stderr.split())
 
 
 def test_each_list_has_the_hashes_of_all_its_packages() -> None:

@@ -32,12 +32,12 @@ from skiros2_common.command_line.master import XMLRPC_ERRORS, ask_master, ask_no
 GOOD, WARNING, ERROR = "ok", "warning", "error"
 
 #: Modules that every installation needs, and those of a part: its name and the list of `.ci/setup` that installs it.
-_REQUIRED = ("rospy", "actionlib", "tf2_ros", "skiros2_msgs", "rdflib", "pyoxigraph", "unified_planning", "rosbags")
+_REQUIRED = ("rospy", "actionlib", "tf2_py", "skiros2_msgs", "rdflib", "pyoxigraph", "unified_planning", "rosbags")
 _PARTS = {
     "up_fast_downward": ("planning", "planner"),
     "pybullet": ("simulation", "sim"),
     "optuna": ("learning", "learning"),
-    "python_qt_binding": ("the window", "run"),
+    "python_qt_binding": ("the window", "window"),
 }
 #: How long tf is listened to (s), and the difference of clocks from which transforms are lost (s).
 _LISTENING, _SKEW = 1.5, 0.5

@@ -13,7 +13,7 @@ help:  ## show this list
 setup:  ## set up what is missing: Debian packages, .venv, the build in install/; FOR="run planner sim window" only for these
 	@.ci/setup $(FOR)
 
-build:  ## build and install anew, also when nothing has changed
+build:  ## build and install again, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
 

@@ -163,7 +163,7 @@ def test_an_empty_label_also_finds_types_that_are_not_loaded(library: Any, skill
     assert task.state is State.Success, task.why
 
 
-# -- classes are no check ----------------------------------------------------------------------------------------------
+# -- classes are not checked -------------------------------------------------------------------------------------------
 
 
 @rule(

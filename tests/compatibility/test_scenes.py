@@ -105,7 +105,7 @@ def test_save_creates_a_missing_scene_file(start, folder, caplog):
     "and the world model stays up",
 )
 def test_files_that_do_not_parse(start, folder, caplog):
-    (folder / "scene.ttl").write_text("this is no Turtle")
+    (folder / "scene.ttl").write_text("this is not Turtle")
     (folder / "memory.ttl").write_text(HEAD + "neither is this")
     (folder / "cell.owl").write_text("nor this")
     (folder / "plant.owl").write_text(
@@ -135,7 +135,7 @@ def test_a_broken_scene_is_kept_beside(start, folder):
 @rule("robustness", "A load at run time of a missing, broken or rootless file (no `skiros:Scene-0`) keeps the scene")
 def test_refused_load_keeps_the_scene(start, folder):
     (folder / "scene.ttl").write_text(HEAD + ":LargeBox-1 a :LargeBox .")
-    (folder / "broken.ttl").write_text("this is no Turtle")
+    (folder / "broken.ttl").write_text("this is not Turtle")
     (folder / "rootless.ttl").write_text(HEAD.partition(":Scene-0")[0] + ":LargeBox-7 a :LargeBox .")
     wmi = start()
     for name in ("missing.ttl", "broken.ttl", "rootless.ttl"):

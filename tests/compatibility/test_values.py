@@ -128,7 +128,7 @@ def test_the_search_continues_when_the_suggested_element_is_gone(doors, caplog):
     doors.wmi.remove_element(doors.element("pantry").id)
     assert doors.run(node).state is State.Success
     assert doors.element("fridge").value_of("skiros:CadModel") == "open"
-    assert "which is not in the scene any more" in caplog.text
+    assert "which is no longer in the scene" in caplog.text
 
 
 @rule("blackboard", "A planned value follows a later remap")

@@ -36,7 +36,7 @@ repetitions: 2
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a study of three evaluations, the second one the best, and something that is no study."""
+    """A folder with a study of three evaluations, the second one the best, and something that is not a study."""
     folder = tmp_path_factory.mktemp("studies")
     study = LearningStudy.create(parse_scenario(TEXT, folder), folder / "digging")
     for x in (0.7, 0.31, 0.1):
@@ -101,7 +101,7 @@ def test_evaluations_are_listed_the_best_first_with_pictures(tab: LearningTab) -
 
 
 def test_a_configuration_is_applied_and_taken_back(tab: LearningTab, window: Window) -> None:
-    for button in ("replayButton", "applyButton", "takeBackButton"):
+    for button in ("replayButton", "applyButton", "revertButton"):
         assert not tab.findChild(QPushButton, button).isEnabled()
     select(tab, "studyList", "digging")
     select(tab, "configurationList", "1")
@@ -110,8 +110,8 @@ def test_a_configuration_is_applied_and_taken_back(tab: LearningTab, window: Win
     assert learned_values("Dig", {}, window.system.world) == {"x": [0.25]}
     applied: QComboBox = tab.findChild(QComboBox, "appliedSets")
     assert applied.itemText(0).startswith("parabola 1: Dig (skiros:ParameterSet-")
-    press(tab, "takeBackButton")
-    assert status(tab).endswith("is taken back")
+    press(tab, "revertButton")
+    assert status(tab).endswith("is reverted")
     assert learned_values("Dig", {}, window.system.world) == {}
     assert applied.count() == 0
 

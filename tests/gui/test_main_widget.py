@@ -49,7 +49,7 @@ def test_tab_is_disabled_while_the_world_model_is_down(window: MainWidget, qtbot
     assert page.tab.isEnabled()
     window.system.set_up(False)
     qtbot.waitUntil(lambda: not page.tab.isEnabled())
-    assert "has not been there since" in page.banner.text()
+    assert "has been missing since" in page.banner.text()
     assert window.status.parts[0].text() == "✕ world model"
     window.system.set_up(True)
     qtbot.waitUntil(page.tab.isEnabled)

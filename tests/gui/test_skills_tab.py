@@ -80,7 +80,7 @@ def test_skill_is_started_and_stopped_by_clicks(tab: SkillsTab, qtbot: QtBot) ->
     assert "Times: a whole number is needed" in tab.form.why_not.text()
     qtbot.keyClicks(_child(tab, QLineEdit, "param_Times"), "2")
     qtbot.waitUntil(start.isEnabled)
-    assert tab.form.why_not.text().startswith("Ready. The robot would take Box = box")
+    assert tab.form.why_not.text().startswith("Ready. The robot would use Box = box")
     qtbot.mouseClick(start, Qt.LeftButton)
     qtbot.waitUntil(lambda: _states(tab) == ["running"])
     tasks = _child(tab, QTreeWidget, "taskList")
@@ -109,7 +109,7 @@ def test_typed_element_is_chosen_and_refusal_explained(tab: SkillsTab, qtbot: Qt
     thing.lineEdit().selectAll()
     qtbot.keyClicks(thing.lineEdit(), "nut")
     qtbot.keyClick(thing.lineEdit(), Qt.Key_Return)
-    qtbot.waitUntil(lambda: "no element of the scene fits Box" in tab.form.why_not.text())
+    qtbot.waitUntil(lambda: "no element of the scene matches Box" in tab.form.why_not.text())
     assert thing.currentText() == "nut"
     assert "large box in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
 

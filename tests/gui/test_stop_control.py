@@ -59,7 +59,7 @@ def test_click_stops_the_tasks_of_all_robots_and_names_them(driver: Driver) -> N
 
 def test_stop_without_tasks_is_reported(driver: Driver) -> None:
     driver.click("stopAllButton")
-    assert report(driver) == "nothing was running; all robots were told to stop"
+    assert report(driver) == "nothing was running; all robots were sent a stop"
 
 
 @pytest.mark.parametrize("tab", ["Skills", "Running", "World model", "Learning"])

@@ -7,6 +7,6 @@ from skiros2_sim.core.perception import least_turned
 
 
 def turn_between(a: Pose, b: Pose, size: Vector) -> float:
-    """The least angle (rad) between two boxes of this size (m), up to their symmetry."""
+    """The smallest angle (rad) between two boxes of this size (m), up to their symmetry."""
     between = multiplied(conjugated(a.orientation), b.orientation)
     return angle_between(IDENTITY.orientation, least_turned(between, size))

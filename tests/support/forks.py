@@ -26,7 +26,7 @@ from typing import Any
 
 #: Whose programs may be forked.
 PACKAGES = ("skiros2_world_model", "skiros2_skill", "skiros2_task")
-#: Variables that the interpreter or a library reads when it starts; with others than the server's it is no fork.
+#: Variables that the interpreter or a library reads when it starts; with others than the server's it is not a fork.
 _AT_START = ("LANG", "LC_ALL", "PYTHONHASHSEED", "PYTHONWARNINGS")
 
 

@@ -51,7 +51,7 @@ async def fuzz_agents(
         assert user not in ("", "guess") or status in (0, 400, 401, 403, 413, 429), f"{status}: {head}"
         if (result := answer.get("result")) and "content" in result:
             found[result["structuredContent"]["code"] if result["isError"] else "done"] += 1
-        if status in (0, 400, 413):  # the server closes the connection, or the rest of the body is no message
+        if status in (0, 400, 413):  # the server closes the connection, or the rest of the body is not a message
             writer.close()
             writer = None
     if writer is not None:

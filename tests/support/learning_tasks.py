@@ -59,7 +59,7 @@ def raises(scenario: Scenario, configuration: Mapping[str, Value], seed: int, in
 
 
 def not_a_number(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
-    """Gives a value that is no number."""
+    """Gives a value that is not a number."""
     return record(float("nan"))
 
 

@@ -60,7 +60,7 @@ def test_simulated_time_needs_one_clock(ros: Ros, examine: Examine) -> None:
         clock.unregister()
     ros.master.set_parameter("/use_sim_time", True)
     try:
-        assert "nobody publishes /clock" in examine()["clock"]
+        assert "no node publishes /clock" in examine()["clock"]
     finally:
         ros.master.delete_parameter("/use_sim_time")
 

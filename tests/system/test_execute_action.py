@@ -450,7 +450,7 @@ def test_client_does_not_wait_for_a_missing_manager(ros, own_robot):
     pid = ros.master.node_pid(ROBOT)
     os.kill(pid, signal.SIGSTOP)
     try:
-        with pytest.raises(TimedOut, match="has said nothing for 5 s"):
+        with pytest.raises(TimedOut, match="sent no status for 5 s"):
             run.result()
     finally:
         os.kill(pid, signal.SIGCONT)

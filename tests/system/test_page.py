@@ -178,7 +178,7 @@ def test_approved_plan_that_does_not_work_any_more_is_refused_with_what_has_chan
     assert execution.result(60.0)["job"] == "late"
     response = cell.wait_for(["late"])["late"]["response"]
     assert (response["outcome"], response["steps"]) == ("failed", [])
-    assert "the given plan does not work any more" in response["message"] and product in response["message"]
+    assert "the given plan no longer works" in response["message"] and product in response["message"]
     assert cell.carried() == before
 
 

@@ -407,7 +407,7 @@ class turn_arm(PrimitiveActionClient):
 
 def test_a_skill_whose_robot_is_lost_fails_with_the_reason(sim: SimulatorClient) -> None:
     # The last one: the simulator is started anew after each, perhaps so soon that it says it does not know the goal.
-    ends = {signal.SIGINT: ("/sim ended before the goal did",), signal.SIGKILL: ("LOST", "has not been heard of")}
+    ends = {signal.SIGINT: ("/sim ended before the goal did",), signal.SIGKILL: ("LOST", "has sent no status")}
     for starts, (number, reasons) in enumerate(ends.items(), start=1):
         wait_until(lambda starts=starts: sim.program.output.count("world is ready") == starts, WAIT, "a new simulator")
         skill = turn_arm()

@@ -120,7 +120,7 @@ def test_failure_is_explained_at_once_and_later(run: Run) -> None:
 def test_invalid_arguments_are_rejected_before_the_start(run: Run) -> None:
     for arguments, told in (
         (["wm_set_properties"], "wm_set_properties needs Properties (dict"),
-        (["wait", "Duration=soon"], "wait, parameter Duration: 'soon' is no float"),
+        (["wait", "Duration=soon"], "wait, parameter Duration: 'soon' is not a valid float"),
         (["wait", "duration=1"], "wait has no parameter 'duration'; did you mean 'Duration'?"),
         (
             ["pick", "Object=Produkt A"],

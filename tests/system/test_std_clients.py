@@ -237,7 +237,7 @@ def test_silent_server_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatc
     run(skill, until=lambda: bool(server.goals))
     server.fall_silent()
     assert run(skill) is State.Failure
-    assert "has not been heard of" in skill.progress_msg
+    assert "has sent no status" in skill.progress_msg
 
 
 def test_undelivered_goal_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,7 +246,7 @@ def test_undelivered_goal_is_noticed(server: Server, monkeypatch: pytest.MonkeyP
     skill.start()
     skill.client.action_client.manager.register_send_goal_fn(lambda goal: None)
     assert run(skill) is State.Failure
-    assert skill.progress_msg == f"The action server {server.name} has not taken the goal: it was lost"
+    assert skill.progress_msg == f"The action server {server.name} did not accept the goal: it was lost"
 
 
 @pytest.fixture

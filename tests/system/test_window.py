@@ -93,7 +93,8 @@ def test_refused_start_is_explained_before_and_after(window: Driver) -> None:
     window.choose("skillTree", "pick")
     window.choose("param_Object", "Product A")
     why_not = window.widget("whyNot")
-    window.wait_until(lambda: why_not.text() == "It would be refused: no element of the scene fits Workstation.", "why")
+    refused = "It would be refused: no element of the scene matches Workstation."
+    window.wait_until(lambda: why_not.text() == refused, "why")
     window.click("whyNotMore")
     details = window.widget("whyNotDetails").toPlainText()
     assert "mobile_manipulator is at" in details and "skiros:" not in details
@@ -151,7 +152,7 @@ def test_killed_master_is_reported_and_its_successor_found(tmp_path: Path) -> No
             onlooker = ros.program(sys.executable, window_monitor.__file__)
             onlooker.wait_for_line("^● ROS master.*● world model")
             master.kill()
-            onlooker.wait_for_line("^✕ ROS master.*has not been there since")
+            onlooker.wait_for_line("^✕ ROS master.*has been missing since")
             master.start()
             again = re.compile(r"^✕ ROS master.*^● ROS master[^\n]*● world model", re.DOTALL | re.MULTILINE)
             wait_until(lambda: again.search(onlooker.output), what="the new master in the window")

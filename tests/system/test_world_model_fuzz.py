@@ -243,11 +243,11 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
     return {
         "an action that is none, of nothing": ("modify", modify("improve"), "unknown action 'improve'"),
         "an action that is empty": ("modify", modify("", _part()), "unknown action ''"),
-        "a context that is no name": ("modify", modify("add", _part(), context="a/b"), "a/b"),
+        "a context that is not a name": ("modify", modify("add", _part(), context="a/b"), "a/b"),
         "a context that is the ontologies": ("modify", modify("add", _part(), context="ontology"), "ontology"),
         "a reasoner that is none": ("modify", modify("update_properties", _part(), type_filter="Oracle"), "Oracle"),
         "no class": ("modify", modify("add", msgs.WmElement()), "class"),
-        "a type name that is no type": ("modify", modify("add", _valued("[1]", "os.system")), "os.system"),
+        "a type name that is not a type": ("modify", modify("add", _valued("[1]", "os.system")), "os.system"),
         "a type name that is a builtin": ("modify", modify("add", _valued("[1]", "eval")), "eval"),
         "an element as a value": ("modify", modify("add", _valued("[{}]", "skiros_wm::Element")), "element"),
         "JSON that is none": ("modify", modify("add", _valued("oops", "str")), "oops"),
@@ -257,7 +257,7 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
         "a number that no float holds": ("modify", modify("add", _valued(f"[{10**400}]", "int")), "PositionX"),
         "a number that no int holds": ("modify", modify("add", _valued("[" + "9" * 5000 + "]", "int")), "PositionX"),
         "half a letter": ("modify", modify("add", _valued('["\\ud800"]', "str", "skiros:any")), "skiros:any"),
-        "a property that is no name": ("modify", modify("add", _valued("[1]", "int", "a b")), "a b"),
+        "a property that is not a name": ("modify", modify("add", _valued("[1]", "int", "a b")), "a b"),
         "the class as a property": ("modify", modify("add", _valued('["x"]', "str", "rdf:type")), "rdf:type"),
         "a relation of nobody": (
             "modify",
@@ -299,7 +299,7 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
         "a class as an element": (
             "ontology/modify",
             statements("skiros:Jar", "rdf:type", "owl:Class"),
-            "belongs into the ontologies",
+            "belongs in the ontologies",
         ),
         "a blank node as an element": (
             "ontology/modify",

@@ -331,8 +331,8 @@ def bad_requests():
         "get of a branch of no element": (lambda wm: wm.get("get_recursive", message("skiros:Part-9")), "Part-9"),
         "modify with an unknown action": (modify("change", message(SCENE)), "unknown action 'change'"),
         "add without class": (modify("add", message(label="part")), "cannot be the name of a class"),
-        "add of a type name that is no type": (modify("add", wrong_type), "unknown type name 'os.system'"),
-        "add of a value that is no JSON": (modify("add", no_json), "no JSON list"),
+        "add of a type name that is not a type": (modify("add", wrong_type), "unknown type name 'os.system'"),
+        "add of a value that is not JSON": (modify("add", no_json), "no JSON list"),
         "add of a value of another type": (modify("add", message(etype="skiros:Part", PositionX="left")), "PositionX"),
         "add under no element": (
             modify("add", message(etype="skiros:Part", relations=[("skiros:Part-9", "skiros:contain", "-1")])),
@@ -359,10 +359,10 @@ def bad_requests():
             lambda wm: wm.call(
                 "ontology/modify", srvs.WoModify, "field", "", [msgs.Statement(msgs.Relation("a", "b", "c"), True)]
             ),
-            "'a' is no RDF term",
+            "'a' is not an RDF term",
         ),
         "loading what is not there": (load("load", "none.ttl"), "none.ttl"),
-        "loading what is no RDF": (load("load", "broken.ttl"), "broken.ttl, line 1"),
+        "loading what is not RDF": (load("load", "broken.ttl"), "broken.ttl, line 1"),
         "loading from outside": (load("load", "../none.ttl"), "none.ttl: expected a file in the workspace"),
         "saving to outside": (load("save", "../../out.ttl"), "out.ttl: expected a file in the workspace"),
         "an unknown file action": (load("delete", "lab.ttl"), "unknown action 'delete'"),
@@ -376,7 +376,7 @@ def bad_requests():
 
 
 def test_bad_requests_are_rejected_with_the_reason_and_without_effect(wm):
-    (wm.workspace / "broken.ttl").write_text("this is no Turtle")
+    (wm.workspace / "broken.ttl").write_text("this is not Turtle")
     before = wm.get("get_recursive", message(SCENE), relation_filter="skiros:sceneProperty")
     for what, (request, wanted) in bad_requests().items():
         said = refusal(request, wm)
@@ -384,7 +384,7 @@ def test_bad_requests_are_rejected_with_the_reason_and_without_effect(wm):
         after = wm.get("get_recursive", message(SCENE), relation_filter="skiros:sceneProperty")
         assert (after.snapshot_id, after.elements) == (before.snapshot_id, before.elements), what
     assert not list(wm.workspace.parent.glob("**/out.ttl"))
-    assert "Traceback" not in wm.ros.programs[0].output, "a refusal is no crash"
+    assert "Traceback" not in wm.ros.programs[0].output, "a refusal is not a crash"
 
 
 def test_request_with_one_bad_element_is_rejected_as_a_whole(wm):

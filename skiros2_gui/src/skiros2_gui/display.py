@@ -50,7 +50,7 @@ class Display:
 
     @property
     def env(self) -> dict[str, str]:
-        """What programs need to draw with OpenGL on a machine without a graphics card."""
+        """The environment of programs that draw with OpenGL on a machine without a graphics card."""
         return {
             "DISPLAY": self.name,
             "QT_QPA_PLATFORM": "xcb",

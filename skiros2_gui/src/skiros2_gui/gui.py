@@ -58,7 +58,7 @@ class Skiros(Plugin):  # type: ignore[misc]
         try:
             settings = json.loads(text)
             if not isinstance(settings, dict):
-                raise ValueError(f"expected a JSON object, there is {text!r}")
+                raise ValueError(f"expected a JSON object, got {text!r}")
         except (TypeError, ValueError) as error:
             self._window.shared.problems.report("restoring the settings that rqt keeps", error)
             return

@@ -11,7 +11,7 @@ from python_qt_binding.QtWidgets import QApplication
 
 from skiros2_gui.driver import Driver
 
-#: The least share of pixels of locations, and of handles.
+#: The minimum share of pixels of locations, and of handles.
 LOCATIONS, HANDLES = 0.01, 0.00002
 
 #: The time to draw elements whose frames were not known at first (s).

@@ -60,7 +60,7 @@ def test_flushed_messages_survive_a_kill(tmp_path: Path) -> None:
 def test_existing_file_is_replaced_on_request_only(tmp_path: Path) -> None:
     file = tmp_path / "run.bag"
     file.write_text("old")
-    with pytest.raises(BagError, match=r"run\.bag: there is such a file already"):
+    with pytest.raises(BagError, match=r"run\.bag: the file exists already"):
         BagWriter(file)
     writer = BagWriter(file, replace=True)
     assert file.read_text() == "old"

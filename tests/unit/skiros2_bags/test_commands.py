@@ -124,4 +124,4 @@ def test_tables_fit_on_100_columns(call: Call, monkeypatch: pytest.MonkeyPatch) 
 
 def test_invalid_time_is_a_usage_error(call: Call) -> None:
     status, _, err = call("world", BAG, "--at", "tomorrow")
-    assert status == 2 and "'tomorrow' is no time" in err
+    assert status == 2 and "'tomorrow' is not a time" in err

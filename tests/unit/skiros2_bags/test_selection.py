@@ -49,7 +49,7 @@ def test_initial_topics_include_those_of_named_robots() -> None:
 
 
 def test_invalid_pattern_is_rejected() -> None:
-    with pytest.raises(WrongValue, match=r"'\(' is no regular expression"):
+    with pytest.raises(WrongValue, match=r"'\(' is not a regular expression"):
         pattern("(")
 
 

@@ -30,5 +30,5 @@ def test_time_is_parsed(text: str, expected: float) -> None:
 
 @pytest.mark.parametrize("text", ["", "nan", "inf", "noon", "25:00"])
 def test_invalid_time_is_rejected(text: str) -> None:
-    with pytest.raises(WrongValue, match="is no time"):
+    with pytest.raises(WrongValue, match="is not a time"):
         parse_time(text, RUN)

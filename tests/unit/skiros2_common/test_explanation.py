@@ -117,7 +117,7 @@ def test_all_changes_includes_rejected_implementations():
         ("{}", WrongValue, "missing"),
         ('{"stage": 5}', WrongType, "explanation.stage: expected a str, got int"),
         ('{"node": true}', WrongType, "explanation.node: expected a int, got bool"),
-        ('{"spam": 5}', WrongValue, "spam is no field of Explanation"),
+        ('{"spam": 5}', WrongValue, "Explanation has no field spam"),
         (json.dumps({"findings": [{"values": {"A": 1}}]}), WrongType, r"explanation.findings\[0\].values.A"),
     ],
 )

@@ -84,7 +84,7 @@ def test_users_of_an_earlier_version_keep_their_rights_with_a_warning(
     ("users", "problem"),
     [
         ([{"name": "a", "role": "admin"}], "role 'admin' is unknown"),
-        ([{"name": "a", "role": "agent", "person": True}], "an agent is no person"),
+        ([{"name": "a", "role": "agent", "person": True}], "an agent is not a person"),
         ([{"name": "a", "role": "view"}, {"name": "a", "role": "view"}], "the same name"),
         ([{"name": "a", "role": "agent"}, {"name": "b", "role": "view", "token": TOKEN + "0"}], "the same token"),
     ],
@@ -106,7 +106,7 @@ def test_changes_of_the_file_of_users_take_effect_and_mistakes_do_not(
     for break_file in (lambda: path.write_text("users: ["), lambda: path.chmod(0o644), path.unlink):
         break_file()
         assert not file.read() and [user.name for user in file.users] == ["first"]
-        assert "the users stay as they were" in caplog.text
+        assert "the users are unchanged" in caplog.text
         caplog.clear()
         write(path, first)
         assert file.read()

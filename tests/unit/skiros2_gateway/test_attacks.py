@@ -38,7 +38,7 @@ def strict(text: str | bytes) -> Any:
     """Reads JSON as other languages do: without NaN and infinities."""
 
     def refuse(name: str) -> None:
-        raise AssertionError(f"{name} is no JSON")
+        raise AssertionError(f"{name} is not JSON")
 
     return json.loads(text, parse_constant=refuse)
 

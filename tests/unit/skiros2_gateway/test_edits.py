@@ -76,7 +76,7 @@ def test_wrong_edits_are_rejected_with_all_problems(wm: LocalWorldModel) -> None
 
 def test_edits_that_change_nothing_are_rejected(wm: LocalWorldModel) -> None:
     product = add(wm, "skiros:Product")
-    with pytest.raises(Rejected, match="is so already"):
+    with pytest.raises(Rejected, match="has these values already"):
         preview_edits(wm, Edits(relations=(contain(ROOT, product),)))
 
 

@@ -283,11 +283,11 @@ def test_unreadable_feedback_is_reported(lab: Lab, nonsense: Feedback) -> None:
 
 
 def test_timeout_of_task_manager_is_reported(lab: Lab) -> None:
-    lab.tasks.result = TimeoutError("silent for 5 s")
+    lab.tasks.result = TimeoutError("no status for 5 s")
     lab.goals.write("(skiros:at alpha shelf)")
     lab.goals.achieve()
     assert lab.goals.execution is not None
-    assert "silent for 5 s" in lab.goals.execution.text
+    assert "no status for 5 s" in lab.goals.execution.text
     assert not lab.goals.is_busy
     assert lab.window.problems.history
 

@@ -26,9 +26,9 @@ AT = clock(NOW)
 def test_part_has_short_name_and_sentence() -> None:
     robot = Part(MANAGER, "/arm", False, NOW, "It was killed.")
     assert short(robot) == "robot arm"
-    assert sentence(robot) == f"The robot /arm has not been there since {AT}. It was killed."
+    assert sentence(robot) == f"The robot /arm has been missing since {AT}. It was killed."
     assert short(Part(WORLD_MODEL, "/wm", True, NOW)) == "world model"
-    assert sentence(Part(WORLD_MODEL, "/wm", True, NOW)) == f"The world model has been there since {AT}."
+    assert sentence(Part(WORLD_MODEL, "/wm", True, NOW)) == f"The world model has been running since {AT}."
 
 
 @pytest.mark.parametrize(
@@ -44,12 +44,12 @@ def test_parts_that_are_down_and_never_up_have_different_signs(
 def test_stopped_robot_names_its_stop() -> None:
     robot = Part(MANAGER, "/arm", True, NOW, "Stopped since then: collision.", "protective stop")
     assert (short(robot), sign(robot)) == ("robot arm: protective stop", ("■", "failure"))
-    assert sentence(robot) == f"The robot /arm has been there since {AT}. Stopped since then: collision."
+    assert sentence(robot) == f"The robot /arm has been running since {AT}. Stopped since then: collision."
 
 
 def test_part_that_was_never_up_has_no_time() -> None:
-    assert sentence(Part(TASK_MANAGER, "/tm", False, 0.0)) == "The task manager is not there yet."
-    assert missing([Part(WORLD_MODEL, "/wm", False, 0.0)], (WORLD_MODEL,)) == "The world model is not there yet."
+    assert sentence(Part(TASK_MANAGER, "/tm", False, 0.0)) == "The task manager is not running yet."
+    assert missing([Part(WORLD_MODEL, "/wm", False, 0.0)], (WORLD_MODEL,)) == "The world model is not running yet."
 
 
 def test_clock_includes_date_unless_today() -> None:
@@ -59,16 +59,16 @@ def test_clock_includes_date_unless_today() -> None:
 @pytest.mark.parametrize(
     ("parts", "needs", "text"),
     [
-        ([], (WORLD_MODEL,), "The world model is not there yet."),
+        ([], (WORLD_MODEL,), "The world model is not running yet."),
         (
             [],
             (MANAGER, TASK_MANAGER),
-            "No robot is there yet: no skill manager runs. The task manager is not there yet.",
+            "No robot is running yet: there is no skill manager. The task manager is not running yet.",
         ),
         ([Part(WORLD_MODEL, "/wm", True, NOW)], (WORLD_MODEL,), ""),
         ([Part(WORLD_MODEL, "/wm", False, NOW)], (), ""),
         ([Part(MANAGER, "/a", False, NOW), Part(MANAGER, "/b", True, NOW)], (MANAGER,), ""),
-        ([Part(MANAGER, "/a", False, NOW)], (MANAGER,), f"The robot /a has not been there since {AT}."),
+        ([Part(MANAGER, "/a", False, NOW)], (MANAGER,), f"The robot /a has been missing since {AT}."),
     ],
 )
 def test_missing_describes_required_parts_that_are_down(parts: list[Part], needs: tuple[str, ...], text: str) -> None:
@@ -78,5 +78,5 @@ def test_missing_describes_required_parts_that_are_down(parts: list[Part], needs
 def test_missing_names_only_the_master_if_it_is_down() -> None:
     parts = [Part(MASTER, "http://localhost:11311", False, NOW), Part(WORLD_MODEL, "/wm", False, NOW)]
     assert missing(parts, (WORLD_MODEL,)).startswith(
-        f"The ROS master http://localhost:11311 has not been there since {AT}."
+        f"The ROS master http://localhost:11311 has been missing since {AT}."
     )

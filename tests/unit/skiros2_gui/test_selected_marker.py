@@ -144,7 +144,7 @@ def test_moving_a_removed_element_is_reported(setting: Setting) -> None:
     setting.world.remove_element(setting.element)
     setting.server.send(Feedback.POSE_UPDATE, 4.0)
     assert setting.told.wait(TIMEOUT)
-    assert "not in the scene any more" in setting.problems[0][1]
+    assert "no longer in the scene" in setting.problems[0][1]
     setting.selected.show(None)
     assert not setting.server.markers
 

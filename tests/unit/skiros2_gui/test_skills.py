@@ -137,9 +137,9 @@ def test_each_type_has_an_editor(wire_type: str, editor: Editor, text: str, valu
 @pytest.mark.parametrize(
     ("wire_type", "text", "error"),
     [
-        ("int", "1.5", "'1.5' is no whole number"),
-        ("float", "nan", "'nan' is no number"),
-        ("float", "fast", "'fast' is no number"),
+        ("int", "1.5", "'1.5' is not a whole number"),
+        ("float", "nan", "'nan' is not a number"),
+        ("float", "fast", "'fast' is not a number"),
         ("list", "{}", "a list is needed, such as [1, 2]"),
         ("dict", '{"a":}', "this is not JSON, column 6: Expecting value"),
         ("dict", "[" * 100_000, "this cannot be read: nested too deeply"),

@@ -86,6 +86,6 @@ def test_nodes_without_label_have_names() -> None:
     message = [root(7), *(ProgressNode(n, 7, "", kind, how) for n, (kind, how) in enumerate(UNNAMED))]
     shape = Shape.of(message)
     assert [shape.name(place) for place in range(len(shape))] == [
-        "task 7", "Pick", "in turn ->*", "side by side |ff|", "nofail(->)", ":Skill",
+        "task 7", "Pick", "sequence ->*", "parallel |ff|", "nofail(->)", ":Skill",
     ]  # fmt: skip
     assert [shape.is_skill(place) for place in range(len(shape))] == [False, True, False, False, False, False]

@@ -1,4 +1,4 @@
-"""A result is applied: a skill takes its values when it is started for that kind of task, until they are taken back."""
+"""A result is applied: a skill takes its values when it is started for that kind of task, until it is reverted."""
 
 from __future__ import annotations
 

@@ -43,5 +43,5 @@ def test_failed_skill_fails_the_check(run: GoalRun) -> None:
     failed = TaskRun(run.tasks[-1].robot, 5)
     failed.record([root(state=FAILURE, code=-1), ProgressNode(6, 5, "place", state=FAILURE)], run.tasks[-1].start)
     run.tasks[-1] = failed
-    told = "drive, pick, drive, place (failed); said is: drive, pick, drive, place"
+    told = "drive, pick, drive, place (failed); reported: drive, pick, drive, place"
     assert [finding.text for finding in check(run) if not finding.holds] == [f"/mobile_manipulator did: {told}"]

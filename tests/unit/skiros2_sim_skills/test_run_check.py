@@ -64,7 +64,7 @@ def test_misplaced_product_fails(tmp_path: Path) -> None:
 
 def test_failed_skill_is_named(tmp_path: Path) -> None:
     told = failed(tmp_path, with_tree(tree("place", FAILURE)))
-    assert told == "/robot did: pick, place (failed); said is: pick, place"
+    assert told == "/robot did: pick, place (failed); reported: pick, place"
 
 
 @pytest.mark.parametrize("state", [SUCCESS, RUNNING])
@@ -92,19 +92,19 @@ def test_failed_step_of_an_earlier_plan_is_reported(tmp_path: Path) -> None:
 def test_unreported_skills_fail(tmp_path: Path) -> None:
     messages = good_run()
     messages[-1] = ("result", ("goal-1", "succeeded", json.dumps(json.loads(done("succeeded", "succeeded"))[:1])))
-    assert failed(tmp_path, messages) == "/robot did: pick, place; said is: pick"
+    assert failed(tmp_path, messages) == "/robot did: pick, place; reported: pick"
 
 
 @pytest.mark.parametrize("absent", [(), ("progress",)])
 def test_unexecuted_plan_fails(tmp_path: Path, absent: tuple[str, ...]) -> None:
     found = check(read_run(write_bag(tmp_path / "run.bag", without("progress"), absent)))
-    assert Finding(False, "/robot did: nothing; said is: pick, place") in found
+    assert Finding(False, "/robot did: nothing; reported: pick, place") in found
 
 
 def test_tasks_before_the_goal_are_ignored(tmp_path: Path) -> None:
     first, *rest = without("progress")
     told = failed(tmp_path, [first, ("progress", tree("pick")), ("progress", tree("place")), *rest])
-    assert told == "/robot did: nothing; said is: pick, place"
+    assert told == "/robot did: nothing; reported: pick, place"
 
 
 def test_only_the_last_goal_is_checked(tmp_path: Path) -> None:

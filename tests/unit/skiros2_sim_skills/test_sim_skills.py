@@ -163,7 +163,7 @@ def test_look_removes_a_missing_product_after_two_detections(cell: Cell) -> None
     assert len(cell.drivers.sent_to(DETECT)) == 2
     assert cell.holder("Product A") == "Simulated cell"
     assert cell.element("Tray A").value_of("skiros:ContainerState") == "Empty"
-    assert "Product A is not in Tray A any more" in task.node("detect_objects").progress_msg
+    assert "Product A is no longer in Tray A" in task.node("detect_objects").progress_msg
 
 
 def test_product_on_the_floor_has_no_container(cell: Cell) -> None:

@@ -300,9 +300,9 @@ def test_values_have_the_declared_type(skills, word, expected):
 @pytest.mark.parametrize(
     ("word", "reason"),
     [
-        ("Force=much", "parameter Force: 'much' is no float"),
+        ("Force=much", "parameter Force: 'much' is not a valid float"),
         ("Force=[1, true]", "parameter Force: expected a value of type float, got bool True"),
-        ("Count=1.5", "parameter Count: '1.5' is no int"),
+        ("Count=1.5", "parameter Count: '1.5' is not a valid int"),
         ("Careful=perhaps", "parameter Careful: expected True or False, got 'perhaps'"),
         ("Joints=1", "parameter Joints: expected a list in JSON, got '1'"),
         ("Options=[", r"parameter Options: expected a dict in JSON, got '\['"),

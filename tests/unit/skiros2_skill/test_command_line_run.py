@@ -169,5 +169,5 @@ def test_refused_start_is_an_error(run):
 
 
 def test_lost_manager_is_reported(run):
-    with pytest.raises(Unavailable, match="has said nothing"):
-        run(TimedOut("/arm/execute has said nothing for 5 s"))
+    with pytest.raises(Unavailable, match="sent no status"):
+        run(TimedOut("/arm/execute sent no status for 5 s"))

@@ -93,7 +93,7 @@ def test_own_library_has_no_faults(package):
     assert [f for f in faults if f.severity != NOTE and "skiros2_msgs" not in f.text] == []
 
 
-# -- what is no fault --------------------------------------------------------------------------------------------------
+# -- what is not a fault -----------------------------------------------------------------------------------------------
 
 
 def compound(name, expand, params=(), **attributes):

@@ -79,7 +79,7 @@ def test_selector_tries_sibling_after_exception(bench):
     ("hook", "code"), [("onStart", -404), ("execute", -405), ("onEnd", -405), ("onPreempt", -406), ("run", -405)]
 )
 def test_sys_exit_in_skill_ends_only_that_skill(bench, hook, code):
-    """`sys.exit()` is no `Exception`; it would end the thread that ticks, silently."""
+    """`sys.exit()` is not an `Exception`; it would end the thread that ticks, silently."""
     if hook == "run":
         create = lambda self: self.setDescription(describe("Off")(), "off")  # noqa: E731
         bench.load(type("off", (PrimitiveThreadBase,), {"createDescription": create, "run": exits}))

@@ -207,7 +207,7 @@ def test_interrupted_goal_stops_its_steps_and_is_planned_for_the_world_after_the
     cell.run()
     assert cell.reached
     assert [state for _, state in states(cell)][:2] == [StepState.STOPPED, StepState.DROPPED]
-    assert cell.machine.replans == 0, "an interruption is no replacement of a broken plan"
+    assert cell.machine.replans == 0, "an interruption is not a replacement of a broken plan"
     assert all(fits for _, fits in cell.started)
 
 

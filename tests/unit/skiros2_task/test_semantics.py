@@ -40,8 +40,8 @@ def test_add_wins_over_delete() -> None:
         (PLAN[1:], "step 2 (place"),
         ((PlanStep("fly", (R, A, B)),), "step 1: there is no action 'fly'"),
         ((PlanStep("drive", (R, A)),), "expected 3 arguments"),
-        ((PlanStep("drive", (R, A, P)),), "skiros:Product-0 is no skiros:Location"),
-        ((PlanStep("drive", (R, A, "nowhere")),), "nowhere is no skiros:Location"),
+        ((PlanStep("drive", (R, A, P)),), "skiros:Product-0 is not a skiros:Location"),
+        ((PlanStep("drive", (R, A, "nowhere")),), "nowhere is not a skiros:Location"),
     ],
 )
 def test_error_names_step(plan: tuple[PlanStep, ...], expected: str) -> None:

@@ -229,7 +229,7 @@ def test_path_is_discarded_when_the_arm_is_not_released_any_more(cell: TeachingC
     cell.end(released)
     cell.advance(0.2)
     assert task.state is State.Failure
-    assert "Arm is not released any more: the path is discarded" in task.skill.progress_msg
+    assert "Arm is no longer released: the path is discarded" in task.skill.progress_msg
 
 
 def test_second_recording_with_an_arm_is_refused(cell: TeachingCell) -> None:

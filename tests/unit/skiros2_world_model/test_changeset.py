@@ -151,10 +151,10 @@ def test_revert_keeps_other_values_and_relations_of_the_elements(cell):
     ("name", "since", "reason"),
     [
         ("addition", Relate(f"{BOX}-3", CONTAIN, PART), "relation added"),
-        ("addition", Remove(f"{BOX}-3"), "does not exist any more"),
+        ("addition", Remove(f"{BOX}-3"), "no longer exists"),
         ("move", Relate(ROOT, CONTAIN, PART, False), "was removed"),
         ("move", Remove(TRAY, recursive=False), "cannot restore"),
-        ("values", Remove(PART), "does not exist any more"),
+        ("values", Remove(PART), "no longer exists"),
         ("class", Patch(PART, ElementChanges(type="skiros:Tool")), "its class is now skiros:Tool"),
     ],
 )

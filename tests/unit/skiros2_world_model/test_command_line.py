@@ -197,7 +197,7 @@ def test_set_relates_elements_and_ends_relations(run) -> None:
     assert related.out == (
         "+ skiros:Scene-0 skiros:contain skiros:Part-82\n+ skiros:Scene-0 skiros:contain skiros:Part-90\n"
     )
-    assert run("set", "skiros:Scene-0", "contain", "skiros:Part-90").out == "skiros:Scene-0 is so already\n"
+    assert run("set", "skiros:Scene-0", "contain", "skiros:Part-90").out == "skiros:Scene-0 has these values already\n"
     assert run("set", "skiros:Scene-0", "contain", "skiros:Part-90", "--remove").status == 0
     assert run("get", "skiros:Scene-0", "contain", "--json").json == ["skiros:LargeBox-80", "skiros:Part-82"]
     gone = run("set", "skiros:Scene-0", "contain", "skiros:Part-90", "--remove")

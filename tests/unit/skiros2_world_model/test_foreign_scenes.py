@@ -95,7 +95,7 @@ def test_relations_to_templates_are_kept(load):
     ("text", "message"),
     [
         ("default1:LargeBox-1 a default1:LargeBox ; ", "scene.ttl, line [89]"),
-        ("this is no Turtle", "scene.ttl, line 8"),
+        ("this is not Turtle", "scene.ttl, line 8"),
     ],
 )
 def test_refused_scene_keeps_the_current_one(load, wm, text, message):

@@ -248,7 +248,7 @@ def cut(path: Path) -> None:
 
 
 def no_database(path: Path) -> None:
-    path.write_text("this is no journal " * 1000)
+    path.write_text("this is not a journal " * 1000)
 
 
 def other_database(path: Path) -> None:

@@ -39,7 +39,7 @@ def test_a_byte_order_mark_is_no_mistake():
     [
         (b"@prefix lab: <http://x.org/lab.owl#> .\nlab:a lab:b lab:c .\nlab:a lab:b none:c .\n", 3),
         (b"@prefix lab: <http://x.org/lab.owl#> .\nlab:a lab:b\n", 3),
-        (b"this is no RDF at all", 1),
+        (b"this is not RDF at all", 1),
         (b'<?xml version="1.0"?>\n<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">\n<a></b>', 3),
         (b"\x00\x01\x02\xff", 1),
     ],

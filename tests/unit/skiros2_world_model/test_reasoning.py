@@ -94,7 +94,7 @@ def test_moved_element_is_parsed_without_its_holder(wm, weigher):
 
 
 def test_rejected_request_is_refused_and_earlier_parses_are_undone(wm, weigher):
-    with pytest.raises(WmException, match=r"Weigher rejects to add .*rejected"):
+    with pytest.raises(WmException, match=r"Weigher refuses to add .*rejected"):
         wm.add_elements([product("a"), product("rejected")])
     assert [e.label for e in wm.resolve_elements(Element(""))] == ["skiros:blank_scene"]
     assert weigher.seen == [("add", "a"), ("add", "rejected"), ("remove", "a")]

@@ -45,11 +45,11 @@ def test_a_statement_of_a_class_makes_an_element_which_others_may_speak_of(wm, m
         (("skiros:Part-99", "skiros:SizeX", "1.5", True), "no element 'skiros:Part-99'"),
         (("skiros:Part-1", "skiros:at", "skiros:Part-99", True), "no element 'skiros:Part-99'"),
         (("skiros:Part-1", "rdf:type", "skiros:Part", False), "has a class"),
-        (("skiros:Tote", "rdf:type", "owl:Class", True), "belongs into the ontologies"),
+        (("skiros:Tote", "rdf:type", "owl:Class", True), "belongs in the ontologies"),
         (("_:b", "rdf:type", "skiros:Part", True), "without blank nodes"),
         (("skiros:Part-1", "skiros:PositionX", '"left"', True), "PositionX"),
         (('"Part"', "skiros:SizeX", "1.5", True), "not an RDF statement"),
-        (("skiros:Part-1", "SizeX", "1.5", True), "'SizeX' is no RDF term"),
+        (("skiros:Part-1", "SizeX", "1.5", True), "'SizeX' is not an RDF term"),
     ],
 )
 def test_invalid_statement_is_refused_and_changes_nothing(wm, model, part, statement, message):

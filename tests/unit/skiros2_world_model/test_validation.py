@@ -179,7 +179,7 @@ def test_a_frame_in_a_hidden_one_in_one_that_nobody_publishes_is_reported(valida
         ('skiros:PositionY "NaN"^^xsd:float', WARNING, {"skiros:PositionY"}, "a position has finite"),
         ('skiros:OrientationX ""', WARNING, {"skiros:OrientationX"}, "an orientation is a quaternion"),
         ("skiros:OrientationX 7.0", WARNING, {"skiros:OrientationX"}, "an orientation is a quaternion"),
-        ("skiros:OrientationW 0.0", VIOLATION, {""}, "is no rotation"),
+        ("skiros:OrientationW 0.0", VIOLATION, {""}, "is not a rotation"),
         ('skiros:SizeX "-1"', VIOLATION, {"skiros:SizeX"}, "from 0 on"),
         ("skiros:SizeZ -0.5", VIOLATION, {"skiros:SizeZ"}, "from 0 on"),
         ('skiros:SizeZ "wide"', VIOLATION, {"skiros:SizeZ"}, "from 0 on"),

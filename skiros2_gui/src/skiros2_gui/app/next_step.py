@@ -1,4 +1,4 @@
-"""What a user of a system that cannot move a robot yet does next."""
+"""The next step of a user whose system cannot move a robot yet."""
 
 from __future__ import annotations
 

@@ -185,8 +185,8 @@ def sentence(part: Part) -> str:
     since = clock(part.since)
     more = f" {part.text}" if part.text else ""
     if part.is_up:
-        return f"{name} has been there since {since}.{more if part.stop else ''}"
-    return f"{name} has not been there since {since}.{more}"
+        return f"{name} has been running since {since}.{more if part.stop else ''}"
+    return f"{name} has been missing since {since}.{more}"
 
 
 def clock(stamp: float) -> str:
@@ -215,7 +215,7 @@ def missing(parts: Sequence[Part], needs: Sequence[str]) -> str:
 
 def _never(kind: str) -> str:
     return {
-        WORLD_MODEL: "The world model is not there yet.",
-        MANAGER: "No robot is there yet: no skill manager runs.",
-        TASK_MANAGER: "The task manager is not there yet.",
+        WORLD_MODEL: "The world model is not running yet.",
+        MANAGER: "No robot is running yet: there is no skill manager.",
+        TASK_MANAGER: "The task manager is not running yet.",
     }.get(kind, f"There is no {kind} yet.")

@@ -213,7 +213,7 @@ class GoalPresenter:
         goal = self.text
         self._add_to_history(goal)
         self.plan, self.execution = None, GoalExecution(goal, self.names.of)
-        self.activity = "The robots work at the goal."
+        self.activity = "The robots are executing the plan."
         self.on_goal()
         post = self._window.post
         self._window.jobs.run(
@@ -233,7 +233,7 @@ class GoalPresenter:
         if self._is_planning or (self.execution is not None and not self.execution.is_finished):
             planner = self._window.system.planner
             if planner is None:
-                self._window.problems.report("cancelling the goal", "the task manager is not there")
+                self._window.problems.report("cancelling the goal", "the task manager is not running")
                 return
             self.activity = _CANCELLING
             self.on_goal()

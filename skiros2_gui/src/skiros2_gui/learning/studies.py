@@ -1,4 +1,4 @@
-"""What the tab "Learning" shows and does. Functions block; the window calls them in jobs.
+"""Functions of the tab "Learning". They block; the window calls them in jobs.
 
 The modules of studies are imported when they are first used: they take seconds to import, and are optional.
 """
@@ -150,7 +150,7 @@ def apply_configuration(wmi: WorldModelPort, folder: Path, number: int) -> list[
     return [each.id for each in added]
 
 
-def take_back(wmi: WorldModelPort, eid: str) -> None:
+def revert(wmi: WorldModelPort, eid: str) -> None:
     """Removes a parameter set.
 
     :raises SkirosError: there is no such set, or the world model refuses.

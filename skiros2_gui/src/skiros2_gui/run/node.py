@@ -112,12 +112,12 @@ def _condition(condition: ConditionStatus) -> ConditionText:
 
 #: How processors tick the children, by symbol.
 _PROCESSORS = {
-    "->": "one after the other, from the first again at each tick",
-    "->*": "one after the other",
-    "?": "the first that does not fail, from the first again at each tick",
-    "?*": "the first that does not fail",
-    "|ff|": "all at once; fails as soon as one fails",
-    "|fs|": "all at once; ends as soon as one ends",
+    "->": "in sequence, from the first again at each tick",
+    "->*": "in sequence",
+    "?": "fallback to the next after a failure, from the first again at each tick",
+    "?*": "fallback to the next after a failure",
+    "|ff|": "in parallel; fails as soon as one fails",
+    "|fs|": "in parallel; ends as soon as one ends",
 }
 
 

@@ -49,7 +49,7 @@ class RunPresenter:
     :ivar run: the shown task; None for none.
     :ivar tick: the index of the shown tick; None for live.
     :ivar bag: the bag whose tasks are shown; None for live tasks.
-    :ivar follows: whether the view keeps the running node in sight.
+    :ivar follows: whether the view keeps the running node in view.
     :ivar on_change: called with the parts to redraw. Called often: the view should combine calls.
     """
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 #: The longest time that is kept (s).
 LONGEST = 30.0
 
-#: Values within this time are drawn as one stroke from the least to the greatest (s): no peak is lost.
+#: Values within this time are drawn as one stroke from the minimum to the maximum (s): no peak is lost.
 STROKE = 0.01
 
 #: Without a message for this time the line is interrupted (s); longer for signals with a lower rate.
@@ -34,7 +34,7 @@ class SignalTrace:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._strokes = np.empty((_CAPACITY, 3))  # a ring: time of the first value, least, greatest
+        self._strokes = np.empty((_CAPACITY, 3))  # a ring: time of the first value, minimum, maximum
         self._count = 0
         self._began = -math.inf  # of the newest stroke
         self._least = self._greatest = math.nan

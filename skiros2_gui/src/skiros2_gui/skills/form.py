@@ -235,7 +235,7 @@ class Field:
         except (SkirosError, ValueError, OverflowError):
             ok = False
         if not ok:
-            raise WrongValue(f"{text!r} is no {self.type_name}")
+            raise WrongValue(f"{text!r} is not a {self.type_name}")
         if not self.limits.allows(value):
             raise WrongValue(f"expected {self.limits.text}")
         return [value]
@@ -272,7 +272,7 @@ def element_value(eid: str, element_class: str = "") -> dict[str, Any]:
 
 
 def _no_element(_: Parameter, name: str) -> Any:
-    raise UnknownName(f"{name!r} is no element")
+    raise UnknownName(f"{name!r} is not an element")
 
 
 def element_choices(elements: Iterable[Element]) -> tuple[ElementChoice, ...]:

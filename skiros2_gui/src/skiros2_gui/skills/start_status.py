@@ -61,7 +61,7 @@ def _of_preview(preview: Preview) -> StartStatus:
         return StartStatus(REFUSED, text, tuple(_lines(start.refusal)))
     elements = sorted((key, element) for key, element in start.elements.items() if key != ROBOT_KEY)
     found = [f"{key} = {label_text(element.label) or local_name(element.id)}" for key, element in elements]
-    return StartStatus(READY, f"Ready. The robot would take {', '.join(found)}." if found else "Ready.")
+    return StartStatus(READY, f"Ready. The robot would use {', '.join(found)}." if found else "Ready.")
 
 
 def _headline(refusal: Explanation) -> str:
@@ -70,7 +70,7 @@ def _headline(refusal: Explanation) -> str:
         emptied = [c for c in refusal.candidates if c.emptied]
         keys = " and ".join(c.key for c in emptied or refusal.candidates)
         together = " together" if not emptied and len(refusal.candidates) > 1 else ""
-        return f"no element of the scene fits {keys}{together}."
+        return f"no element of the scene matches {keys}{together}."
     if refusal.findings:
         return f"{'; '.join(f'{f.label}: {f.found}' for f in refusal.findings)}."
     if refusal.tried:

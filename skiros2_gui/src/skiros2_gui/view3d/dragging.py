@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from skiros2_motion.core.geometry import Pose
 
-#: The least time between two writes (s).
+#: The shortest time between two writes (s).
 PERIOD = 0.1
 
 #: A drag without feedback for this time has ended (s). Views send keep-alive messages more often.

@@ -63,7 +63,7 @@ def place_labels(markers: Mapping[str, ElementMarker]) -> dict[str, float | None
 
 
 def _first_free(z: float, taken: Sequence[tuple[float, float]]) -> float:
-    """Returns the least height from `z` on that is apart from others.
+    """Returns the lowest height from `z` on that is apart from others.
 
     :param taken: their heights, and the required distances.
     """
@@ -106,7 +106,7 @@ _SCENE = "scene"
 
 @dataclass
 class MarkerUpdate:
-    """What a view has to change.
+    """The changes that a view has to apply.
 
     :param changed: markers that are new or have changed.
     :param removed: markers to delete.

@@ -153,9 +153,9 @@ class MarkerFactory:
 
 
 def mesh_address(name: str, folders: Sequence[Path]) -> str:
-    """Returns the URL of the mesh that `skiros:CadModel` names; "" if it is no mesh file or does not exist.
+    """Returns the URL of the mesh that `skiros:CadModel` names; "" if it is not a mesh file or does not exist.
 
-    :param name: a relative or absolute path, or `package://PACKAGE/...`, which is not checked. A URDF is no mesh.
+    :param name: a relative or absolute path, or `package://PACKAGE/...`, which is not checked. A URDF is not a mesh.
     """
     if os.path.splitext(name)[1].lower() not in _MESHES or "\0" in name:
         return ""
@@ -221,7 +221,7 @@ def read_robot(text: str, prefix: str = "") -> list[RobotPart]:
     """Returns the visuals of a URDF.
 
     :param prefix: of the tf frames of its links, without a slash at its end; "" for none.
-    :raises WrongValue: the text is no URDF.
+    :raises WrongValue: the text is not a URDF.
     """
     try:
         robot = xml.fromstring(text)
@@ -233,7 +233,7 @@ def read_robot(text: str, prefix: str = "") -> list[RobotPart]:
             if (part := _part(visual, f"{prefix}/{link.get('name', '')}".lstrip("/"), materials)) is not None
         ]
     except (xml.ParseError, ValueError, TypeError) as error:
-        raise WrongValue(f"the robot description is no URDF: {error}") from None
+        raise WrongValue(f"the robot description is not a URDF: {error}") from None
 
 
 def _part(visual: xml.Element, frame: str, materials: Mapping[str, Colour]) -> RobotPart | None:

@@ -63,7 +63,7 @@ class PropertyRow:
 
     @property
     def is_plain(self) -> bool:
-        """Whether the values are no lists or dicts, which are edited as JSON."""
+        """Whether the values are not lists or dicts, which are edited as JSON."""
         return self.kind in (float, int, bool, str)
 
     @property

@@ -213,7 +213,7 @@ class Requests:
     def _record(self, eid: str) -> ElementRecord:
         record = self._hierarchy.scene.record(eid)
         if record is None:
-            raise UnknownName(f"there is no element {eid!r} any more" if eid else "no element is chosen")
+            raise UnknownName(f"there is no longer an element {eid!r}" if eid else "no element is chosen")
         return record
 
 

@@ -1,4 +1,4 @@
-"""What goes wrong in the demo of the piston cell. Each disturbance occurs once."""
+"""Disturbances of the demo of the piston cell. Each occurs once."""
 
 from __future__ import annotations
 

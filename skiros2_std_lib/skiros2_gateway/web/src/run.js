@@ -129,7 +129,7 @@ export class ShownRun extends EventTarget {
         this.#changed();
       } while (this.key && asked !== `${this.key} ${this.time}`);
     } catch {
-      [this.#history, this.scene] = [null, null]; // the run is not kept any more, or the gateway is away
+      [this.#history, this.scene] = [null, null]; // the run is no longer kept, or the gateway is away
     } finally {
       this.#isAsking = false;
     }

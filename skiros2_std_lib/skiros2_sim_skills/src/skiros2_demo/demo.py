@@ -365,7 +365,7 @@ def add_options(parser: argparse.ArgumentParser, rate: float, timeout: float) ->
         "--seed",
         type=int,
         default=0,
-        help="of all that is left to chance; 0 leaves the product where the scene has it (%(default)s)",
+        help="of the random numbers; 0 leaves the product where the scene has it (%(default)s)",
     )
     parser.add_argument("--rate", type=float, default=rate, help="simulated time, times real time (%(default)s)")
     parser.add_argument("--gui", action="store_true", help="show the simulated world in a window")

@@ -229,7 +229,7 @@ def _check_steps(goal_run: GoalRun) -> list[Finding]:
         reported = [(name_of(step), step["state"]) for step in goal_run.done if step["robot"] == robot]
         recorded = [(task.latest.shape.skills_text(), _end(task)) for task in goal_run.tasks if task.robot == robot]
         same = len(recorded) == len(reported) and all(map(_same_step, recorded, reported))
-        difference = "" if same else f"; said is: {_step_list(reported)}"
+        difference = "" if same else f"; reported: {_step_list(reported)}"
         findings.append(Finding(same, f"{robot} did: {_step_list(recorded)}{difference}"))
     return findings
 
@@ -273,7 +273,7 @@ def _holds(goal: goal_text.ParsedGoal, world: WorldState) -> bool:
         subject, target = (term.text for term in goal.terms)
         for term in (subject, target):
             if term not in world.things:
-                raise BagError(f"the goal speaks of {term}, which is not in the world at the end")
+                raise BagError(f"the goal names {term}, which is not in the world at the end")
         return (subject, full_name(goal.predicate.text), target) in world.relations
     raise BagError("only goals about relations between elements can be judged from a bag")
 

@@ -107,9 +107,9 @@ class PrimitiveActionClient(ClientPrimitive):
         if self.client.gh is not None and self._watch.time_without_result(self.client.gh) > SERVER_TIMEOUT:
             return self.fail(f"The action server {self._watch.name} has ended the goal, but its result was lost", LOST)
         if self.client.gh is not None and self._watch.time_without_ack(self.client.gh) > SERVER_TIMEOUT:
-            return self.fail(f"The action server {self._watch.name} has not taken the goal: it was lost", LOST)
+            return self.fail(f"The action server {self._watch.name} did not accept the goal: it was lost", LOST)
         if self._watch.time_since_status() > SERVER_TIMEOUT:
-            text = f"The action server {self._watch.name} has not been heard of for {SERVER_TIMEOUT} s"
+            text = f"The action server {self._watch.name} has sent no status for {SERVER_TIMEOUT} s"
             return self.fail(text, NO_ANSWER)
         return self.step(self._progress_msg)
 

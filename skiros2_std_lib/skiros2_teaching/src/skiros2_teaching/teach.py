@@ -227,7 +227,7 @@ class teach_path(_Teaching):
         try:
             state = guiding.arm.state()
             if self._was_released and guiding_of(self.element("Arm")) is not guiding:
-                return self.fail(f"{self.label_of('Arm')} is not released any more: the path is discarded", REFUSED)
+                return self.fail(f"{self.label_of('Arm')} is no longer released: the path is discarded", REFUSED)
             if state is not None:
                 self._recording.add(state)
             late = guiding.arm.now() - (state.stamp if state is not None else self._began)

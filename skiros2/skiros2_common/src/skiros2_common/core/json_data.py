@@ -86,7 +86,7 @@ def _read(declared: Any, data: Any, path: str) -> Any:
     types = get_type_hints(declared)
     unknown = _checked(data, dict, path).keys() - {f.name for f in fields(declared)}
     if unknown:
-        raise WrongValue(f"{path}: {', '.join(sorted(unknown))} is no field of {declared.__name__}")
+        raise WrongValue(f"{path}: {declared.__name__} has no field {', '.join(sorted(unknown))}")
     values = {key: _read(types[key], value, f"{path}.{key}") for key, value in data.items()}
     try:
         return declared(**values)

@@ -21,7 +21,7 @@ class Limits:
     A mistake in the limits is not rejected here, because libraries must load; `faults` reports it.
 
     :param unit: of the values, such as `m/s`; for people.
-    :param minimum, maximum: the least and the greatest allowed number; None: no limit.
+    :param minimum, maximum: the allowed range; None: no limit.
     :param choices: the allowed values; (): any.
     :raises WrongType: `minimum` or `maximum` is not a number.
     """

@@ -336,6 +336,7 @@ class ParamHandler:
                 param.makeDefault(other._params[key].values)
 
     def hasParam(self, key: str) -> bool:
+        """Whether there is a parameter with the key."""
         return key in self._params
 
     def setDefault(self, key: str | list[str] | None = None) -> None:

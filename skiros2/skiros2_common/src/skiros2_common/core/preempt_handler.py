@@ -1,4 +1,4 @@
-"""What a skill manager does when a task is preempted while a skill runs, declared in the skill's description."""
+"""The action of a skill manager when a task is preempted while a skill runs, declared in the skill's description."""
 
 from __future__ import annotations
 

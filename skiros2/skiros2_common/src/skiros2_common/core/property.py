@@ -77,7 +77,7 @@ def from_text(text: str, datatype: type) -> Any:
             return dict(literal_eval(text))
         return datatype(text)
     except (TypeError, ValueError, SyntaxError) as error:
-        raise WrongValue(f"{format_value(text)} is no {datatype.__name__}") from error
+        raise WrongValue(f"{format_value(text)} is not a valid {datatype.__name__}") from error
 
 
 def same_value(one: Any, other: Any) -> bool:
@@ -196,7 +196,7 @@ class Property:
         appends the value. None is rejected with a logged error."""
         values = self.current
         if value is None:
-            log.error("%s: None is no value; unset() removes the values", self.key)
+            log.error("%s: None is not allowed; unset() removes the values", self.key)
         elif index < -len(values):
             log.error("%s: no value at index %s, there are %s", self.key, index, len(values))
         else:

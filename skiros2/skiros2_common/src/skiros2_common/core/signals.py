@@ -34,7 +34,7 @@ class FieldPath:
     """A number in a message: names of fields, with an optional index, such as `wrench.force.z` or `effort[joint_2]`.
 
     An index is a number, or a name in the list `name` of the same message, as in `sensor_msgs/JointState`. Of a vector
-    (x, y, z), the number is the Euclidean norm; of a list, the value with the greatest magnitude. "" is the message
+    (x, y, z), the number is the Euclidean norm; of a list, the value with the largest magnitude. "" is the message
     itself.
 
     :raises WrongValue: the text is no such path.
@@ -225,7 +225,7 @@ class SignalTopic:
 class SignalLimits:
     """When a signal violates a condition.
 
-    :param minimum, maximum: the least and the greatest allowed value; None: no limit.
+    :param minimum, maximum: the allowed range; None: no limit.
     :param duration: how long (s) the value must be outside the limits.
     :param hysteresis: how far inside the limits a value must be to end that time, in the signal's unit.
     :param timeout: the longest time (s) without a message; inf: any.

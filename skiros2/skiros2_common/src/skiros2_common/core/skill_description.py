@@ -160,7 +160,7 @@ class SkillDescription(Preemptible):
         :param param_type: one of `ParamTypes`.
         :param options: one of `ParamOptions` or a list of them; a string is taken as the description.
         :param unit: of the values, such as `m/s`, for people.
-        :param minimum, maximum: the least and the greatest allowed number; None: no limit.
+        :param minimum, maximum: the allowed range; None: no limit.
         :param choices: the allowed values; (): any.
         """
         if isinstance(options, str):

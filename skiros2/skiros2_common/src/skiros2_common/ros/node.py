@@ -121,7 +121,8 @@ def _end_second_launch(name: str) -> None:
         if time.monotonic() > end:
             spokesman = speak_for_launch()
             if spokesman is not None:
-                repeat_after_roslaunch(f"{full} runs already: end its launch first, or set ROS_NAMESPACE for this one")
+                advice = "end its launch first, or set ROS_NAMESPACE for this one"
+                repeat_after_roslaunch(f"{full} is already running: {advice}")
             end_launch()
             os._exit(EXIT_CONFIGURATION)
         time.sleep(_HANDOVER_PERIOD)

@@ -127,7 +127,7 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
 def _values(data_type: str, text: str) -> list[Any]:
     values = json_loads_byteified(text)
     if not isinstance(values, list):
-        raise WrongValue(f"{format_value(text)} is no JSON list")
+        raise WrongValue(f"{format_value(text)} is not a JSON list")
     return list(decoded_values(data_type, values))
 
 

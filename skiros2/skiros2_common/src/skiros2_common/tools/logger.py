@@ -72,7 +72,7 @@ _OF_LEVEL = re.compile(r"(msg|count|has)(Always|Error|Warn|Ok|Info|Debug|Trace)(
 
 def rosout_record(record: logging.LogRecord) -> logging.LogRecord:
     """A copy of a record for the handlers of `rosout`, with one of its levels."""
-    number = logging.INFO if record.levelno == _NUMBERS[ALWAYS] else record.levelno  # ALWAYS is no error
+    number = logging.INFO if record.levelno == _NUMBERS[ALWAYS] else record.levelno  # ALWAYS is not an error
     level = next((known for known in _ROSOUT_LEVELS if number >= known), logging.DEBUG)
     changes = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
     text = {"msg": logging.Formatter().format(record), "args": (), "exc_info": None, "exc_text": None}

@@ -1,4 +1,4 @@
-"""What libraries in C print: PyBullet a banner when it is imported, and its warnings."""
+"""Output of libraries in C: PyBullet prints a banner when it is imported, and warnings."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Compares task runs: the divergence between two ticks, and between two whole runs.
 
-What may differ: ids of tasks and nodes, times; the labels of groups and of the root; the message of a root or compound
-that succeeds without its own message; measured numbers in messages, within a tolerance.
+Allowed differences: ids of tasks and nodes, times; the labels of groups and of the root; the message of a root or
+compound that succeeds without its own message; measured numbers in messages, within a tolerance.
 """
 
 from __future__ import annotations

@@ -18,12 +18,12 @@ Key = tuple[int, int, str, str, str]
 
 #: The names of control-flow nodes, by processor symbol.
 _GROUPS = {
-    "->": "in turn",
-    "->*": "in turn",
-    "?": "alternatives",
-    "?*": "alternatives",
-    "|ff|": "side by side",
-    "|fs|": "side by side",
+    "->": "sequence",
+    "->*": "sequence",
+    "?": "fallback",
+    "?*": "fallback",
+    "|ff|": "parallel",
+    "|fs|": "parallel",
 }
 
 #: A node: state, progress code and run time as in `SkillProgress`; start and end (s after the task's first tick; NaN if

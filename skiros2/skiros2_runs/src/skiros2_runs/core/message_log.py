@@ -13,7 +13,7 @@ from skiros2_runs.core.states import ENDS, IDLE, RUNNING
 #: The most lines kept.
 MAX_LINES = 2000
 
-#: The least time between lines of a node whose message alone changes (s).
+#: The shortest time between lines of a node whose message alone changes (s).
 _PERIOD = 1.0
 
 #: The most characters of a message kept.

@@ -150,9 +150,9 @@ class SkillRun:
             if event.wait(period if deadline is None else max(0.0, min(period, deadline - time.monotonic()))):
                 return True
             if self._watch.time_since_status() > SILENCE:
-                raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
+                raise TimedOut(f"{self._watch.name} sent no status for {SILENCE:g} s")
             if self._is_unknown() and self._unaccepted_time() > SILENCE:
-                raise TimedOut(f"{self._watch.name} has not taken the skills")
+                raise TimedOut(f"{self._watch.name} did not accept the goal")
             if self._watch.time_without_result(self._handle) > SILENCE:
                 raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
             if deadline is not None and time.monotonic() >= deadline:
@@ -188,7 +188,7 @@ class SkillRun:
             return
         result = handle.get_result()
         if result is None:  # the goal is lost
-            text = "the manager does not know these skills any more: it was restarted"
+            text = "the manager no longer knows these skills: it was restarted"
             result = msgs.ExecuteSkillsResult(self._task, msgs.SkillProgress.FAILURE, -1, text, [], "[]")
         self._result = result
         self._task = result.task_id

@@ -180,7 +180,7 @@ def _clock(system: _System) -> Iterator[Finding]:
     clocks = system.publishers.get("/clock", [])
     if simulated and not clocks:
         advice = "start the simulator, or `rosparam set use_sim_time false` and restart the nodes"
-        yield Finding(ERROR, "clock", "use_sim_time is true, but nobody publishes /clock: all nodes wait", advice)
+        yield Finding(ERROR, "clock", "use_sim_time is true, but no node publishes /clock: all nodes wait", advice)
     elif len(clocks) > 1:
         yield Finding(ERROR, "clock", f"several nodes publish /clock: {', '.join(clocks)}", "stop all but one of them")
     elif clocks and not simulated:

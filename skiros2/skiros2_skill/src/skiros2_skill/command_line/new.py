@@ -76,7 +76,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 def _new(given: argparse.Namespace) -> CommandResult:
     name, folder = given.name, given.folder
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
-        raise Refused(f"{name!r} is no name of a Python module; expected lower case, digits and underscores")
+        raise Refused(f"{name!r} is not a name of a Python module; expected lower case, digits and underscores")
     if given.what == "package":
         spec = importlib.util.find_spec(name)
         if spec is not None and spec.origin is not None:
@@ -108,11 +108,11 @@ def _new(given: argparse.Namespace) -> CommandResult:
 def _package_of(folder: Path) -> str:
     """The name of the Python package in a package of skills.
 
-    :raises Refused: the folder is no package of skills.
+    :raises Refused: the folder is not a package of skills.
     """
     modules = sorted(path.parent.name for path in folder.glob("src/*/__init__.py"))
     if len(modules) != 1:
-        raise Refused(f"{folder.absolute()} is no package of skills: expected one src/NAME/__init__.py")
+        raise Refused(f"{folder.absolute()} is not a package of skills: expected one src/NAME/__init__.py")
     return modules[0]
 
 

@@ -94,7 +94,7 @@ def breakpoint_(manager: ManagerClient, arguments: argparse.Namespace, screen: S
 
 
 def safety(manager: ManagerClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Shows whether the robot is stopped, and why. This is no safety-rated function."""
+    """Shows whether the robot is stopped, and why. This is not a safety-rated function."""
     status = manager.safety()
     known = {"state": status.state, "source": status.source, "reason": status.reason, "stops": list(status.stops)}
     lines = queries.stop_lines(manager.name, status) or [f"{manager.name} is not stopped"]

@@ -242,7 +242,7 @@ def why(manager: ManagerPort, arguments: argparse.Namespace, screen: Screen) -> 
 
 
 def _registered(world: World, skill: Skill) -> tuple[Registered, str]:
-    """What the world model has registered of a skill, and the error text when it does not answer."""
+    """Returns the registration of a skill in the world model, and the error text when it does not answer."""
     try:
         return world.registered(skill.type, skill.label), ""
     except SkirosError as error:

@@ -1,4 +1,4 @@
-"""What the parts of the tree, the engine and the library need of each other, as protocols.
+"""Protocols between the parts: the tree, the engine and the library.
 
 The world model is `WorldModelPort` in `skiros2_common`.
 """
@@ -42,7 +42,7 @@ class Freshness(Protocol):
 
 
 class Visitor(Protocol):
-    """What ticks a tree: the executor of a task."""
+    """The visitor that ticks a tree: the executor of a task."""
 
     changed: bool
 

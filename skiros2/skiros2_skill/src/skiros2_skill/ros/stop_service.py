@@ -107,7 +107,7 @@ class StopService:
 
     def _check(self, deadline: float) -> None:
         """
-        :raises TimedOut: the deadline has passed, or is no number.
+        :raises TimedOut: the deadline has passed, or is not a number.
         """
         late = self._clock() - deadline
         if not late <= 0.0:

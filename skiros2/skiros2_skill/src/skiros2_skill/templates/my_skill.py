@@ -6,7 +6,7 @@ from skiros2_common.core.primitive import PrimitiveBase
 
 
 class MySkill(SkillDescription):
-    """What the skill does, in one sentence: users see it."""
+    """One sentence that says what the skill does: users see it."""
 
     def createDescription(self):
         self.addParam("Times", 3, ParamTypes.Required, description="How many ticks it takes", minimum=1)

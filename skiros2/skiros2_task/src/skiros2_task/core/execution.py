@@ -162,7 +162,7 @@ class ExecutionStateMachine:
         return self._finish(End(Verdict.FAILED, reason))
 
     def interrupted(self, number: int, message: str) -> list[Command]:
-        """A step of an earlier process does not run any more, and its result is unknown: the world shows it."""
+        """A step of an earlier process no longer runs, and its result is unknown: the world shows it."""
         commands = self.ended(number, False, message)
         call = self.records[number].step.call
         self._failures[call.manager, call.label] -= 1  # the skill has not failed

@@ -39,12 +39,12 @@ class GivenPlan:
         """
         steps = tuple(PlanStep(step["action"][0], tuple(step["action"][1:])) for step in self.steps)
         if flaw := validate(task, steps):
-            raise WrongValue(f"the given plan does not work any more: {flaw}")
+            raise WrongValue(f"the given plan no longer works: {flaw}")
         needed = deorder(task, steps)
         before = frozenset((first - 1, i) for i, step in enumerate(self.steps) for first in step["after"])
         if missing := sorted(needed.before - _closure(before)):
             first, second = missing[0][0] + 1, missing[0][1] + 1
-            raise WrongValue(f"the given plan does not work any more: step {second} would have to wait for {first}")
+            raise WrongValue(f"the given plan no longer works: step {second} would have to wait for {first}")
         order = PartialOrder(steps, before, needed.links)
         plan = plan_of(task, as_early_as_possible(task, order, durations), objects)
         for step, given in zip(plan.steps, self.steps, strict=True):
@@ -71,7 +71,7 @@ def read_given_plan(text: str) -> GivenPlan:
     try:
         data = read_json(text)
     except ValueError as error:
-        raise WrongValue(f"the given plan is no JSON: {error}") from None
+        raise WrongValue(f"the given plan is not JSON: {error}") from None
     for number, step in enumerate(data if isinstance(data, list) else [None], 1):
         if not isinstance(step, dict) or not _is_step(step, number):
             raise WrongValue(f"step {number} of the given plan is {json.dumps(step)[:200]}, expected one of MakePlan")

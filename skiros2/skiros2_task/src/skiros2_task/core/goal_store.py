@@ -46,9 +46,9 @@ CREATE TABLE IF NOT EXISTS policies (
 
 
 class OnRestart(StrEnum):
-    """What happens to a goal when the task manager was restarted."""
+    """The treatment of a goal when the task manager was restarted."""
 
-    #: ASK if a robot of the goal holds something and its step does not run any more, or if the scene is another one;
+    #: ASK if a robot of the goal holds something and its step no longer runs, or if the scene is another one;
     #: else CONTINUE.
     DEFAULT = ""
     CONTINUE = "continue"
@@ -126,7 +126,7 @@ class GoalStore:
     """The file. Any thread. All methods raise `StoreFailed` if the file cannot be read or written.
 
     :param path: created if it does not exist, with its folder; readable by the owner only.
-    :raises ConfigurationError: another process uses the file, or it is no store of this version.
+    :raises ConfigurationError: another process uses the file, or it is not a store of this version.
     """
 
     def __init__(self, path: Path) -> None:

@@ -91,7 +91,7 @@ class PlanningResult:
 
     @property
     def warning(self) -> str:
-        """What a client that runs the plan has to do; "" for nothing."""
+        """The warning for clients that run the plan; "" for none."""
         if self.plan is None or not self.plan.missing:
             return ""
         return f"warning: the plan lacks values, to be specified when its skills start: {', '.join(self.plan.missing)}"

@@ -29,12 +29,12 @@ ROBOTS_TIMEOUT = 60.0
 _RETRY_DELAY = 1.0
 
 #: The message of a step whose result is unknown.
-INTERRUPTED = "interrupted: its robot does not know the step any more"
+INTERRUPTED = "interrupted: its robot no longer knows the step"
 
 
 @dataclass(frozen=True)
 class Restart:
-    """What the earlier process has left.
+    """The state that the earlier process has left.
 
     :param managers: of the robots that ran.
     :param on_restart: returns what happens to a goal, by its id.

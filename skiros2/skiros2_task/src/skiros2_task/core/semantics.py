@@ -38,7 +38,7 @@ Literal = tuple[Atom, bool]
 
 @dataclass(frozen=True)
 class GroundStep:
-    """What a step needs and changes.
+    """The conditions and effects of a step.
 
     :param robot: the object that executes it.
     :param needs: the literals that must hold from its start to its end.
@@ -184,7 +184,7 @@ def _flaw(task: PlanningTask, step: PlanStep) -> str:
         variables, step.arguments, task.grounder(step.action).objects, strict=True
     ):
         if argument not in objects:
-            return f" {step}: {argument} is no {' and '.join(variable.classes)}"
+            return f" {step}: {argument} is not a {' and '.join(variable.classes)}"
     return ""
 
 

@@ -94,7 +94,7 @@ class UndeclaredChanges:
         return new
 
     def _cause(self, atom: Atom, recent: list[StepRecord]) -> tuple[Step, float] | None:
-        """Returns the step that was the last to change an element of the fact, and when; None if it was no step."""
+        """Returns the step that was the last to change an element of the fact, and when; None if it was not a step."""
         for at, change in reversed(self._changes):
             if changed_ids(change) & set(atom.terms):
                 ran = [r for r in recent if r.step.call.manager == change.author and (r.started or 0.0) <= at]

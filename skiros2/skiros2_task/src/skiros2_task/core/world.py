@@ -20,7 +20,7 @@ from skiros2_world_model.core.world_model_abstract_interface import WorldModelPo
 TEMPLATE = "skiros:Template"
 TEMPLATE_RELATION = "skiros:hasTemplate"
 
-#: Classes of the scene whose elements are no objects of planning.
+#: Classes of the scene whose elements are not objects of planning.
 _NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition", "skiros:ParameterSet")
 
 

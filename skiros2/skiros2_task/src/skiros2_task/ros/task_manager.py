@@ -86,7 +86,7 @@ def main() -> None:
 
 
 class _System:
-    """What the store has of the system around the goals: the robots that run, and the scene.
+    """The stored part of the system around the goals: the robots that run, and the scene.
 
     :param store: None: nothing is stored.
     :param on_restart: for goals that have none of their own.
@@ -177,7 +177,7 @@ def _on_restart() -> OnRestart:
 
 def _integer(name: str, default: int, minimum: int | None = None) -> int:
     """
-    :raises ConfigurationError: the parameter is no integer, or less than the minimum.
+    :raises ConfigurationError: the parameter is not an integer, or less than the minimum.
     """
     value = rospy.get_param(name, default)
     if not isinstance(value, int) or isinstance(value, bool) or (minimum is not None and value < minimum):

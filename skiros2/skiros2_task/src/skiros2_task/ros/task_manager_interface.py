@@ -160,7 +160,7 @@ class TaskManagerInterface(PrettyObject):
         watch = ServerWatch(self._request.client)
         while not self._request.ended.wait(_POLL_PERIOD):
             if watch.time_since_status() > _SILENCE:
-                raise TimedOut(f"the task manager {watch.name} has been silent for {_SILENCE:g} s")
+                raise TimedOut(f"the task manager {watch.name} has sent no status for {_SILENCE:g} s")
             if watch.time_without_result(self._request.handle) > _ANSWER_TIMEOUT:
                 raise TimedOut(f"the result of the task manager {watch.name} was lost; send the request again")
         return self._request.result

@@ -38,7 +38,7 @@ def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen
         element.setProperty(name, [_typed(wm, before, name, value) for value in values])
     wm.update_element(element, context)
     lines = [screen.fitted(line) for line in changed_lines(difference([before], [element]))]
-    return CommandResult(lines or [f"{element.id} is so already"], element_json(element))
+    return CommandResult(lines or [f"{element.id} has these values already"], element_json(element))
 
 
 def _is_relation(wm: WorldModelPort, element: Element, name: str, values: list[str], context: str) -> bool:

@@ -288,7 +288,7 @@ def _elements(change_set: ChangeSet, scene: Scene) -> Iterator[tuple[str, str]]:
             if current is not None:
                 yield eid, "an element with its id exists again"
         elif current is None:
-            yield eid, "it does not exist any more"
+            yield eid, "it no longer exists"
         elif after is None:
             keys = {*before.properties, *current.properties}
             yield from ((eid, reason) for reason in _content(current, before, None, keys))
@@ -335,7 +335,7 @@ def _relations(change_set: ChangeSet, scene: Scene) -> Iterator[tuple[str, str]]
         ends = [eid for eid in (relation[0], relation[2]) if id_number(eid) >= 0]
         missing = [eid for eid in ends if not _exists(change_set, scene, eid)]
         for eid in missing if added else ():
-            yield eid, f"it does not exist any more; cannot restore {_text(relation)!r}"
+            yield eid, f"it no longer exists; cannot restore {_text(relation)!r}"
         if not missing and scene.related(*relation) == added:
             yield relation[0], f"the relation {_text(relation)!r} was {'added again' if added else 'removed'}"
 

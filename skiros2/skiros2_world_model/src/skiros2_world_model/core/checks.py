@@ -270,7 +270,7 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
             try:
                 value.encode()
             except UnicodeEncodeError as error:
-                raise WrongValue(f"{key}: {format_value(value)} is no text: {error.reason}") from None
+                raise WrongValue(f"{key}: {format_value(value)} is not text: {error.reason}") from None
     elif isinstance(value, (list, tuple, dict)):
         if depth == _MAX_NESTING:
             raise WrongValue(f"{key}: lists and dicts are nested deeper than {_MAX_NESTING} levels")

@@ -195,7 +195,7 @@ def element_operations(
             if etype == "owl:NamedIndividual":
                 continue
             if etype.startswith(_META):
-                raise WrongValue(f"{eid} is declared a {etype}, which belongs into the ontologies (context '')")
+                raise WrongValue(f"{eid} is declared a {etype}, which belongs in the ontologies (context '')")
             if element is None:
                 new[eid] = Element(etype, "", eid)
                 continue

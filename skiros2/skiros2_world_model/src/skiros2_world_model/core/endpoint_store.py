@@ -309,7 +309,7 @@ class EndpointStore:
         mark, where = f'ASK {{ {_SESSION} {_VALUE} "{self._name}" }}', f"SPARQL endpoint {without_password(self._url)}"
         heeded = [self._is_true(mark, graph) for graph in (_SESSION[1:-1], "urn:skiros:none")]
         if heeded != [True, False]:
-            raise Refused(f"{where} does not heed default-graph-uri, by which a context is asked (SPARQL 1.1 Protocol)")
+            raise Refused(f"{where} ignores default-graph-uri, by which a context is asked (SPARQL 1.1 Protocol)")
         if not self._is_true(mark):
             raise Refused(
                 f"{where}: its default graph does not include its named graphs, so the contexts cannot be asked with "

@@ -38,7 +38,7 @@ def python_value(literal: ox.Literal) -> Any:
             try:
                 return read_json(text)
             except ValueError:
-                raise WrongValue(f"{text!r} is no JSON") from None
+                raise WrongValue(f"{text!r} is not JSON") from None
         return text
     try:
         return from_text(text.strip(), kind)
@@ -101,8 +101,8 @@ def parse_term(text: str, prefixes: Prefixes) -> ox.NamedNode | ox.BlankNode | o
         if local and colon and _NAME.fullmatch(prefix) and not re.search(r"[\s<>\"{}|\\^`]", local):
             return ox.NamedNode(prefixes.iri(text))
     except (ValueError, SyntaxError) as error:
-        raise WrongValue(f"{text!r} is no RDF term: {error}") from None
-    raise WrongValue(f'{text!r} is no RDF term: expected prefix:Name, <IRI>, _:blank or "literal"')
+        raise WrongValue(f"{text!r} is not an RDF term: {error}") from None
+    raise WrongValue(f'{text!r} is not an RDF term: expected prefix:Name, <IRI>, _:blank or "literal"')
 
 
 def _parse_literal(text: str, prefixes: Prefixes) -> ox.Literal:

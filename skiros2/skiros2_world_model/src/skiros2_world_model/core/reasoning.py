@@ -187,7 +187,7 @@ class Reasoning:
                 return
             action = REMOVE if removed is not None else ADD if scene.changes.is_added(eid) else UPDATE
             if self._parse(scene, reasoner, element, action) is False:
-                raise Refused(f"{_name(reasoner)} rejects to {action} {element!r}")
+                raise Refused(f"{_name(reasoner)} refuses to {action} {element!r}")
             self._offered.append((reasoner, action, element))
             changes = element.changes() if removed is None and element.may_be_changed else None
             if changes:

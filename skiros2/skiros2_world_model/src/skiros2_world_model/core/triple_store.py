@@ -136,7 +136,7 @@ class TripleStore(Protocol):
         removed: Iterable[ox.Triple],
         added: Iterable[ox.Triple],
     ) -> None:
-        """As `update`, after removing all triples of the subjects except relations to IRIs."""
+        """Same as `update`, after removing all triples of the subjects except relations to IRIs."""
         ...
 
     def triples(self, context: str) -> list[ox.Triple]:
@@ -185,7 +185,7 @@ class Graphs:
 
     @property
     def is_worn(self) -> bool:
-        """Whether so many triples were removed that a copy is better."""
+        """Whether enough triples were removed that a copy is better."""
         return self._removed > self._worn
 
     def clear(self, context: str) -> None:

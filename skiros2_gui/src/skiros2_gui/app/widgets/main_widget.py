@@ -55,7 +55,7 @@ from skiros2_gui.skills.widgets.tab import SkillsTab
 from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
 from skiros2_gui.world.widgets.tab import WorldTab
 
-#: The least time between two batches of events (ms): 25 Hz.
+#: The shortest time between two batches of events (ms): 25 Hz.
 EVENT_PERIOD = 40
 
 #: The time after which a batch yields to user input (s); the rest follows in the next iteration.
@@ -164,7 +164,7 @@ LAST_TABS: tuple[type[Any], ...] = (LearningTab,)
 _EDITORS = (QLineEdit, QTextEdit, QPlainTextEdit, QComboBox, QAbstractSpinBox, QAbstractButton)
 
 #: Shown if the program continues without its node (rqt).
-_NODE_ENDED = "ROS has shut down this program's node, and the window does not work any more; open it again"
+_NODE_ENDED = "ROS has shut down this program's node, and the window no longer works; open it again"
 
 
 class Tab(Protocol):

@@ -75,7 +75,7 @@ class StopControl(QWidget):
         if not waiting:
             self._timer.stop()
         if not names:
-            text = "nothing was running; all robots were told to stop"
+            text = "nothing was running; all robots were sent a stop"
         elif waiting:
             text = f"stopping {_listed(waiting)}"
         else:

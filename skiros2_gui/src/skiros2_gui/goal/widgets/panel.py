@@ -68,7 +68,7 @@ class GoalBar(QWidget):
         self.achieve.setEnabled(goals.can_plan)
         missing = "" if goals.has_task_manager else "The task manager is not running"
         self.plan.setToolTip(plain_tip(missing or "Plans the goal and shows what would change; nothing moves  (Enter)"))
-        self.achieve.setToolTip(plain_tip(missing or "Has the robots reach the goal"))
+        self.achieve.setToolTip(plain_tip(missing or "Plans the goal, and has the robots execute the plan"))
         self.cancel.setEnabled(goals.is_busy)
         self.earlier.setEnabled(bool(goals.history))
 

@@ -61,9 +61,9 @@ class LearningTab(QWidget):
         self._status = text_label("learningStatus")
         self._replay = push_button("Replay", "replayButton", self.replay, "Runs the evaluation again, without nodes")
         self._apply = push_button(
-            "Apply", "applyButton", self.apply, "Stores the configuration: skills take it when they start"
+            "Apply", "applyButton", self.apply, "Stores the configuration: skills use it when they start"
         )
-        self._take_back = push_button("Take back", "takeBackButton", self.take_back, "Removes the chosen configuration")
+        self._revert = push_button("Revert", "revertButton", self.revert, "Removes the chosen configuration")
         self._lay_out()
         self._show_buttons()
 
@@ -111,11 +111,11 @@ class LearningTab(QWidget):
         if chosen is not None and wmi is not None:
             self._run("applying a configuration", partial(studies.apply_configuration, wmi, *chosen), self._applied)
 
-    def take_back(self) -> None:
+    def revert(self) -> None:
         """Removes the chosen parameter set."""
         eid, wmi = self._sets.currentData(), self._window.system.world
         if eid and wmi is not None:
-            self._run("taking a configuration back", partial(studies.take_back, wmi, eid), lambda _: self._removed(eid))
+            self._run("reverting a configuration", partial(studies.revert, wmi, eid), lambda _: self._removed(eid))
 
     # -- results -------------------------------------------------------------------------------------------------------
 
@@ -161,7 +161,7 @@ class LearningTab(QWidget):
         self._read_sets()
 
     def _removed(self, eid: str) -> None:
-        self._status.setText(f"{eid} is taken back")
+        self._status.setText(f"{eid} is reverted")
         self._read_sets()
 
     def _read_sets(self) -> None:
@@ -190,7 +190,7 @@ class LearningTab(QWidget):
         is_chosen, has_world = self._chosen() is not None, self._window.system.world is not None
         self._replay.setEnabled(is_chosen)
         self._apply.setEnabled(is_chosen and has_world)
-        self._take_back.setEnabled(self._sets.count() > 0 and has_world)
+        self._revert.setEnabled(self._sets.count() > 0 and has_world)
 
     def _run(self, activity: str, call: Callable[[], Any], done: Callable[[Any], None], queue: str = _QUEUE) -> None:
         self._window.jobs.run(call, done, activity=activity, queue=queue)
@@ -212,7 +212,7 @@ class LearningTab(QWidget):
         actions.addStretch(1)
         actions.addWidget(PlainLabel("Applied:"))
         actions.addWidget(self._sets, 1)
-        actions.addWidget(self._take_back)
+        actions.addWidget(self._revert)
         left = QSplitter(Qt.Vertical)
         left.addWidget(self._studies)
         left.addWidget(self._configurations)

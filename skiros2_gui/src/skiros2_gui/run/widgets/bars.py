@@ -52,7 +52,7 @@ class TreeBar(QToolBar):
         self.count.setContentsMargins(6, 0, 6, 0)
         self.follow = QCheckBox("Follow")
         self.follow.setObjectName("follow")
-        self.follow.setToolTip("keep the running node in sight")
+        self.follow.setToolTip("keep the running node in view")
         self.follow.setChecked(presenter.follows)
         self.follow.toggled.connect(lambda is_on: setattr(presenter, "follows", is_on))
         self._jump = tool_button(
@@ -117,11 +117,11 @@ class HistoryBar(QWidget):
         self._slider = QSlider(Qt.Horizontal)
         self._slider.setObjectName("historySlider")
         self._slider.setAccessibleName("tick of the task")
-        self._slider.setToolTip("the ticks of the task; the arrow keys go one back or on")
+        self._slider.setToolTip("the ticks of the task; the arrow keys go one back or forward")
         self._slider.setPageStep(25)
         self._slider.valueChanged.connect(self._go)
         self._back = tool_button("", "historyBack", lambda: presenter.step(-1), "one tick back")
-        self._on = tool_button("", "historyOn", lambda: presenter.step(1), "one tick on")
+        self._on = tool_button("", "historyOn", lambda: presenter.step(1), "one tick forward")
         for button, arrow in ((self._back, Qt.LeftArrow), (self._on, Qt.RightArrow)):
             button.setArrowType(arrow)
             button.setAutoRaise(True)

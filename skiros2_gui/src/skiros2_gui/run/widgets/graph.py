@@ -24,7 +24,7 @@ _READABLE, _PLAIN = 0.45, 0.25
 #: If more nodes change, the whole view is repainted.
 _MAX_SINGLE = 40
 
-#: The least and the greatest width of a column (letters).
+#: The minimum and maximum width of a column (letters).
 NARROWEST, WIDEST = 6, 30
 
 #: The share of the state's colour in a box.

@@ -16,7 +16,7 @@ from skiros2_skill.core.breakpoint import AT_END, BEFORE_START
 #: The range of scales.
 _SMALLEST, _LARGEST = 0.005, 4.0
 
-#: The least scale chosen automatically; names are readable.
+#: The minimum scale chosen automatically; names are readable.
 _READABLE = 0.55
 
 _STEP = 1.2
@@ -103,7 +103,7 @@ class TreeView(QGraphicsView):
     def fit(self, least: float = _SMALLEST) -> None:
         """Fits the tree into the view, at most at 100 %, also after later changes until the user scrolls.
 
-        :param least: the least scale; if the tree is larger, the view is centred on the running node.
+        :param least: the minimum scale; if the tree is larger, the view is centred on the running node.
         """
         self._is_fitted, self._least = True, least
         bounds, room = self._item.boundingRect(), self.viewport().rect()

@@ -40,7 +40,7 @@ _EVENTS = InteractiveMarkerFeedback
 class GuidingMarkers:
     """A marker for each gripper of the scene, in a thread of its own, until `close`.
 
-    A marker is where its tool is; while it is dragged, a spring draws the tool towards it. Idle while no view is
+    A marker is where its tool is; while it is dragged, a spring pulls the tool towards it. Idle while no view is
     connected, and without a simulator: a real arm is guided by hand. One object per process.
 
     :param world: names the grippers; used in the thread of this class.

@@ -185,7 +185,7 @@ class SelectedMarker:
         """:raises SkirosError: the world model refuses, or the element does not exist."""
         element = self._world.find_element(target.id)
         if element is None:
-            raise WmException(f"{target.id} is not in the scene any more")
+            raise WmException(f"{target.id} is no longer in the scene")
         space.set_pose(element, target.pose)
         if target.frame != space.text(element, space.BASE_FRAME).lstrip("/"):
             space.set_text(element, space.BASE_FRAME, target.frame)

@@ -194,7 +194,7 @@ def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandRe
         if _matches_robot(skill.robot, arguments.robot) and arguments.depth in (0, skill.depth)
     ]
     if arguments.total:
-        lines = table(screen, _total_rows(selected), ("skill", "runs", "failed", "mean s", "least", "most", "sum s"))
+        lines = table(screen, _total_rows(selected), ("skill", "runs", "failed", "mean s", "min", "max", "sum s"))
     else:
         headers = ("skill", "robot", "task", "at s", "took s", "state", "message")
         lines = table(screen, [_skill_row(s, run) for s in selected], headers)
@@ -407,7 +407,7 @@ def parse_time(text: str, run: Run) -> float:
         number = math.nan
     if not math.isfinite(number):
         raise WrongValue(
-            f"{text!r} is no time: expected s after the start (12.5) or before the end (-3), or '2026-11-21 14:05:30'"
+            f"{text!r} is not a time: expected s after the start (12.5), before the end (-3) or '2026-11-21 14:05:30'"
         )
     if number >= _ABSOLUTE:
         return number

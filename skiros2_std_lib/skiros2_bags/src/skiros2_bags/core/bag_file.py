@@ -131,7 +131,8 @@ class BagFile:
         try:
             return decoder(message.data)
         except (SerdeError, *DAMAGE) as error:
-            raise BagError(f"{message.location} is no {message.type}: {error or type(error).__name__}") from error
+            text = f"{message.location} is not a valid {message.type}: {error or type(error).__name__}"
+            raise BagError(text) from error
 
     def _decoder(self, message: Message) -> Any:
         """Returns a decoder for the type of a message, from the definition in the bag.

@@ -43,7 +43,7 @@ class BagWriter:
         self.active = path.with_name(f"{path.name}.active")
         self.count = 0
         if path.exists() and not replace:
-            raise BagError(f"{path}: there is such a file already")
+            raise BagError(f"{path}: the file exists already")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self.active.unlink(missing_ok=True)  # left by a killed recorder
@@ -208,4 +208,4 @@ def pattern(text: str) -> re.Pattern[str] | None:
     try:
         return re.compile(text) if text else None
     except re.error as error:
-        raise WrongValue(f"{text!r} is no regular expression: {error}") from None
+        raise WrongValue(f"{text!r} is not a regular expression: {error}") from None

@@ -204,7 +204,7 @@ def _property(content: bytes) -> Property:
     try:
         values = _read_json(text)
     except (ValueError, RecursionError) as error:
-        raise WrongValue(f"property {key!r}: {format_value(text)} is no JSON list: {error}") from None
+        raise WrongValue(f"property {key!r}: {format_value(text)} is not a JSON list: {error}") from None
     if not isinstance(values, list):
         values = [values]
     kind = _TYPES.get(type_name, type(values[0]) if values else str)

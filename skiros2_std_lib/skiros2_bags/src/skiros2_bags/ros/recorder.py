@@ -152,7 +152,7 @@ class Recorder:
         try:
             self._read_parameters()
         except (OSError, rosgraph.MasterException) as error:
-            log.debug("the master has gone before the recorder: %s", error)
+            log.debug("the master ended before the recorder: %s", error)
 
     def _read_parameters(self) -> None:
         text = json.dumps(self._master.getParam("/"), sort_keys=True, default=str)

@@ -47,7 +47,7 @@ def checked_settings(given: Any, name: str) -> dict[str, str]:
     """Checks the settings of an arm.
 
     :param name: of the parameter, for the error text.
-    :raises ConfigurationError: it is no table of names, or has unknown keys; the text lists all problems.
+    :raises ConfigurationError: it is not a table of names, or has unknown keys; the text lists all problems.
     """
     if not isinstance(given, dict):
         raise ConfigurationError(f"parameter {name} is {given!r}, expected a table")

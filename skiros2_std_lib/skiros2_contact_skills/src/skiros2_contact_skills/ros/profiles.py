@@ -20,7 +20,7 @@ Lookup = Callable[[str], Pose]
 
 
 class Reading(NamedTuple):
-    """What a driver measures.
+    """The measurements of a driver.
 
     :param pose: of the tool in the driver's base frame (m).
     :param wrench: force (N) and torque about the tool (Nm) that the environment exerts on the hand, along the axes of
@@ -38,7 +38,7 @@ class Stiffness:
     """Parameters that set the stiffness, by the service `dynamic_reconfigure/Reconfigure`.
 
     :param parameters: names, each with the axes (0 to 5: along, about x, y, z) that it sets, and its maximum. One for
-        several axes is set to the least of their values: the arm is never stiffer than wanted.
+        several axes is set to the minimum of their values: the arm is never stiffer than wanted.
     """
 
     service: str

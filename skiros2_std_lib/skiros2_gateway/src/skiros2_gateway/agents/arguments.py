@@ -49,7 +49,7 @@ class ListSkills(Arguments):
 
 
 class QueryWorld(Arguments):
-    """What is read of the world model: one of the three."""
+    """A query of the world model: one of the three."""
 
     sparql: str = Field("", max_length=20_000, description="a SPARQL SELECT query; nothing else is read then")
     id: str = Field("", description="the id of an element")
@@ -110,7 +110,7 @@ class Execute(ActionArguments):
 
 
 class Stop(Arguments):
-    """What is stopped: a job, a task of a robot, or all tasks of robots."""
+    """The target of a stop: a job, a task of a robot, or all tasks of robots."""
 
     job: str = Field("", description="id of a job")
     robots: list[str] = Field([], description="node names; empty, without a job: all robots")
@@ -139,7 +139,7 @@ class RunArguments(Arguments):
 
 
 class Propose(RunArguments):
-    """What a failed job or task lacks: facts of the world model, or values of parameters."""
+    """The missing facts of the world model, or values of parameters, of a failed job or task."""
 
     reason: Reason = Field(min_length=1, max_length=2000, description="for the person who approves it")
     properties: tuple[PropertyEdit, ...] = Field((), max_length=100)

@@ -31,7 +31,7 @@ class Proposals:
     async def propose(self, caller: Caller, wanted: Propose) -> dict[str, Any]:
         """Applies a proposal once it is approved, as a whole, and retries the job or skill if that is wanted.
 
-        What runs after edits depends on them, so the retry is a request of its own, with its plan or start check.
+        A retry after edits depends on them, so the retry is a request of its own, with its plan or start check.
 
         :returns: `changes` of the world model, a line each; `retried`: the new job or task, or None; `why`: the reason
             why it was not started.

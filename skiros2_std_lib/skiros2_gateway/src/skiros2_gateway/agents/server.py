@@ -36,7 +36,7 @@ _INSTRUCTIONS = (
 
 
 class _Read(BaseModel):
-    """What a person has read: its digest."""
+    """The digest of the request that a person has read."""
 
     model_config = ConfigDict(extra="forbid")
     digest: str = ""
@@ -81,7 +81,7 @@ class AgentServer:
 
         @router.get("/api/approvals", responses=answers(models.Approvals))
         async def approvals(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
-            """What agents ask for: {approvals: [{id, digest, user, what, robots, reason, created, expires}]}.
+            """The open requests of agents: {approvals: [{id, digest, user, what, robots, reason, created, expires}]}.
 
             `what` has exactly what will run, of which `digest` is the SHA-256, and what a person should read beside it.
             """

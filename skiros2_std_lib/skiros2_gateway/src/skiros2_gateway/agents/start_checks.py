@@ -1,4 +1,4 @@
-"""What must hold before an agent's job or skill starts: a plan, or a start check without a refusal."""
+"""The conditions for the start of an agent's job or skill: a plan, or a start check without a refusal."""
 
 from __future__ import annotations
 

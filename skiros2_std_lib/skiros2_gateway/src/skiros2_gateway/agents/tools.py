@@ -1,4 +1,4 @@
-"""What agents can do: each tool with its arguments, and what it does with the gateway's model."""
+"""The tools of agents: the arguments of each, and its use of the gateway's model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may do what: checks credentials, roles and rates, and writes the audit log."""
+"""Access control: checks credentials, roles and rates, and writes the audit log."""
 
 from __future__ import annotations
 
@@ -138,11 +138,11 @@ class Access:
     def renew(self, caller: Caller) -> Caller:
         """Returns an earlier caller with the present role.
 
-        :raises Unauthenticated: the credentials are not valid any more.
+        :raises Unauthenticated: the credentials are no longer valid.
         """
         user = self._by_credential.get(caller.credential)
         if user is None or user.name != caller.user:
-            raise Unauthenticated(f"the credentials of {caller.user} are not valid any more")
+            raise Unauthenticated(f"the credentials of {caller.user} are no longer valid")
         return self._caller(user, caller.way, caller.credential, "")
 
     def _admit(self, credential: str, way: str, address: str, reason: str) -> Caller:

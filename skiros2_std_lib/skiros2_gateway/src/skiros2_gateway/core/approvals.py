@@ -22,7 +22,7 @@ MAX_OPEN, MAX_OPEN_OF_USER = 50, 10
 
 @dataclass(frozen=True)
 class Request:
-    """What an agent asks for.
+    """A request of an agent.
 
     :param runs: exactly what will run, as JSON data: the order and its plan, the skill with its values, or edits.
     :param shown: what a person reads beside it, such as the simulated changes.
@@ -140,7 +140,7 @@ class Approvals:
 
         :param digest: of what the person has read; "": not compared.
         :raises UnknownName: no request with this id is open.
-        :raises Denied: the caller is no person, or the one who asks.
+        :raises Denied: the caller is not a person, or is the one who asks.
         :raises Conflict: the request has another digest.
         """
         if approval_id not in self._open:

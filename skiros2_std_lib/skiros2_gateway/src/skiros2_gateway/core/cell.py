@@ -66,7 +66,7 @@ class Ending:
 
 @dataclass(frozen=True)
 class Collected:
-    """What is read from the world model after a goal.
+    """The data read from the world model after a goal.
 
     :param changes: for each changed element a dict with `id`, `author`, `time`, `lines` (one change per line).
     :param quality: values by `parameter.property`.

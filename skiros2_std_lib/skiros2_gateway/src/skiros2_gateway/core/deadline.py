@@ -17,14 +17,14 @@ _deadline: ContextVar[float] = ContextVar("deadline", default=math.inf)
 def read_deadline(text: str) -> float:
     """Returns a deadline that a client sends.
 
-    :raises WrongValue: it is no number.
+    :raises WrongValue: it is not a number.
     """
     try:
         found = float(text)
     except ValueError:
         found = math.nan
     if math.isnan(found):
-        raise WrongValue(f"the deadline {text[:40]!r} is no number, expected s of the gateway's monotonic clock")
+        raise WrongValue(f"the deadline {text[:40]!r} is not a number, expected s of the gateway's monotonic clock")
     return found
 
 

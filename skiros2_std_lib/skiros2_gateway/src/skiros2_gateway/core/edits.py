@@ -43,7 +43,7 @@ class RelationEdit(BaseModel):
 
 @dataclass(frozen=True)
 class Edits:
-    """What is changed, as a whole or not at all."""
+    """Changes that are applied as a whole or not at all."""
 
     properties: tuple[PropertyEdit, ...] = ()
     relations: tuple[RelationEdit, ...] = ()
@@ -54,7 +54,7 @@ class Edits:
 
 @dataclass(frozen=True)
 class EditPreview:
-    """What edits would change.
+    """The changes that edits would make.
 
     :param lines: one change each: `+` added, `-` removed, `~` changed.
     :param versions: of the edited elements when the scene was read, by id.
@@ -88,7 +88,7 @@ def preview_edits(wm: WorldModelAbstractInterface, edits: Edits) -> EditPreview:
             problems.append(Problem(error.code, where, str(error), nearest=_near(wm, name)))
     lines = changed_lines(difference(scene.values(), copy.get_scene_elements()))
     if not problems and not lines:
-        problems.append(Problem("wrong_value", "properties", "the world model is so already", "a change"))
+        problems.append(Problem("wrong_value", "properties", "the world model has these values already", "a change"))
     if problems:
         raise Rejected(problems)
     return EditPreview(tuple(lines), {element.id: element.version for element in found if element is not None})

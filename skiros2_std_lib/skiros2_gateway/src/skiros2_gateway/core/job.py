@@ -34,7 +34,7 @@ def _carried(value: bool | int | float | str, info: ValidationInfo) -> bool | in
     is_right = info.context is _STORED
     is_right |= -(2**63) <= value < 2**63 if isinstance(value, int) else isinstance(value, str) or math.isfinite(value)
     if not is_right:
-        raise ValueError(f"{str(value)[:50]} is no finite number or no integer of 64 bits")
+        raise ValueError(f"{str(value)[:50]} is not a finite number or not an integer of 64 bits")
     return value
 
 
@@ -137,7 +137,7 @@ FINAL = (State.ENDED, State.ABORTED)
 
 
 class Order(BaseModel):
-    """What a client wants: a goal, or a work master with parameters."""
+    """An order of a client: a goal, or a work master with parameters."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 
@@ -174,7 +174,7 @@ def read_order(data: Any) -> Order:
 
 @dataclass
 class Response:
-    """What a job has done.
+    """The result of a job.
 
     :param outcome: "" before the end; then as `state` of the result of the action Achieve, or `lost`.
     :param plan, steps: as in the feedback of Achieve; `steps` has the robot, state and message of each started step.

@@ -312,7 +312,7 @@ class JobControl:
         """Returns the job of an order, or None; raises `Conflict` if another order has its id."""
         known = self._jobs.find(order.id)
         if known is not None and known.order.digest != order.digest:
-            raise Conflict(f"job {order.id} exists with other content; Update it, or use another id")
+            raise Conflict(f"job {order.id} exists with different content; Update it, or use another id")
         return known
 
     def _collect(self, job: Job) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def json_text(data: Any) -> str:
-    """Returns data as JSON. Numbers that JSON lacks become texts, as does everything that is no JSON data."""
+    """Returns data as JSON. Numbers that JSON lacks become texts, as does everything that is not JSON data."""
     try:
         return json.dumps(data, default=str, allow_nan=False, separators=(",", ":"))
     except ValueError:  # seldom: the usual data are not copied

@@ -78,7 +78,7 @@ class Keys:
     ) -> Any:
         """Carries out a command, unless the user has sent it before with this key. Returns the answer.
 
-        A command that was refused has changed nothing, and may be sent again. When no client waits any more, the
+        A command that was refused has changed nothing, and may be sent again. When no client waits for it, the
         command is cancelled.
 
         :param key: chosen by the client; "": the command is carried out.

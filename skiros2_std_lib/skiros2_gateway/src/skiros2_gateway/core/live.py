@@ -36,10 +36,10 @@ from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.values import NodeStatus
 
-#: What can be done with a task.
+#: Actions on a task.
 TASK_ACTIONS = ("stop", "pause", "resume", "step")
 
-#: The least time between patches (s).
+#: The shortest time between patches (s).
 PERIOD = 0.04
 
 #: Patches kept for viewers that resume: 10 s of changes at each patch.
@@ -219,7 +219,7 @@ class LiveView:
         self._publish()
 
     def _forget(self) -> None:
-        """Removes runs that are not kept any more, and the trees of older ones."""
+        """Removes runs that are no longer kept, and the trees of older ones."""
         kept = {id(run) for run in self.runs}
         for key in [key for key, run in self._keys.items() if id(run) not in kept]:
             del self._keys[key]

@@ -1,4 +1,4 @@
-"""What is wrong with a request: every problem with its place, its expectation and the nearest known names."""
+"""The problems of a request, each with its place, its expectation and the nearest known names."""
 
 from __future__ import annotations
 

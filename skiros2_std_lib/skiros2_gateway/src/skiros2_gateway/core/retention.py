@@ -23,7 +23,7 @@ _DAY = 86_400.0  # s
 
 
 class Ages:
-    """What is old in a store.
+    """The ages at which data in a store are old.
 
     :param seconds: the age from which something is old.
     """

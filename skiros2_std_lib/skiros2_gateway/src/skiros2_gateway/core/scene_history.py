@@ -13,7 +13,7 @@ from skiros2_gateway.core.scene_view import SceneView
 #: The tables of the live view that have a history.
 TABLES = ("elements", "frames", "bodies")
 
-#: The least time between two entries of one key (s).
+#: The shortest time between two entries of one key (s).
 _PERIOD = 0.2
 #: Entries kept; a frame takes some 400 bytes, an element some kB.
 _MAX_ENTRIES = 100_000

@@ -50,7 +50,7 @@ class SceneView:
         """Returns the visuals of a robot: {frame, pose, shape, size, mesh, colour}.
 
         :param prefix: of the tf frames of its links.
-        :raises WrongValue: the text is no URDF.
+        :raises WrongValue: the text is not a URDF.
         """
         parts = read_robot(urdf, prefix)
         self.meshes.update(part.mesh for part in parts if part.shape == MESH)

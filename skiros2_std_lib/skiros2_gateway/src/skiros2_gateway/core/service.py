@@ -1,4 +1,4 @@
-"""What clients can do, the same for REST, OPC UA, MQTT and agents: checks the role, counts, audits and does it."""
+"""The functions for clients of REST, OPC UA, MQTT and for agents: each checks the role, counts, audits and executes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ T = TypeVar("T")
 #: How many plans a user may ask for at once, and how many bags.
 _AT_ONCE = 2
 
-#: What can be done with all tasks of a robot.
+#: Actions on all tasks of a robot.
 ROBOT_ACTIONS = ("stop", "pause", "resume")
 
 
@@ -58,7 +58,7 @@ class Service:
     def renew(self, caller: Caller) -> Caller:
         """Returns a caller who was admitted earlier, such as that of a stream, with the present role.
 
-        :raises Unauthenticated: the credentials are not valid any more, or the session has ended.
+        :raises Unauthenticated: the credentials are no longer valid, or the session has ended.
         """
         if caller.session and not self.sessions.is_open(caller.session):
             raise Unauthenticated("the session has ended; log in again")

@@ -86,7 +86,7 @@ class Sessions:
     def caller(self, secret: str) -> Caller:
         """Returns the caller of a session.
 
-        :raises Unauthenticated: it has ended, or the credentials of its login are not valid any more.
+        :raises Unauthenticated: it has ended, or the credentials of its login are no longer valid.
         """
         session = self._find(secret)
         if session is None:

@@ -64,7 +64,7 @@ class JobStore:
     """The file. To be used by one thread. Each method raises `StoreFailed` if the file cannot be read or written.
 
     :param path: created if it does not exist; its folder exists. ":memory:" keeps nothing.
-    :raises ConfigurationError: the file is no store of this version.
+    :raises ConfigurationError: the file is not a store of this version.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -83,7 +83,7 @@ class JobStore:
             self._db.execute(f"PRAGMA user_version = {_VERSION}")
         except sqlite3.DatabaseError as error:
             self._db.close()
-            raise ConfigurationError(f"{path} is no job store: {error}") from error
+            raise ConfigurationError(f"{path} is not a job store: {error}") from error
 
     def close(self) -> None:
         """Closes the file."""

@@ -24,7 +24,7 @@ _PERIOD = 0.5
 
 
 class Role(IntEnum):
-    """What a user may do. Each role includes the lower ones, except that `AGENT` is included in none.
+    """The rights of a user. Each role includes the lower ones, except that `AGENT` is included in none.
 
     An agent calls agents' tools as an operator does, and is refused everywhere else.
     """
@@ -62,7 +62,7 @@ class User(BaseModel):
         if self.role.upper() not in Role.__members__:
             raise ValueError(f"role {self.role!r} is unknown, expected one of: {_NAMES}")
         if self.person and self.level is Role.AGENT:
-            raise ValueError("an agent is no person")
+            raise ValueError("an agent is not a person")
         if self.token and len(self.token) < 16:
             raise ValueError("the token is too short, expected at least 16 characters")
         if not (self.token or self.sha256 or self.certificate):
@@ -176,7 +176,7 @@ class UsersFile:
         try:
             self.users = _read(self._path)
         except ConfigurationError as error:
-            log.error("the users stay as they were: %s", error)
+            log.error("the users are unchanged: %s", error)
             return False
         log.info("%s has changed: %d users", self._path, len(self.users))
         return True

@@ -52,9 +52,9 @@ class WorkParameter(BaseModel):
         kinds = _BASIC.get(self.type, (str,))
         if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
             expected = self.type if self.type in _BASIC else f"the id of an element of class {self.type}"
-            return Problem("wrong_type", where, f"{value!r} is no {self.type}", expected)
+            return Problem("wrong_type", where, f"{value!r} is not of type {self.type}", expected)
         if self.choices and value not in self.choices:
-            return Problem("wrong_value", where, f"{value!r} is no choice", f"one of {list(self.choices)}")
+            return Problem("wrong_value", where, f"{value!r} is not one of the choices", f"one of {list(self.choices)}")
         if isinstance(value, str) and set('"\n\r') & set(value):
             return Problem("wrong_value", where, "the text has a quote or a line break", "text without them")
         if isinstance(value, int | float):

@@ -1,4 +1,4 @@
-"""Who sends a request: the arguments of routes with the authenticated caller and the gateway's model."""
+"""The callers of requests: the arguments of routes with the authenticated caller and the gateway's model."""
 
 from __future__ import annotations
 

@@ -26,12 +26,12 @@ _TEXTS = {
     405: "no such method", 408: "the body has not arrived in time", 409: "not in this state", 413: "too large",
     422: "wrong fields", 429: "too many requests", 503: "the cell does not answer",
 }  # fmt: skip
-#: What each route may answer.
+#: The possible answers of each route.
 _ALWAYS = (400, 401, 403, 408, 413, 422, 429, 503)
 
 
 class ProblemOfField(BaseModel):
-    """What is wrong with a field."""
+    """A problem of a field."""
 
     code: str
     where: str

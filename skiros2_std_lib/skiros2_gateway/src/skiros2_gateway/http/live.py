@@ -46,7 +46,7 @@ NodeId = Annotated[int, PathParam(ge=0, lt=2**31)]
 
 _FILE = {**errors_of(404), 200: {"content": {"*/*": {}}}}
 
-#: What the page may load: its own files only, and pictures that it draws itself.
+#: The page may load its own files only, and pictures that it draws itself.
 _POLICY = (
     "default-src 'self'; connect-src 'self'{}; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline';"
     " frame-ancestors 'none'"

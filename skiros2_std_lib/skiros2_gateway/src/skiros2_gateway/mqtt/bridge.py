@@ -68,7 +68,7 @@ class MqttBridge:
 
     def __init__(self, service: Service, settings: Settings) -> None:
         """
-        :raises ConfigurationError: a file of the settings cannot be read, or the port is no number.
+        :raises ConfigurationError: a file of the settings cannot be read, or the port is not a number.
         """
         self._service = service
         self._prefix = settings.mqtt_prefix.strip("/")
@@ -144,7 +144,7 @@ class MqttBridge:
 
     def _read(self, payload: bytes, is_retained: bool) -> dict[str, Any]:
         """
-        :raises Rejected: the message is no command.
+        :raises Rejected: the message is not a command.
         """
         if len(payload) > self._max_body:
             raise Rejected([Problem("wrong_type", "", f"expected at most {self._max_body} bytes")])
@@ -298,15 +298,15 @@ def _bytes(character: str) -> bytes:
 
 def _json_object(text: str | bytes) -> dict[str, Any]:
     """
-    :raises Rejected: it is no JSON object.
+    :raises Rejected: it is not a JSON object.
     """
     try:
         data = read_json(text if isinstance(text, str) else text.decode())
-        json.dumps(data, ensure_ascii=False).encode()  # an escaped half of a surrogate pair is no text
+        json.dumps(data, ensure_ascii=False).encode()  # an escaped half of a surrogate pair is not text
     except (ValueError, RecursionError) as error:
-        raise Rejected([Problem("wrong_value", "", f"the message is no JSON: {error}")]) from None
+        raise Rejected([Problem("wrong_value", "", f"the message is not JSON: {error}")]) from None
     if not isinstance(data, dict):
-        raise Rejected([Problem("wrong_type", "", "the message is no JSON object")])
+        raise Rejected([Problem("wrong_type", "", "the message is not a JSON object")])
     return data
 
 

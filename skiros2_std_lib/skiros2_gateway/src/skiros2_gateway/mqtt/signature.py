@@ -59,14 +59,14 @@ class Freshness:
         """Checks a command whose signature is right.
 
         :param sent: its field `time`.
-        :raises Unauthenticated: it is old, or has come before.
+        :raises Unauthenticated: it is old, or was received before.
         """
         now = self._clock()
         is_number = isinstance(sent, int | float) and not isinstance(sent, bool) and math.isfinite(sent)
         if not is_number or not abs(now - sent) <= _TOLERANCE:
             raise Unauthenticated(f"the command's time is {sent!r}, expected {now:.0f} within {_TOLERANCE:g} s")
         if signature in self._seen:
-            raise Unauthenticated("the command has come before")
+            raise Unauthenticated("the command was received before")
         self._seen = {key: at for key, at in self._seen.items() if abs(now - at) <= 2 * _TOLERANCE}
         self._seen[signature] = sent
 

@@ -81,7 +81,7 @@ class _Users:
 class _Rules(SimpleRoleRuleset):
     """Notes whose request is processed: the request and the methods that it calls run in one task.
 
-    A session whose user was removed, or has another token, may do nothing any more.
+    A session whose user was removed, or has another token, may no longer do anything.
     """
 
     def __init__(self, service: Service) -> None:
@@ -290,7 +290,7 @@ class OpcuaServer:
                 await self._write("JobOrderList", self._lists.orders())
                 await self._write("JobOrderResponseList", self._lists.responses())
             except Exception:
-                log.exception("OPC UA: the lists of jobs are as they were")
+                log.exception("OPC UA: the lists of jobs are unchanged")
             await asyncio.sleep(_LIST_PERIOD)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -298,7 +298,7 @@ class OpcuaServer:
             try:
                 await work
             except Exception:
-                log.exception("the OPC UA server does not follow the gateway any more")
+                log.exception("the OPC UA server no longer follows the gateway")
 
         return asyncio.get_running_loop().create_task(guarded())
 

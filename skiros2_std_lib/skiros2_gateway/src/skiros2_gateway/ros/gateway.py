@@ -43,7 +43,7 @@ from skiros2_gateway.ros.stop_process import StopProcess
 
 log = logging.getLogger(__name__)
 
-#: Private parameters that are no settings: of every node, and those that the gateway sets.
+#: Private parameters that are not settings: of every node, and those that the gateway sets.
 _OTHERS = ("verbose", "debug", "address", "stop_address", "opcua_address")
 
 

@@ -36,7 +36,7 @@ UNKNOWN_AFTER = 5.0
 FORGOTTEN_AFTER = 2.0
 #: A task manager without status messages for this time is lost (s); roslaunch starts a killed one again before.
 SILENCE = 30.0
-#: A task manager that has been silent for this time gets no new goals (s); it sends five messages a second.
+#: A task manager that has sent no status for this time gets no new goals (s); it sends five messages a second.
 NOT_READY_AFTER = 2.0
 
 _CHECK_PERIOD = 0.5  # s
@@ -190,11 +190,11 @@ class AchieveGoals:
                 text = f"{goal.text} (the gateway has not received the result)".strip()
                 self._end(goal_id, Ending(outcome, text))
             elif silent > SILENCE and now - goal.since > SILENCE:
-                self._end(goal_id, Ending(LOST, f"the task manager has been silent for {SILENCE:g} s"))
+                self._end(goal_id, Ending(LOST, f"the task manager has sent no status for {SILENCE:g} s"))
             elif silent < 1.0 and goal.status < 0 and now - goal.since > UNKNOWN_AFTER:
                 self._end(goal_id, Ending(LOST, "the task manager does not know the goal: it ended, or never arrived"))
             elif silent < 1.0 and goal.status >= 0 and now - goal.since > FORGOTTEN_AFTER:
-                self._end(goal_id, Ending(LOST, "the task manager does not know the goal any more: it was restarted"))
+                self._end(goal_id, Ending(LOST, "the task manager no longer knows the goal: it was restarted"))
         if self.is_ready != self._was_ready:
             self._was_ready = not self._was_ready
             self._changed()

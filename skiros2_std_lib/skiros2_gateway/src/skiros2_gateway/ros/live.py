@@ -44,7 +44,7 @@ _RATE = 25.0
 #: The pause after the world model has not answered (s).
 _RETRY_DELAY = 1.0
 
-#: What viewers may read of the folders with meshes: also materials and textures.
+#: Files in the folders with meshes that viewers may read: also materials and textures.
 _MESH_FILES = (".stl", ".obj", ".dae", ".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga")
 
 
@@ -119,7 +119,7 @@ class LiveRos:
         if url not in meshes and not any(mesh.rpartition("/")[0] == base for mesh in meshes):
             raise UnknownName(f"no element or robot has the mesh {url}")
         if ".." in extra or Path(extra).suffix.lower() not in _MESH_FILES:
-            raise UnknownName(f"{url} is no mesh, and no material or texture beside one")
+            raise UnknownName(f"{url} is not a mesh, and not a material or texture beside one")
         if url.startswith("package://"):
             package, _, rest = url.removeprefix("package://").partition("/")
             try:

@@ -34,7 +34,7 @@ Audit = Callable[[dict[str, str]], None]
 
 
 class Users:
-    """Who may stop robots: user names by the SHA-256 of tokens and of the secrets of sessions.
+    """The users that may stop robots: names by the SHA-256 of tokens and of the secrets of sessions.
 
     Call `close` at the end.
 

@@ -25,7 +25,7 @@ def main() -> None:
     """Serves until the input ends."""
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="stop port: %(message)s")
     output = os.dup(1)
-    os.dup2(2, 1)  # what libraries print is no entry
+    os.dup2(2, 1)  # what libraries print is not an entry
     asyncio.run(_serve(output))
 
 

@@ -165,7 +165,7 @@ class _Run:
         findings = [
             _success(tried),
             Finding(True, f"with the defaults of the skill and the same draws: {usual.success_rate:.0%}"),
-            Finding(most <= MAX_FORCE, f"the greatest force was {most:.1f} N; {MAX_FORCE:g} N are allowed"),
+            Finding(most <= MAX_FORCE, f"the maximum force was {most:.1f} N; {MAX_FORCE:g} N are allowed"),
         ]
         return findings, {"One insertion": _profiles(results.scenario, configurations, tried.seed)}
 

@@ -195,7 +195,7 @@ def _predict(options: argparse.Namespace) -> CommandResult:
         date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         source = f"{options.study.resolve()} for {_values_text(variation)}"
         added = apply_result(connect(options.wm, user()), scenario, _CHECK_NUMBER, result, date, source)
-        lines += [f"{each.id}: take it back with: learn remove {each.id}" for each in added]
+        lines += [f"{each.id}: revert it with: learn remove {each.id}" for each in added]
     return CommandResult(lines, data)
 
 
@@ -224,7 +224,7 @@ def _apply(options: argparse.Namespace) -> CommandResult:
     source = public_name(options.storage) if options.storage else str(options.study.resolve())
     added = apply_result(connect(options.wm, user()), study.scenario, options.number, result, date, source)
     lines = [f"{each.id}: {describe(result)}" for each in added]
-    return CommandResult([*lines, "take it back with: learn remove ID"], [each.id for each in added])
+    return CommandResult([*lines, "revert it with: learn remove ID"], [each.id for each in added])
 
 
 def _remove(options: argparse.Namespace) -> CommandResult:
@@ -332,10 +332,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
     command = add("import", "Prints the variables and objectives of a HyperMapper scenario (JSON) in this layout.")
     command.add_argument("file", type=Path, metavar="JSON", help="scenario of HyperMapper")
-    command = add_study("apply", "Stores a configuration in the world model: skills take it when they start.")
+    command = add_study("apply", "Stores a configuration in the world model: skills use it when they start.")
     command.add_argument("number", type=int, metavar="NUMBER", help="number of the evaluation")
     command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
-    command = add("remove", "Takes an applied configuration back.")
+    command = add("remove", "Reverts an applied configuration.")
     command.add_argument("id", metavar="ID", help="id of the parameter set")
     command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
     command = add_study("replay", "Runs an evaluation again and compares it with the stored result.")

@@ -17,9 +17,9 @@ from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Value, Variable, configuration_problems
 
-#: Fraction of an earlier study's configurations that count as good, and their least number.
+#: Fraction of an earlier study's configurations that count as good, and their minimum number.
 _GOOD, _LEAST = 0.15, 3
-#: Least standard deviation of the kernels, as a fraction of the range of the variable.
+#: Minimum standard deviation of the kernels, as a fraction of the range of the variable.
 _NARROWEST = 0.04
 #: Best configurations of each earlier study that a new one evaluates first.
 _REPEATED = 2

@@ -29,7 +29,7 @@ class EpisodeRecord:
     :param orientations: of the same, quaternions (x, y, z, w): shape (T, 4).
     :param series: other values by name, shape (T,): `ARM.force` (N) and `ARM.torque` (Nm) by the contacts of the hand,
         `ARM.measured_force` and `ARM.measured_torque` by the sensor at the wrist, `ARM.power` of the motors (W).
-        Forces and torques are the greatest since the last sample; powers their mean.
+        Forces and torques are the maximum since the last sample; powers their mean.
     :param clearances: the distance (m) of pairs of labels, shape (T,), negative when they overlap; the pairs that
         rewards ask for.
     :param wmi: the world model after the execution.

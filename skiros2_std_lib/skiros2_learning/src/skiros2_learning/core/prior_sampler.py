@@ -5,7 +5,7 @@ It needs Optuna, NumPy, SciPy and scikit-learn, and of this project only `search
     sampler = PriorSampler({"x": Normal(0.2, 0.05), "gait": Choice({"walk": 3, "trot": 1})}, seed=1)
     study = optuna.create_study(sampler=sampler)
 
-What it combines:
+It combines:
 
 - Variables may be real, integer, ordinal (categorical with numbers only) and categorical.
 - The first trials cover the prior evenly, as a Latin hypercube. Then a surrogate is fitted: a Gaussian process (Matérn

@@ -46,7 +46,7 @@ class BodySpread:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What differs from one execution to the next.
+    """The differences between executions.
 
     :param bodies: by label.
     :param sensor: noise of the force/torque sensors at the wrists.

@@ -14,7 +14,7 @@ from scipy.stats.qmc import LatinHypercube
 
 Array = npt.NDArray[np.float64]
 
-#: Smallest density, relative to the greatest one: no value is impossible.
+#: Smallest density, relative to the largest one: no value is impossible.
 _LEAST_DENSITY = 1e-12
 
 

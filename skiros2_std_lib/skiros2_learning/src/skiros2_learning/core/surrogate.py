@@ -54,5 +54,5 @@ def fit_surrogate(kind: SurrogateKind, features: Array, values: Array, random: n
     kernel = matern + WhiteKernel(1e-3, (1e-6, 1.0))
     process = GaussianProcessRegressor(kernel, n_restarts_optimizer=0, random_state=seed)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # a length scale at its bound is no mistake
+        warnings.simplefilter("ignore", ConvergenceWarning)  # a length scale at its bound is not a mistake
         return Surrogate(process.fit(features, normal), float(values.mean()), spread)

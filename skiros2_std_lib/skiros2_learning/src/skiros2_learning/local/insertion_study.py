@@ -68,7 +68,7 @@ class InsertionRun:
     :param max_force: largest force measured at the wrist (N).
     :param time: simulated duration (s).
     :param why: why the task failed.
-    :param profile: time (s), depth (m), and greatest force since the last tick (N), at each tick.
+    :param profile: time (s), depth (m), and maximum force since the last tick (N), at each tick.
     """
 
     success: bool
@@ -181,7 +181,7 @@ class _OneArm:
 
 
 class _Recorder:
-    """Measures the force at the wrist after each step, and notes depth and greatest force since the last note."""
+    """Measures the force at the wrist after each step, and notes depth and maximum force since the last note."""
 
     outcome = None
 

@@ -65,7 +65,7 @@ def produce(scenario: Scenario, number: int, result: Evaluation, study: Path, fo
     limit = scenario.success[0].at_most
     off = math.dist(after, target)
     findings = [
-        Finding(True, f"the skill took the values of {applied.id} and succeeded"),
+        Finding(True, f"the skill used the values of {applied.id} and succeeded"),
         Finding(math.dist(before, target) > limit, f"the block was {math.dist(before, target):.3f} m from the goal"),
         Finding(off <= limit, f"in the simulator it is {off * 1e3:.0f} mm from it; {limit * 1e3:.0f} mm are allowed"),
     ]

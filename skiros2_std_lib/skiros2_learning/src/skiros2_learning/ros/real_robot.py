@@ -245,7 +245,7 @@ class RealRobot:
         return stop
 
     def _taken(self) -> dict[str, float]:
-        """Returns the greatest value of each signal since the last call, or the last one known; of powers the mean."""
+        """Returns the maximum of each signal since the last call, or the last one known; of powers the mean."""
         taken = {}
         with self._lock:
             for name, values in self._values.items():

@@ -1,6 +1,6 @@
 """The port of a compliant arm: what contact skills need of a Cartesian impedance controller.
 
-The controller's law is `J' (-K e - D J dq + F)`: the tool is drawn towards a reference pose by a spring with the
+The controller's law is `J' (-K e - D J dq + F)`: the tool is pulled towards a reference pose by a spring with the
 stiffness K, and exerts the wrench F. A skill changes reference, stiffness, wrench and overlay motion while the arm
 moves; the driver checks the limits of the measured wrench at its own control rate.
 
@@ -122,8 +122,8 @@ class CompliantArm(Protocol):
 def checked_reference(pose: Pose) -> Pose:
     """Returns a reference with a normalised orientation.
 
-    :raises WrongValue: a number is not finite, the position is out of reach or the orientation is no unit quaternion;
-        the text lists all problems.
+    :raises WrongValue: a number is not finite, the position is out of reach or the orientation is not a unit
+        quaternion; the text lists all problems.
     """
     numbers = finite((*pose.position, *pose.orientation), 7, "reference: position and orientation")
     problems = []

@@ -26,13 +26,13 @@ def read_chain(urdf: str, base: str, tip: str) -> Chain:
     """Returns the chain from one link to another.
 
     :param urdf: text of a URDF.
-    :raises ConfigurationError: it is no URDF, a link does not exist, no moving joint is between them, or a number is
+    :raises ConfigurationError: it is not a URDF, a link does not exist, no moving joint is between them, or a number is
         invalid.
     """
     try:
         top = xml.fromstring(urdf)
     except xml.ParseError as error:
-        raise ConfigurationError(f"robot_description is no URDF: {error}") from None
+        raise ConfigurationError(f"robot_description is not a URDF: {error}") from None
     links = [link.get("name", "") for link in top.iter("link")]
     missing = [repr(link) for link in (base, tip) if link not in links]
     if missing:

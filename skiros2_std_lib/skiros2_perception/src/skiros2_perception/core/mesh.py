@@ -12,7 +12,7 @@ from skiros2_perception.core.shape import MAX_SAMPLES, SPACING, Array, Shape
 
 #: Types of files that are read.
 MESHES = (".obj", ".stl")
-#: Bounds of the edges of a model (m): others are not in metres. Least number of samples.
+#: Bounds of the edges of a model (m): others are not in metres. Minimum number of samples.
 _SMALLEST, _LARGEST, _LEAST = 1e-3, 100.0, 2000
 #: Of a binary STL: bytes before the triangles, and a triangle.
 _STL_HEADER = 84

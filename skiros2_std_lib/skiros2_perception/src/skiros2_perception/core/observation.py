@@ -1,4 +1,4 @@
-"""Compares a view with the known objects: which are seen, and where; which are not there any more; what is unknown."""
+"""Compares a view with the known objects: which are seen, and where; which are gone; what is unknown."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Observation:
     """A view compared with the known objects.
 
     :param hidden: ids of the objects that are out of view or behind others: nothing is known about them.
-    :param unknown: things that are no known object.
+    :param unknown: things that are not known objects.
     """
 
     seen: list[Seen] = field(default_factory=list)

@@ -45,7 +45,7 @@ class SceneObjects(NamedTuple):
 
 
 class SceneUpdate(NamedTuple):
-    """What an observation has changed: labels or ids of elements."""
+    """The changes by an observation: labels or ids of elements."""
 
     seen: list[str]
     missed: list[str]

@@ -1,4 +1,4 @@
-"""What a depth image says about an object at a given pose: seen, hidden, or not there."""
+"""The visibility of an object at a given pose in a depth image: seen, hidden, or missing."""
 
 from __future__ import annotations
 

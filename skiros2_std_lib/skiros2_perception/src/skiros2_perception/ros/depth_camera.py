@@ -69,7 +69,7 @@ class DepthCamera:
             self._subscribers.append(rospy.Subscriber(info, CameraInfo, self._on_info, queue_size=1))
             if topics.colour:
                 self._subscribers.append(rospy.Subscriber(topics.colour, Image, self._on_colour, queue_size=_COLOURS))
-        #: What the next view waits for.
+        #: The reason why there is no view yet.
         self.waiting = f"no message on {rospy.resolve_name(main)}"
 
     def close(self) -> None:

@@ -49,7 +49,7 @@ _MAX_REACH = 3.0
 
 
 class Stop(NamedTuple):
-    """A stop at a limit of the wrench, or because the wrench is not measured any more.
+    """A stop at a limit of the wrench, or because the wrench is no longer measured.
 
     :param quantity: FORCE (N), TORQUE (Nm) or SENSOR_AGE (s).
     :param time: simulated time (s).

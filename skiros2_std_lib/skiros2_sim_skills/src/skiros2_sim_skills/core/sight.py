@@ -48,7 +48,7 @@ class Finding(NamedTuple):
 
     def __str__(self) -> str:
         if not self.seen:
-            return f"{self.thing.label} is not in {self.before.label if self.before else 'its place'} any more"
+            return f"{self.thing.label} is no longer in {self.before.label if self.before else 'its place'}"
         where = f"in {self.holder.label}"
         return f"{self.thing.label} is {where}" if self.is_change else f"{self.thing.label} is still {where}"
 

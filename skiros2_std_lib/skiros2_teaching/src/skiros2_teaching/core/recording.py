@@ -44,7 +44,7 @@ class Recording:
 
         :param frame: the pose of the arm's base frame in the frame of the path.
         :param commands: to the gripper; those during the recording become events.
-        :raises WrongValue: the recording is no path; the text lists all problems.
+        :raises WrongValue: the recording is not a path; the text lists all problems.
         """
         if not self._samples:
             raise WrongValue("the recording is empty: the arm has sent no state")

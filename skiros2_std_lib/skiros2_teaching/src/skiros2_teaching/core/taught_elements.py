@@ -78,7 +78,7 @@ def lifting_pose_of(wmi: WorldModelPort, taught: Element) -> Element | None:
 def owner_of(wmi: WorldModelPort, taught: Element) -> Element:
     """Returns the object that a taught pose, lifting pose or path belongs to.
 
-    :raises UnknownName: the taught element is not in the scene any more.
+    :raises UnknownName: the taught element is no longer in the scene.
     :raises Refused: its object is gone.
     """
     element = _current(wmi, taught)
@@ -136,7 +136,7 @@ def with_lifting_pose(wmi: WorldModelPort, taught: Element, pose: Pose) -> list[
 
     :param pose: of the tool in the frame of the taught pose.
     :raises UnknownName: the taught pose is not in the scene.
-    :raises WrongValue: the element is no taught pose, or the pose cannot be used; the text lists all problems.
+    :raises WrongValue: the element is not a taught pose, or the pose cannot be used; the text lists all problems.
     """
     taught = _current(wmi, taught)
     problems = pose_problems(pose)
@@ -173,7 +173,7 @@ def with_path(wmi: WorldModelPort, taught: Element, path: TaughtPath) -> list[Op
     :param path: in the frame of the object.
     :raises UnknownName: the element is not in the scene.
     :raises Refused: its object is gone.
-    :raises WrongValue: the element is no taught path, or the path is too far away; the text lists all problems.
+    :raises WrongValue: the element is not a taught path, or the path is too far away; the text lists all problems.
     """
     owner = owner_of(wmi, taught)
     element, start = _current(wmi, taught), path.pose(0.0)
@@ -204,7 +204,7 @@ def removed(wmi: WorldModelPort, taught: Element) -> list[Operation]:
     """Returns the operations that remove a taught element, a taught pose with its lifting pose.
 
     :raises UnknownName: the element is not in the scene.
-    :raises WrongValue: it is no taught element.
+    :raises WrongValue: it is not a taught element.
     """
     element = _current(wmi, taught)
     if not any(wmi.is_subclass(element.type, cls) for cls in (POSE, PATH)):

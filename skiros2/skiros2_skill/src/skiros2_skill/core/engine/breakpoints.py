@@ -110,7 +110,7 @@ class TaskBreakpoints:
         return bool(self._reached or self._stopped is not None or self._breakpoints)
 
     def ignore_all(self) -> None:
-        """Stops at no breakpoints any more."""
+        """Ignores breakpoints from now on."""
         self._breakpoints, self._reached, self._stopped = Breakpoints(), "", None
 
     def before_start(self, node: SkillWrapper) -> None:

@@ -192,7 +192,7 @@ def _lock(eid: str, wmi: WorldModelPort) -> None:
     for _ in range(_ATTEMPTS):
         device = wmi.find_element(eid)
         if device is None:
-            raise Refused(f"device {eid} is not in the scene any more")
+            raise Refused(f"device {eid} is no longer in the scene")
         if not device.hasProperty(DEVICE_STATE, DEVICE_IDLE):
             holder = device.value_of(DEVICE_HOLDER)
             state = f"is locked by {holder}" if holder else f"has the state {device.value_of(DEVICE_STATE)}"

@@ -33,7 +33,7 @@ def refresh_elements(slots: list[Slot], wmi: WorldModelPort, revisions: Revision
 
 def read_again(values: list[Element], wmi: WorldModelPort, revisions: Revisions | None) -> list[Element]:
     """Replaces the elements of a list that have changed in the world model by their present state, with the local
-    changes. Returns those that are not in the world model any more.
+    changes. Returns those that are no longer in the world model.
 
     :param revisions: of the world model's elements; None: not known.
     """
@@ -82,7 +82,7 @@ def apply_changes(element: Element, changes: ElementChanges) -> Element:
 def removal_text(eid: str, wmi: WorldModelPort) -> str:
     """States that an element is missing and, if the world model knows, who removed it and when."""
     removal = removal_of(eid, wmi)
-    return f"element {eid} was {removal}" if removal else f"element {eid} is not in the scene any more"
+    return f"element {eid} was {removal}" if removal else f"element {eid} is no longer in the scene"
 
 
 def missing_text(element: Element, wmi: WorldModelPort) -> str:

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 #: The progress code of a preempted skill.
 PREEMPTED = -1
 
-#: What `Hooks.call` returns when the hook raises.
+#: The result of `Hooks.call` when the hook raises.
 RAISED: Any = object()
 
 _RUNNING: State = State.Running

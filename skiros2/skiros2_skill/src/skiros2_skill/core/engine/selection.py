@@ -247,7 +247,7 @@ def _suggest(node: SkillWrapper, slots: Sequence[Slot], wmi: WorldModelPort) -> 
         missing = [e for e, present in found if present is None]
         if missing:
             log.warning(
-                "%s: %s of the plan is %s, which is not in the scene any more",
+                "%s: %s of the plan is %s, which is no longer in the scene",
                 node.printState(), slot.param.key, format_values(missing),
             )  # fmt: skip
         slot.suggested = [present for _, present in found if present is not None]

@@ -238,7 +238,7 @@ def _unknown_skill(described: Described, node: SkillWrapper, trees: Trees) -> Fa
     else:
         types = {d.skill.type for d in trees.descriptions.all()}
         text = f"no library has a skill of type {node.type}{_near(node.type, types)}"
-    done = "loaded; it fails unless a library brings it"
+    done = "loaded; it fails unless a library provides it"
     return fault_of(described, ERROR, UNKNOWN_SKILL, text, node.source_location, done)
 
 
@@ -324,7 +324,7 @@ def _target_faults(
         known, is_open = trees.names_in_scope(described, root, node)
         if is_open or name in known:
             continue
-        text = f"remap of {key!r} of {child} to {name!r}: no skill above or beside it has that{_near(name, known)}"
+        text = f"remap of {key!r} of {child} to {name!r}: no ancestor or sibling has that key{_near(name, known)}"
         done = "loaded; the child gets no value by it"
         yield fault_of(described, WARNING, "unknown-target", text, node.source_location, done)
 

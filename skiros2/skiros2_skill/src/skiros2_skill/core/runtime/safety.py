@@ -1,4 +1,4 @@
-"""The safety state of a robot: the stops that are active. This is no safety-rated function."""
+"""The safety state of a robot: the stops that are active. This is not a safety-rated function."""
 
 from __future__ import annotations
 

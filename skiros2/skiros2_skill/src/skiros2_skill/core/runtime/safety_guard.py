@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 
 class Policy(StrEnum):
-    """What a stop does with running tasks."""
+    """The effect of a stop on running tasks."""
 
     PAUSE = "pause"
     FAIL = "fail"

@@ -37,7 +37,7 @@ class Source:
     :param path: of the value in a message, such as `status.mode`; of a part with fields, all are read.
     :param stop_values: values that mean a stop; None: all but `ok_values` do.
     :param names: patterns of the names of diagnostics.
-    :param level: the least level of diagnostics that is a stop.
+    :param level: the lowest level of diagnostics that is a stop.
     """
 
     rules: SourceRules
@@ -82,7 +82,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Recovery:
-    """What clears a stop.
+    """The call that clears a stop.
 
     :param call: the name of the service or action; "": nothing.
     :param type: `package/Type` of the service, or `package/TypeAction`.

@@ -15,7 +15,7 @@ EXECUTE_HOOK = "execute"
 
 
 class HookAbandoned(Exception):
-    """Raised in the thread of an abandoned hook when the hook returns: this thread must not touch the tree any more."""
+    """Raised in the thread of an abandoned hook when the hook returns: this thread must no longer touch the tree."""
 
 
 @dataclass(eq=False)

@@ -1,4 +1,4 @@
-"""What the skills do: their parameters and conditions. Planning uses these."""
+"""Descriptions of the skills: parameters and conditions. Planning uses these."""
 
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamTypes

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs

@@ -21,7 +21,6 @@ from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.queries import World
 from skiros2_skill.command_line.tree import Changes
 
-
 #: Period of the display (s).
 _PERIOD = 0.1
 

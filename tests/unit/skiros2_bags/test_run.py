@@ -132,7 +132,7 @@ def test_invalid_property_is_named(tmp_path: Path) -> None:
     broken.properties[0].dataValue = "[1"
     run = Run.open(write_bag(tmp_path / "run.bag", [("change", Monitor()("reset", broken))]))
     with pytest.raises(
-        BagError, match=r"/wm/monitor at 0.000 s: the change cannot be read: property 'skiros:Size': '\[1' is not JSON"
+        BagError, match=r"/wm/monitor at 0.000 s: the change cannot be read: property 'skiros:Size': '\[1' is not"
     ):
         run.changes()
 

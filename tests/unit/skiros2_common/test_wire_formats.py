@@ -92,7 +92,7 @@ def test_duplicate_key_is_rejected():
 
 @pytest.mark.parametrize(
     ("value", "datatype", "named"),
-    [("[1", "int", "no JSON list"), ("[1]", "nope", "unknown type name 'nope'"), ('["a"]', "int", "got str 'a'")],
+    [("[1", "int", "not a JSON list"), ("[1]", "nope", "unknown type name 'nope'"), ('["a"]', "int", "got str 'a'")],
 )
 def test_broken_property_is_rejected(value, datatype, named):
     with pytest.raises(SkirosError, match=named):

@@ -42,5 +42,5 @@ def test_frames_without_prefix_are_link_names() -> None:
     "text", ["", "no xml", URDF.replace('"1 2 3"', '"1 2"')]
 )
 def test_text_that_is_no_urdf_is_refused(text: str) -> None:
-    with pytest.raises(WrongValue, match="no URDF"):
+    with pytest.raises(WrongValue, match="not a URDF"):
         read_robot(text)

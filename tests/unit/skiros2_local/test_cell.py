@@ -123,7 +123,8 @@ def test_failed_task_is_explained_by_a_later_command(run: Run) -> None:
     assert "RobotAtLocation" in failed.out
     assert run("run", "drive", "TargetLocation=Shelf A").lines[0] == "task 1 on /my_robot"
     later = run("why")
-    assert later.lines[0].startswith("task 0 by ")
+    assert later.lines[0].startswith("inspect did not start: for Location, ")
+    assert "task 0 by " in later.out
     assert "RobotAtLocation" in later.out
     assert "has succeeded" in run("why", "1").out
     refused = run("run", "take_picture", "Object=Bolt 1", "Exposure=-1")

@@ -171,7 +171,7 @@ def test_refusal_after_parse_is_undone(wm, weigher):
     weigher.parse = lambda e, action: weigher.seen.append((action, e.label))
     weigher.seen.clear()
     element.label, other.label = "c", "rejected"
-    with pytest.raises(WmException, match="Second rejects"):
+    with pytest.raises(WmException, match="Second refuses"):
         wm.update_elements([element, other])
     assert weigher.seen == [("update", "c"), ("update", "rejected"), ("update", "b"), ("update", "a")]
 
@@ -253,7 +253,7 @@ def test_writes_of_a_reasoner_during_parse_join_the_request(wm, notary):
     assert wm.get_relations(element, "skiros:contain", note)
     assert notary.seen == [("add", "skiros:Product"), ("add", "skiros:Part")]
     assert [[e.label for e in c.elements] for c in changes] == [["a", "note"]]
-    with pytest.raises(WmException, match="rejects"):
+    with pytest.raises(WmException, match="refuses"):
         wm.add_element(product("rejected"))
     assert len(wm.resolve_elements(Element("skiros:Part"))) == 1
 
@@ -321,7 +321,7 @@ def test_a_write_beside_a_parse_is_a_request_of_its_own(wm, model, label):
     helpful.execute()
     assert helpful.holds_lock.wait(10.0)
     if label == "rejected":
-        with pytest.raises(WmException, match="rejects"):
+        with pytest.raises(WmException, match="refuses"):
             wm.add_element(product(label))
     else:
         wm.add_element(product(label))
@@ -347,7 +347,7 @@ def test_a_write_beside_a_parse_that_depends_on_a_rejected_change_is_logged(wm, 
     model.add_reasoner(attached)
     attached.execute()
     assert attached.holds_lock.wait(10.0)
-    with pytest.raises(WmException, match="rejects"):
+    with pytest.raises(WmException, match="refuses"):
         wm.add_element(product("rejected"))
     assert attached.wait_stopped(10.0)
     assert "a change of Attached that depends on another one is lost with it" in caplog.text

@@ -64,7 +64,7 @@ def test_rejected_removal_of_a_dangling_relation_undoes_the_removal(journalled):
     before, number, changes = state(journalled), journalled.model.number, []
     journalled.add_listener(changes.append)
     guard.on = True
-    with pytest.raises(WmException, match="Guard rejects"):
+    with pytest.raises(WmException, match="Guard refuses"):
         journalled.remove_element(note, context_id="memory")
     assert (state(journalled), journalled.model.number, changes) == (before, number, [])
     guard.on = False

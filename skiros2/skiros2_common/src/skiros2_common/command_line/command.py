@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import getpass
 import json
+import logging
 import math
 import os
 import select
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -34,6 +36,20 @@ class Unavailable(SkirosError):
     """The master or the requested node is not running."""
 
     status = UNAVAILABLE
+
+
+@contextmanager
+def quiet(level: int, *packages: str) -> Iterator[None]:
+    """Logs of some packages only what is at least as severe as a level of `logging`."""
+    loggers = [logging.getLogger(package) for package in packages]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(level)
+    try:
+        yield
+    finally:
+        for logger, before in zip(loggers, levels, strict=True):
+            logger.setLevel(before)
 
 
 @dataclass

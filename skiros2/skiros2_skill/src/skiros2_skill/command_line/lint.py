@@ -20,6 +20,7 @@ from skiros2_common.command_line.command import (
     Parser,
     command_arguments,
     end,
+    quiet,
     run_command,
 )
 from skiros2_common.core.errors import UnknownName
@@ -82,9 +83,9 @@ def _explained(code: str, meaning: Meaning) -> list[str]:
     return [f"{code}: {meaning.text}", f"  {meaning.advice}", *examples]
 
 
+# Skipped modules and broken files are among the faults.
+@quiet(logging.CRITICAL, "skiros2_common", "skiros2_world_model")
 def _lint(given: argparse.Namespace) -> CommandResult:
-    logging.getLogger("skiros2_common").setLevel(logging.CRITICAL)  # skipped modules are among the faults
-    logging.getLogger("skiros2_world_model").setLevel(logging.CRITICAL)  # broken files are among the faults, too
     used = [*given.uses, *([_STANDARD] if importlib.util.find_spec(_STANDARD) else [])]
     named = [Path(name) for name in given.packages if name.endswith(ENDINGS)]
     packages = [name for name in given.packages if not name.endswith(ENDINGS)]

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 
-from skiros2_common.command_line.command import OK, REFUSED, CommandResult, UsageError
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult, UsageError, quiet
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.abstract_skill import SkillCore
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
@@ -198,24 +198,12 @@ def _world_model(arguments: argparse.Namespace) -> Iterator[WorldModelPort]:
         raise ConfigurationError(f"scene {arguments.scene}: there is no such file")
     workspace = arguments.workspace or arguments.scene.resolve().parent
     find_libraries(arguments.libraries, arguments.scene.parent)
-    with _quiet(), world_model_of(arguments.libraries, workspace, _AUTHOR, arguments.scene) as wm:
+    # Other commands check scenes and libraries.
+    without_warnings = quiet(logging.ERROR, "skiros2_common", "skiros2_world_model", "skiros2_skill")
+    with without_warnings, world_model_of(arguments.libraries, workspace, _AUTHOR, arguments.scene) as wm:
         if arguments.libraries:
             _give_skills(wm, arguments)
         yield wm
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Suppresses warnings about scenes and libraries, which other commands check."""
-    loggers = [logging.getLogger(name) for name in ("skiros2_common", "skiros2_world_model", "skiros2_skill")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
 
 
 def _manager_of(robot: str) -> str:

@@ -25,12 +25,11 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_common.core.wording import label_text, with_names
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.plan import Step, plan_flaw
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.semantics import Facts
-from skiros2_task.core.step_record import RestoredState, StepRecord, StepState
+from skiros2_task.core.step_record import RestoredState, StepRecord, StepState, with_labels
 from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
@@ -379,7 +378,7 @@ class ExecutionStateMachine:
 
     def _replan(self, reason: str) -> list[Command]:
         """Drops the waiting steps and plans again, at most `max_replans` times."""
-        self.message = self._named(reason)
+        self.message = with_labels(reason, self.records.values())
         self._broken_since = None
         self._drop_waiting()
         if self.replans >= self.max_replans:
@@ -391,12 +390,6 @@ class ExecutionStateMachine:
         """The sentence that follows the reason of the end."""
         dot, plans = "" if self.message[-1:] == "." else ".", "plan" if self.replans == 1 else "plans"
         return f"{dot} The goal is given up after {self.replans} other {plans}." if self.replans else ""
-
-    def _named(self, text: str) -> str:
-        """Returns a text with the labels of the elements of all steps instead of their ids."""
-        elements = (e for record in self.records.values() for _, e in record.step.call.arguments)
-        labels = {element.id: element.label for element in elements if element.label}
-        return with_names(text, lambda eid: "", lambda eid: label_text(labels.get(eid, eid)))
 
     def _drop_waiting(self) -> None:
         for record in self.records.values():

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.wording import label_text, with_names
 from skiros2_task.core.plan import Step
 
 
@@ -34,6 +36,13 @@ class StepRecord:
     explanations: tuple[Explanation, ...] = ()
     started: float | None = None
     ended: float | None = None
+
+
+def with_labels(text: str, records: Iterable[StepRecord]) -> str:
+    """Returns a text with the labels of the elements of steps instead of their ids."""
+    elements = (element for record in records for _, element in record.step.call.arguments)
+    labels = {element.id: element.label for element in elements if element.label}
+    return with_names(text, lambda eid: "", lambda eid: label_text(labels.get(eid, eid)))
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import functools
 import logging
 from pathlib import Path
 
+from skiros2_common.command_line.command import quiet
 from skiros2_common.command_line.ros_packages import package_folder
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import relation_dict
@@ -25,15 +26,10 @@ def read_scene_file(path: Path) -> list[Element]:
     :raises WrongValue: the file is missing or does not parse.
     """
     triples = read_triples(path)
-    core = logging.getLogger("skiros2_world_model.core")
-    level = core.level
-    core.setLevel(logging.ERROR)  # no warnings in a comparison
-    try:
+    with quiet(logging.ERROR, "skiros2_world_model"):  # no warnings in a comparison
         knowledge_base = KnowledgeBase(base_ontologies())
         checks = CollectingChecks(knowledge_base, str(path), False)
         content = SceneContent(triples, checks, Provenance())
-    finally:
-        core.setLevel(level)
     outgoing: dict[str, list[dict[str, object]]] = {}
     for src, pred, dst in content.relations:
         outgoing.setdefault(src, []).append(relation_dict("-1", pred, dst))

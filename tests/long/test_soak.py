@@ -23,6 +23,7 @@ import rospy
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs.srv import ResourceGetDescriptions
+from skiros2_world_model.core.journal_file import LOG_LIMIT
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.job_cell import ROBOT, TOKENS, JobCell
@@ -37,7 +38,7 @@ DAY = SECONDS / DAYS  # s
 #: The days after which figures are taken. Nodes have their working set by the first.
 START, MIDDLE, END = 6, 18, 30
 #: The days on which a node is killed. Those whose figures count are killed before the first figures only.
-KILLS = {1: "/tm", 2: "/wm", 3: "/gateway", 4: ROBOT, 9: ROBOT, 14: ROBOT, 21: ROBOT, 26: ROBOT}
+KILLS = {1: "/gateway", 2: "/wm", 3: "/tm", 4: ROBOT, 9: ROBOT, 14: ROBOT, 21: ROBOT, 26: ROBOT}
 NODES = ("/wm", "/tm", "/gateway")
 
 JOURNAL_MB = 2.0
@@ -65,11 +66,6 @@ def of_process(pid: int) -> dict[str, float]:
     status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
     memory = int(status["VmRSS"].split()[0]) / 1024
     return {"memory": memory, "threads": int(status["Threads"]), "files": len(os.listdir(f"/proc/{pid}/fd"))}
-
-
-def size(*files: Path) -> int:
-    """The size of databases with their logs (KB)."""
-    return sum(f.stat().st_size for file in files for f in file.parent.glob(f"{file.name}*")) // 1024
 
 
 class Soak:
@@ -171,8 +167,8 @@ class Soak:
         for key, entries in (("publishers", publishers), ("subscribers", subscribers)):
             found[key] = sum(len(nodes) for _, nodes in entries)
         found["services"] = len(services)
-        found["journal KB"] = size(self.cell.folder / "journal")
-        found["jobs log KB"] = size(self.cell.folder / "jobs.sqlite-wal")
+        for name in ("journal", "journal-wal", "jobs.sqlite-wal"):
+            found[f"{name} KB"] = (self.cell.folder / name).stat().st_size // 1024
         with sqlite3.connect(f"file:{self.cell.folder / 'jobs.sqlite'}?mode=ro", uri=True) as db:
             pages, page_size = (db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("page_count", "page_size"))
             found["jobs KB"] = pages * page_size // 1024
@@ -190,8 +186,10 @@ class Soak:
                 if key.endswith("memory"):
                     most = before[key] * (1.0 + MEMORY) + MEMORY_MB
                 elif key == "journal KB":
-                    most = 1024 * JOURNAL_MB * 3  # the file, and its log between two checks
-                elif key == "jobs log KB":
+                    most = 1024 * JOURNAL_MB * 1.5  # the content, and pages that were pruned
+                elif key == "journal-wal KB":
+                    most = LOG_LIMIT // 1024
+                elif key == "jobs.sqlite-wal KB":
                     most = LOG_KB
                 elif key == "jobs KB":
                     most = before[key] * 1.5 + JOBS_KB

@@ -217,7 +217,7 @@ def test_changes_of_a_reasoner_are_stored(server):
 def test_false_rejects_the_change(server):
     server.start()
     server.hook.append(lambda element, action: element.label != "bad")
-    with pytest.raises(WmException, match="PackReasoner rejects"):
+    with pytest.raises(WmException, match="PackReasoner refuses"):
         server.wmi.add_elements([product("good"), product("bad")])
     assert server.wmi.resolve_elements(Element("skiros:Product")) == []
     assert server.seen == [("add", "good"), ("add", "bad"), ("remove", "good")]

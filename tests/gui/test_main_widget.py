@@ -150,7 +150,7 @@ def test_exception_of_a_skill_is_shown_before_the_traceback(window: MainWidget, 
     qtbot.waitUntil(lambda: tasks.topLevelItemCount() == 1 and "failed" in tasks.topLevelItem(0).text(1))
     said = tasks.topLevelItem(0).text(5)
     assert "KeyError: 'sloow' (" in said
-    assert said.endswith(", in execute)")
+    assert said.endswith(", in execute).")
     window.tabs.setCurrentIndex(1)
     running = window.pages[1].tab
     qtbot.waitUntil(lambda: running.presenter.run is not None and running.presenter.run.latest.has_ended)

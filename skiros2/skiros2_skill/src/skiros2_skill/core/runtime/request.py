@@ -240,7 +240,8 @@ def _checked_values(declared: Param, given: Param | JsonValues, wmi: WorldModelP
     for value in values:
         if isinstance(value, Element) and not value.isAbstract() and wmi.find_element(value.id) is None:
             removal = removal_of(value.id, wmi)
-            raise UnknownName(f"there is no element {value!r} in the scene{f', it was {removal}' if removal else ''}")
+            named = repr(value if value.label else value.id)
+            raise UnknownName(f"there is no element {named} in the scene{f', it was {removal}' if removal else ''}")
     return values
 
 

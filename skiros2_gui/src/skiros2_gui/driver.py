@@ -33,11 +33,14 @@ class Driver:
 
     :param window: the window; it has to be shown.
     :param timeout: of waiting (s).
+    :param check: called regularly while events are processed; raises to end the wait. Not called from Qt, which would
+        print its exceptions and continue.
     """
 
-    def __init__(self, window: QWidget, timeout: float = TIMEOUT) -> None:
+    def __init__(self, window: QWidget, timeout: float = TIMEOUT, check: Callable[[], None] = lambda: None) -> None:
         self.window = window
         self.timeout = timeout
+        self._check = check
 
     def widget(self, name: str) -> Any:
         """Returns the visible widget of that name, or else the first one.
@@ -126,7 +129,7 @@ class Driver:
         """Processes events for that time (s)."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            _process()
+            self._process()
 
     def wait_until(self, condition: Callable[[], T], what: str, timeout: float | None = None) -> T:
         """Processes events until the condition is true; returns its value.
@@ -140,14 +143,14 @@ class Driver:
             if time.monotonic() > end:
                 faulthandler.dump_traceback()
                 raise TimedOut(f"the window: {what}: not within {timeout:g} s")
-            _process()
+            self._process()
         return value
 
-
-def _process() -> None:
-    """Processes pending events."""
-    QApplication.processEvents(QEventLoop.AllEvents, 20)
-    time.sleep(0.005)
+    def _process(self) -> None:
+        """Processes pending events."""
+        self._check()
+        QApplication.processEvents(QEventLoop.AllEvents, 20)
+        time.sleep(0.005)
 
 
 def _entries(view: QAbstractItemView, above: QModelIndex | None = None) -> Iterator[QModelIndex]:

@@ -51,7 +51,8 @@ def main(arguments: list[str]) -> int:
     try:
         with virtual_display(), PrivateSystem("screenshots", has_own_home=True) as system:
             system.init_node("skiros_gui")
-            with contextlib.closing(_screenshots(system)) as taken:  # the window ends before the display
+            # The window ends before the display. Qt would print the exception of a signal and continue.
+            with system.signals.deferred(), contextlib.closing(_screenshots(system)) as taken:
                 save(folder, taken)
     except Terminated as signal:
         sys.stderr.write("screenshots: stopped; all processes it started have ended\n")
@@ -92,7 +93,7 @@ def _screenshots(ros: PrivateSystem) -> Generator[tuple[str, QImage], None, None
     application = QApplication(["skiros_gui"])
     settings = QSettings(str(Path.home() / "window.ini"), QSettings.IniFormat)  # of the temporary system
     window = StandaloneWindow(MainWidget(RosSystem), settings)
-    driver = Driver(window, TIMEOUT)
+    driver = Driver(window, TIMEOUT, ros.check)
     window.set_theme(LIGHT)
     window.resize(WIDTH, HEIGHT)
     window.show()

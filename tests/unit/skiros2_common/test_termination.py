@@ -56,6 +56,17 @@ def test_deferred_signal_is_raised_at_the_end(before: list[object]) -> None:
     assert done == ["what was held"]
 
 
+def test_deferred_signal_is_raised_at_the_end_of_the_outermost_deferral_or_on_request(before: list[object]) -> None:
+    done = []
+    with pytest.raises(Terminated), TerminationSignals() as signals, signals.deferred():
+        with signals.deferred():
+            signal.raise_signal(signal.SIGTERM)
+        done.append("what was held")
+        signals.raise_received()
+        done.append("what follows")
+    assert done == ["what was held"]
+
+
 def test_ignored_signal_stays_ignored(before: list[object]) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with TerminationSignals():

@@ -37,13 +37,15 @@ class Terminated(KeyboardInterrupt):
 class TerminationSignals:
     """A context manager for the main thread: the first termination signal raises `Terminated`.
 
-    Later signals, and signals that the program already ignores (nohup), are ignored.
+    Later signals, and signals that the program already ignores (nohup), are ignored. Code that prints exceptions and
+    continues, such as Qt's calls of virtual methods and Python's of finalisers, would swallow it: run such code within
+    `deferred`, and call `raise_received` regularly.
     """
 
     def __init__(self) -> None:
         self._handlers: dict[int, Any] = {}
         self._received: int | None = None
-        self._is_deferred = False
+        self._deferrals = 0
 
     def __enter__(self) -> TerminationSignals:
         """:raises ValueError: this is not the main thread."""
@@ -58,23 +60,28 @@ class TerminationSignals:
 
     @contextlib.contextmanager
     def deferred(self) -> Iterator[None]:
-        """A context manager that defers signals: one received inside is raised at its end."""
-        self._is_deferred = True
+        """A context manager that defers signals: one received inside is raised at the end of the outermost one."""
+        self._deferrals += 1
         try:
             yield
         finally:
-            self._is_deferred = False
+            self._deferrals -= 1
+        if not self._deferrals:
+            self.raise_received()
+
+    def raise_received(self) -> None:
+        """:raises Terminated: a signal was received. Also within `deferred`."""
         if self._received is not None:
             raise Terminated(self._received)
 
     def ignore(self) -> None:
         """Ignores further signals, because the program is ending."""
-        self._is_deferred = True
+        self._deferrals += 1
 
     def _end(self, number: int, _: FrameType | None) -> None:
         if self._received is None:
             self._received = number
-            if not self._is_deferred:
+            if not self._deferrals:
                 raise Terminated(number)
 
 

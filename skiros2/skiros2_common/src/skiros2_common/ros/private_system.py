@@ -45,6 +45,7 @@ class PrivateSystem:
     :param logs: folder for the log of each process; None: a temporary one.
     :param port: of the master; 0 selects a free one.
     :param has_own_home: also set `HOME`, to separate the system from the user's settings.
+    :ivar signals: the termination signals of this process; a program that uses Qt defers them while Qt runs.
     """
 
     def __init__(self, name: str, logs: Path | None = None, port: int = 0, has_own_home: bool = False) -> None:
@@ -55,7 +56,7 @@ class PrivateSystem:
         self._home = ""
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._is_node = False
-        self._signals = TerminationSignals()
+        self.signals = TerminationSignals()
         self._at_exit = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
@@ -68,7 +69,7 @@ class PrivateSystem:
         if not is_free(self.port):
             raise Refused(f"port {self.port} is in use; pass a free one, or none")
         with contextlib.ExitStack() as stack:
-            stack.enter_context(self._signals)
+            stack.enter_context(self.signals)
             folder = tempfile.TemporaryDirectory(prefix=f"skiros2-{self._name}-", ignore_cleanup_errors=True)
             self._home = stack.enter_context(folder)
             stack.callback(os.environ.update, dict(os.environ))
@@ -78,7 +79,7 @@ class PrivateSystem:
             stack.callback(self.end, "master")
             stack.callback(self._end_node)
             stack.callback(self._end_others)
-            stack.callback(self._signals.ignore)
+            stack.callback(self.signals.ignore)
             self.wait_for(self._master_answers, "the master")
             self._at_exit = stack.pop_all()
         return self
@@ -104,7 +105,7 @@ class PrivateSystem:
             raise Refused(f"the {name} is already running")
         if shutil.which(command[0]) is None:
             raise SystemDown(f"the {name} cannot be started: there is no program {command[0]!r}; is ROS installed?")
-        with self._signals.deferred(), self.log(name).open("wb") as log:
+        with self.signals.deferred(), self.log(name).open("wb") as log:
             self._running[name] = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
             )
@@ -123,7 +124,10 @@ class PrivateSystem:
         end_processes([self._running.pop(name)], STOP_TIMEOUT)
 
     def check(self) -> None:
-        """:raises SystemDown: a process has ended; the text gives the reason found in its log."""
+        """:raises Terminated: a termination signal was received.
+        :raises SystemDown: a process has ended; the text gives the reason found in its log.
+        """
+        self.signals.raise_received()
         for name, process in self._running.items():
             if process.poll() is not None:
                 raise SystemDown(f"the {name} has ended: {self._failure_line(name)}")

@@ -101,7 +101,7 @@ def test_missing_element_is_named(run: DemoRun, arguments: list[str], culprit: s
 def test_unreachable_goal_is_reported(run: DemoRun) -> None:
     status, shown = run.end("--product", "Workstation 1", "--tray", "Tray B")
     assert status == 1
-    text = r"pick_place_demo: the goal was not reached \(impossible after .* s\): .* Workstation 1 is no "
+    text = r"pick_place_demo: the goal was not reached \(impossible after .* s\): .* but Workstation 1 is a workstation"
     assert re.search(text, shown)
 
 

@@ -114,7 +114,7 @@ def test_second_launch_ends_with_one_sentence_and_disturbs_nothing(ros: Ros) -> 
     pids = {node: ros.master.node_pid(node) for node in nodes}
     second = ros.launch("skiros2", "skiros.launch", gui=False, deploy=True)
     second.wait()
-    runs = [line for line in second.output.splitlines() if "runs already" in line]
+    runs = [line for line in second.output.splitlines() if "is already running" in line]
     assert len(runs) == 1
     assert second.output.splitlines()[-1] == runs[0]
     restarted = [line for line in second.output.splitlines() if "restarting process" in line]

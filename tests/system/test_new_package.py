@@ -64,7 +64,7 @@ def test_package_is_built_started_and_reaches_a_goal(ros_master: RosMaster, pack
     [
         (("Lab",), "'Lab' is not a name of a Python module; expected lower case, digits and underscores"),
         (("skiros2_skill",), "there is a Python module skiros2_skill already; choose another name"),
-        (("skill", "weigh"), "is not a package of skills: expected package.xml and src/NAME/__init__.py"),
+        (("skill", "weigh"), "is not a package of skills: expected one src/NAME/__init__.py"),
     ],
 )
 def test_wrong_names_are_refused(

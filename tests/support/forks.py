@@ -46,8 +46,8 @@ class ForkServer:
     def suits(self, script: Path, env: Mapping[str, str]) -> bool:
         """Whether a program may start as a fork: it is one of `PACKAGES`, and its environment has the same modules."""
         same = all(env.get(key) == self.env.get(key) for key in _AT_START)
-        path = env.get("PYTHONPATH", "")
-        return script.parent.name in PACKAGES and script.is_file() and same and path.endswith(self.env["PYTHONPATH"])
+        same_path = [entry for entry in _path(env) if entry in _path(self.env)] == _path(self.env)
+        return script.parent.name in PACKAGES and script.is_file() and same and same_path
 
     def start(self, command: Sequence[str], env: Mapping[str, str], cwd: Path | None, out: int, err: int) -> Fork:
         """Starts a program.
@@ -56,7 +56,7 @@ class ForkServer:
         :param out, err: the descriptors it writes to.
         """
         ended, ends = os.pipe()
-        added = env.get("PYTHONPATH", "").removesuffix(self.env["PYTHONPATH"]).strip(":")
+        added = [entry for entry in _path(env) if entry not in _path(self.env)]
         request = {"argv": list(command), "env": dict(env), "cwd": str(cwd or Path.cwd())}
         with self._lock:
             server = self._connection()
@@ -78,6 +78,10 @@ class ForkServer:
                     start_new_session=True,
                 )
         return self._socket
+
+
+def _path(env: Mapping[str, str]) -> list[str]:
+    return [entry for entry in env.get("PYTHONPATH", "").split(":") if entry]
 
 
 class Fork:
@@ -187,7 +191,10 @@ def _become(request: dict[str, Any]) -> str:
     os.environ.update(request["env"])
     sys.argv = request["argv"]
     sys.path[0] = os.path.dirname(sys.argv[0])
-    sys.path[1:1] = [entry for entry in request["path"].split(":") if entry]
+    sys.path[1:1] = request["path"]
+    for file in (Path(entry, "sitecustomize.py") for entry in request["path"]):
+        if file.is_file():  # as Python does when it starts
+            runpy.run_path(str(file))
     importlib.reload(rospy.names)  # it reads the arguments and the namespace when it is imported
     return sys.argv[0]
 

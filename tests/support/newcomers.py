@@ -7,11 +7,11 @@ from types import TracebackType
 
 from skiros2_common.core.processes import free_port
 from support.ros import ROOT, Ros, RosMaster, run_command
-from support.setups import environment_of
+from support.setups import PIP, environment_of
 from support.tutorial import Reader, needs
 
 #: The tutorials with ROS, in the order of their numbers.
-PAGES = [page for page in sorted((ROOT / "docs/tutorials").glob("[0-9]*.md")) if needs(page).setup != "pip install ."]
+PAGES = [page for page in sorted((ROOT / "docs/tutorials").glob("[0-9]*.md")) if needs(page).setup != PIP]
 
 
 class Newcomer:

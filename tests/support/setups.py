@@ -11,6 +11,12 @@ from pathlib import Path
 
 from support.ros import ROOT
 
+PIP = "pip install ."
+
+#: The Python packages of `.venv`, and Debian's.
+SITE = next((ROOT / ".venv/lib").glob("python3*/site-packages"), ROOT)
+DEBIAN = Path("/usr/lib/python3/dist-packages")
+
 #: Imports what a set-up does not install from elsewhere than `.venv`: from Debian's packages. Python imports it at its
 #: start, by its name.
 _SITE = """
@@ -36,6 +42,8 @@ sys.meta_path.insert(0, Hider)
 @functools.cache
 def lists_of(setup: str) -> tuple[str, ...]:
     """The lists in requirements/ that a command such as `make demo` installs, as the Makefile says."""
+    if setup == PIP:
+        return ("core", "planner")
     command = shlex.split(setup)
     steps = subprocess.run([*command, "-n"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     installed = re.search(r"\.ci/setup *(.*)", steps)
@@ -60,24 +68,35 @@ def environment_of(setup: str, folder: Path) -> dict[str, str]:
 
     :param folder: a file is made in it.
     """
-    site = ROOT / ".venv/lib"
-    everything = [each for path in site.glob("python3*/site-packages") for each in _distributions(path)]
+    everything = _distributions(SITE)
     installed = packages_of(setup)
-    seen = {module for name, modules in everything if name in installed for module in modules}
-    hidden = {module for name, modules in everything if name not in installed for module in modules} - seen
+    seen = {_module(top) for name, tops in everything if name in installed for top in tops}
+    hidden = {_module(top) for name, tops in everything if name not in installed for top in tops} - seen
     hidden -= {"pip", "setuptools", "pkg_resources", "_distutils_hack"}
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "sitecustomize.py").write_text(_SITE.format(hidden=hidden, site=str(site)))
+    (folder / "sitecustomize.py").write_text(_SITE.format(hidden=hidden, site=str(SITE)))
     return {"PYTHONPATH": str(folder)}
 
 
+def link_packages(setup: str, folder: Path) -> None:
+    """Fills a folder with links to the Python packages that a set-up installs, for processes without other packages."""
+    folder.mkdir(parents=True)
+    installed = packages_of(setup)
+    for site in (DEBIAN, SITE):  # what is here in the version that is wanted is not in `.venv`
+        for tops in (tops for name, tops in _distributions(site) if name in installed):
+            for top in tops:
+                (folder / top).unlink(missing_ok=True)
+                (folder / top).symlink_to(site / top)
+
+
 def _distributions(site: Path) -> list[tuple[str, set[str]]]:
-    """The packages in a folder, each with the names of its modules."""
+    """The packages in a folder, each with the names of its files and folders."""
     found = []
     for distribution in importlib.metadata.distributions(path=[str(site)]):
-        files = distribution.files or []
-        tops = {file.parts[0] for file in files if file.suffix in (".py", ".so") or len(file.parts) > 1}
-        tops = {top for top in tops if ".dist-info" not in top and not top.startswith("..")}
-        modules = {Path(top).stem.partition(".")[0] for top in tops}
-        found.append((_name(distribution.metadata["Name"]), modules - {"__pycache__", ""}))
+        tops = {file.parts[0] for file in distribution.files or []} - {"..", "__pycache__"}
+        found.append((_name(distribution.metadata["Name"]), {top for top in tops if (site / top).exists()}))
     return found
+
+
+def _module(top: str) -> str:
+    return Path(top).stem.partition(".")[0]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from skiros2_demo.demo import NEXT
 from support.ros import ROOT
 
 #: uv takes the index from pip's settings.
@@ -128,6 +130,30 @@ def test_demo_needs_no_browser_no_broker_no_window_and_no_compiler(clone: Path, 
     assert not {"chromium", "mosquitto", "curl", "xterm", "xvfb", "rviz", "python3-pyqt5", "tf-tools"} & wanted
     assert not {"build-essential", "python3-rostest"} & wanted
     assert {"rviz", "python3-pyqt5"} <= set(set_up(clone, commands, "run", "window").stderr.split())
+
+
+def make(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["make", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_unknown_demo_is_refused_with_those_that_there_are() -> None:
+    done = make("demo", "DEMO=foo")
+    assert done.returncode == 2
+    assert "there is no demo foo: make demo DEMO=..., one of pick-place piston factory push" in done.stderr
+    assert "set-up" not in done.stderr + done.stdout
+
+
+def test_what_the_demo_says_to_type_next_is_there() -> None:
+    assert len(NEXT) == 3
+    for command in NEXT:
+        _, _, typed = command.rpartition("&& ")
+        program, *arguments = shlex.split(typed)
+        if program == "make":
+            steps = make("-n", *arguments)
+            assert "exec .ci/in_ros rosrun" in steps.stdout, steps.stderr
+        else:
+            listed = subprocess.run([".ci/in_ros", program, "--nodes", *arguments], cwd=ROOT, check=True, stdout=subprocess.PIPE)
+            assert b"/tm" in listed.stdout
 
 
 def test_each_list_has_the_hashes_of_all_its_packages() -> None:

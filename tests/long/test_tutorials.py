@@ -69,9 +69,14 @@ def test_environment_of_pip_has_no_ros(plain: dict[str, str]) -> None:
         assert "ModuleNotFoundError" in done.stderr, module
 
 
-def test_tour_ends_as_expected(plain: dict[str, str]) -> None:
-    done = subprocess.run(["skiros2", "try"], env=plain, capture_output=True, text=True)
+def test_tour_ends_as_expected_with_commands_that_work(plain: dict[str, str], tmp_path: Path) -> None:
+    env = {**plain, "HOME": str(tmp_path)}
+    done = subprocess.run(["skiros2", "try"], env=env, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+    commands = [line.partition("  # ")[0] for line in done.stdout.partition("\nnext:\n")[2].splitlines()]
+    assert len(commands) == 3
+    for command in commands:
+        subprocess.run(["bash", "-c", command], env=env, cwd=tmp_path, check=True)
 
 
 def test_tutorial_without_ros_shows_what_happens(plain: dict[str, str], tmp_path: Path) -> None:

@@ -42,8 +42,8 @@ class Newcomer:
         """
         setup = needs(page).setup
         folder = self.home / ".setups" / setup.replace(" ", "_")
-        found = environment_of(setup, folder)["PYTHONPATH"]
-        self._reader.follow(page, {"PYTHONPATH": f"{found}:{self._master.env['PYTHONPATH']}"})
+        env = environment_of(setup, folder)
+        self._reader.follow(page, {**env, "PYTHONPATH": f"{env['PYTHONPATH']}:{self._master.env['PYTHONPATH']}"})
         self._master.set_parameter("/use_sim_time", False)  # a newcomer's next roslaunch starts a new master
 
     def check_package(self) -> None:

@@ -75,7 +75,8 @@ def environment_of(setup: str, folder: Path) -> dict[str, str]:
     hidden -= {"pip", "setuptools", "pkg_resources", "_distutils_hack"}
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "sitecustomize.py").write_text(_SITE.format(hidden=hidden, site=str(SITE)))
-    return {"PYTHONPATH": str(folder)}
+    # pytest would load those of its plugins that are hidden: it does not ask other finders
+    return {"PYTHONPATH": str(folder), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
 
 
 def link_packages(setup: str, folder: Path) -> None:

@@ -9,7 +9,7 @@ A tutorial is a page of Markdown. Three kinds of fenced blocks are run, in the o
     ```python title="path/of/file.py"   a file, of any language, written as it stands; ` (added)` behind the path: added
                                         at the end
 
-In an output, `...` stands for any text within a line, and as a line of its own for any lines. Times (`1.2 s`), task
+In an output, `...` stands for any text within a line, and as a line of its own for any lines. Times (`1.2 s`, `20:17:05`), task
 numbers (`task 3`) and the amount of white space may differ. `# status 1` behind a command states an exit status other
 than 0.
 
@@ -40,8 +40,8 @@ _NEEDS = re.compile(r"^> Needs `([^`]+)`, and (.+)\.$", re.M)
 _LINK = re.compile(r"\]\((\w+\.md)\)")
 #: Lines that only a busy machine prints.
 _OF_LOAD = re.compile(r"a tick took .* longer than the period")
-#: What may differ from run to run: times, numbers of tasks, and what catkin or pytest measure.
-_VARYING = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?= ?m?s\b)|(?<=\btask )\d+")
+#: What may differ from run to run: durations, times of day, and numbers of tasks.
+_VARYING = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?= ?m?s\b)|\b\d\d:\d\d:\d\d\b|(?<=\btask )\d+")
 
 
 class Block(NamedTuple):
@@ -275,7 +275,8 @@ class Reader:
 def main() -> int:
     """Follows the tutorials of the command line in the home folder, as a newcomer does. Returns how many failed."""
     failed = 0
-    with Reader(Path.home(), dict(os.environ)) as reader:
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}  # by which this module is found
+    with Reader(Path.home(), env) as reader:
         for name in sys.argv[1:]:
             begin, problem = time.monotonic(), ""
             try:

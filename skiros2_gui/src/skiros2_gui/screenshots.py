@@ -6,7 +6,6 @@ first start and of each tab. Without a display it uses a virtual one (Xvfb).
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import sys
@@ -17,6 +16,7 @@ from python_qt_binding.QtCore import QSettings, Qt
 from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
+from skiros2_common.command_line.command import Parser
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.processes import Terminated
 from skiros2_common.ros.private_system import PrivateSystem
@@ -45,7 +45,7 @@ _GOAL = "(skiros:contain demo:Tray-12 skiros:Product-14)"
 
 def main(arguments: list[str]) -> int:
     """Runs the program. Returns the exit status: 0 on success, 1 on failure, 128 + n after signal n."""
-    parser = argparse.ArgumentParser(prog="screenshots", description="Takes screenshots of the window during a run.")
+    parser = Parser(prog="screenshots", description="Takes screenshots of the window during a run.")
     parser.add_argument("folder", nargs="?", type=Path, default=Path("docs"), help="output folder (%(default)s)")
     folder = parser.parse_args(arguments).folder
     try:

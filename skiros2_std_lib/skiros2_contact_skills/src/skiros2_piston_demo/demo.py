@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import rospy
 
 from skiros2_bags.core.run import Finding
+from skiros2_common.command_line.command import Parser
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.assembly import LOCATED
 from skiros2_contact_skills.core.part_poses import depth_and_tilt
@@ -120,7 +120,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _parser() -> Any:
-    parser = argparse.ArgumentParser(prog="piston_demo", description=__doc__)
+    parser = Parser(prog="piston_demo", description=__doc__)
     parser.add_argument("--product", default="Piston", help="label of the piston (%(default)s)")
     parser.add_argument("--tray", default="Bore 2", metavar="BORE", help="label of the bore (%(default)s)")
     parser.add_argument("--look", action="store_true", help="the block is located with the camera first")

@@ -17,6 +17,7 @@ import yaml
 
 from skiros2_bags.core.run import Finding, Run
 from skiros2_bags.core.run import check as check_bag
+from skiros2_common.command_line.command import Parser
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.processes import free_port
@@ -283,6 +284,6 @@ def _value(value: Any) -> str:
 def main(arguments: list[str]) -> int:
     """Runs the program. Returns the exit status: 0 all jobs succeeded, 1 not, 2 wrong arguments, 128 + n after
     signal n."""
-    parser = argparse.ArgumentParser(prog="factory_demo", description=__doc__)
+    parser = Parser(prog="factory_demo", description=__doc__)
     add_options(parser, rate=5.0, timeout=600.0)
     return run_demo(FactoryDemo(parser.parse_args(arguments), sys.stdout), "factory_demo")

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, UNAVAILABLE, USAGE, end
+from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, UNAVAILABLE, USAGE, VERSION, end
+from skiros2_common.command_line.layout import next_commands
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import nearest
 
@@ -40,6 +41,12 @@ _PROGRAMS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "test": ("skiros2_skill.command_line.test", (), "run the tests of the package in this folder"),
     "validate": (_WORLD, ("validate_scene",), "check scene files"),
     "learn": ("skiros2_learning.command_line.program", (), "learn parameters of skills in simulation"),
+}
+#: What to type after the tour.
+NEXT = {
+    "skiros2 new my_skills": "a package of your own: a robot, its skills, a scene",
+    "cd my_skills && skiros2 achieve '(my_skills:Inspected skiros:Product-5)'": "a goal: Bolt 1 is inspected",
+    "skiros2 --help": "all commands",
 }
 _TRY = "a robot reaches goals in the terminal, is disturbed, and explains a failure (half a minute)"
 #: Commands of a running system.
@@ -80,6 +87,9 @@ def main(arguments: Sequence[str]) -> int:
     if command in ("-h", "--help"):
         sys.stdout.write(_help())
         return OK
+    if command == "--version":
+        sys.stdout.write(f"{VERSION}\n")
+        return OK
     sys.stderr.write(f"{_unknown(command)}\n")
     return USAGE
 
@@ -111,7 +121,10 @@ def _try() -> int:
     try:
         from skiros2_local.tour import Tour
 
-        return OK if Tour(sys.stdout).run() else REFUSED
+        if not Tour(sys.stdout).run():
+            return REFUSED
+        sys.stdout.write(next_commands(NEXT))
+        return OK
     except ModuleNotFoundError as error:
         sys.stderr.write(f"skiros2: {error}; install what is missing with: pip install skiros2\n")
     except SkirosError as error:

@@ -16,6 +16,8 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.run import Finding
+from skiros2_common.command_line.command import Parser
+from skiros2_common.command_line.layout import next_commands
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.processes import exit_status
 from skiros2_common.core.world_element import Element
@@ -31,6 +33,12 @@ from skiros2_std_skills.core.driver_names import COLOUR, part_name
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
+#: What to type next, in the folder of the clone.
+NEXT = {
+    "make demo DEMO_ARGS='--disturb slip'": "the product slips out of the gripper: a new plan",
+    "make demo DEMO=factory": "ten jobs of a factory for this cell",
+    ". install/setup.sh && roslaunch skiros2_demo_skills demo.launch gui:=false": "see docs/tutorials/01_first_goal.md",
+}
 #: Maximum delay of the recorder (s).
 RECORDER_LAG = 1.0
 #: Name of the recorder's node.
@@ -336,7 +344,10 @@ def main(arguments: list[str]) -> int:
 def run_demo(demo: Demo, program: str) -> int:
     """Runs a demo and reports errors. Returns the exit status of the program."""
     try:
-        return 0 if demo.run() else 1
+        if not demo.run():
+            return 1
+        sys.stdout.write(next_commands(NEXT))
+        return 0
     except KeyboardInterrupt as interrupt:
         sys.stderr.write(f"\n{program}: stopped; everything that it started has ended\n")
         return exit_status(interrupt)
@@ -346,7 +357,7 @@ def run_demo(demo: Demo, program: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="pick_place_demo", description=__doc__)
+    parser = Parser(prog="pick_place_demo", description=__doc__)
     parser.add_argument("--product", default="Product A", help="label of what to move (%(default)s)")
     parser.add_argument("--tray", default="Tray B", help="label of where to put it (%(default)s)")
     parser.add_argument("--timed", action="store_true", help="no simulated world: motions that only take time")

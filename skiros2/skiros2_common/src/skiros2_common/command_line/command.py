@@ -16,10 +16,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
+from skiros2_common import __version__
 from skiros2_common.command_line.completion import VARIABLE, print_completions
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import SkirosError
 
+#: What --version prints.
+VERSION = f"SkiROS2 {__version__}"
 #: Exit statuses.
 OK, REFUSED, USAGE, UNAVAILABLE = 0, 1, 2, 3
 #: Exit status of a command that Ctrl-C interrupted.
@@ -66,7 +69,11 @@ class CommandResult:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser of arguments that reports wrong usage in one line, and completes command lines for shells."""
+    """A parser of arguments with --version. It reports wrong usage in one line, and completes command lines for shells."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.add_argument("--version", action="version", version=VERSION)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Same as `argparse`; ends the process if a shell asks for completions."""

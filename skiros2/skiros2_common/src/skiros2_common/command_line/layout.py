@@ -6,7 +6,7 @@ import functools
 import os
 import textwrap
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TextIO
 
@@ -60,6 +60,12 @@ def styled(text: str, style: str, out: TextIO) -> str:
     :param style: ANSI SGR parameters: "1" bold, "31" red; "" for none.
     """
     return f"\033[{style}m{text}\033[0m" if style and has_colours(out) else text
+
+
+def next_commands(commands: Mapping[str, str]) -> str:
+    """What to type next, at the end of an output: each command with what it does."""
+    width = max(map(len, commands))
+    return "\n".join(["", "next:", *(f"  {command:<{width}}  # {what}" for command, what in commands.items()), ""])
 
 
 @dataclass

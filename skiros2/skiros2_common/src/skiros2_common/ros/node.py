@@ -23,6 +23,7 @@ import rosgraph
 import rospy
 import rospy.impl.tcpros_base as tcpros
 
+from skiros2_common.command_line.command import VERSION
 from skiros2_common.command_line.launch_error import (
     end_launch,
     launched_by,
@@ -89,6 +90,9 @@ def run_node(name: str, main: Callable[[], None]) -> None:
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)  # a pipe, as of `roslaunch | tee`, gets each message at once
+    if "--version" in sys.argv:
+        sys.stdout.write(f"{VERSION}\n")
+        return
     if not rosgraph.is_master_online():
         _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
     if launched_by():

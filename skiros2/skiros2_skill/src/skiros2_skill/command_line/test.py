@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from skiros2_common.command_line.command import UNAVAILABLE, command_arguments
+from skiros2_common.command_line.command import UNAVAILABLE, VERSION, command_arguments
 
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -15,10 +15,14 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 
     :param arguments: of pytest; None: those of this process.
     """
+    given = command_arguments(arguments)
+    if given == ["--version"]:
+        sys.stdout.write(f"{VERSION}\n")
+        sys.exit()
     try:
         import pytest
     except ModuleNotFoundError as error:
         sys.stderr.write(f"test: {error}; install it with: pip install pytest\n")
         sys.exit(UNAVAILABLE)
     sys.path.insert(0, str(Path("src").resolve()))
-    sys.exit(pytest.main(command_arguments(arguments)))
+    sys.exit(pytest.main(given))

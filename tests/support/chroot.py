@@ -1,0 +1,81 @@
+"""Clean Debian systems: chroots with git and make only, and the network of this machine. They need root."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from types import TracebackType
+
+#: What a chroot has of the network: names, certificates, mirrors of packages.
+NETWORK = ("etc/resolv.conf", "etc/hosts", "etc/pip.conf", "etc/npmrc", "etc/ssl/certs/ca-certificates.crt")
+_MOUNTED = ("proc", "sys", "dev", "dev/pts", "dev/shm")
+HOME = "/home/newcomer"
+
+
+def can_make() -> bool:
+    """Whether this process may make chroots."""
+    return os.geteuid() == 0 and shutil.which("debootstrap") is not None
+
+
+def make_base(folder: Path, suite: str = "bookworm") -> Path:
+    """Makes a system, on which chroots are laid. CHROOT in the environment names one that is there already."""
+    if "CHROOT" in os.environ:
+        return Path(os.environ["CHROOT"])
+    packages = "--include=git,make,ca-certificates"
+    subprocess.run(["debootstrap", "--variant=minbase", packages, suite, str(folder)], check=True, capture_output=True)
+    apt = Path("/etc/apt/apt.conf.d").glob("99*")
+    for file in (*(Path("/", name) for name in NETWORK), *apt):
+        if file.exists():
+            (folder / file.relative_to("/")).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(file, folder / file.relative_to("/"))
+    return folder
+
+
+class Chroot:
+    """A system of its own; what it changes does not change the base. A context manager.
+
+    :param base: by `make_base`.
+    :param folder: new, for what it changes.
+    """
+
+    def __init__(self, base: Path, folder: Path) -> None:
+        self._base = base
+        self._folder = folder
+        self.root = folder / "root"
+
+    def __enter__(self) -> Chroot:
+        for name in ("changed", "work", "root"):
+            (self._folder / name).mkdir(parents=True)
+        layers = f"lowerdir={self._base},upperdir={self._folder}/changed,workdir={self._folder}/work"
+        _mount("-t", "overlay", "overlay", "-o", layers, str(self.root))
+        for name in _MOUNTED:
+            _mount("--bind", f"/{name}", str(self.root / name))
+        (self.root / HOME.strip("/")).mkdir(parents=True)
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        for name in (*reversed(_MOUNTED), ""):
+            subprocess.run(["umount", "--lazy", str(self.root / name)], check=False)
+
+    def command(self, script: str) -> list[str]:
+        """The command that runs a script of bash in it, in the home folder of somebody who has just logged in."""
+        env = (f"HOME={HOME}", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "LANG=C.UTF-8", "TERM=dumb")
+        return ["chroot", str(self.root), "env", "-i", *env, "bash", "-c", f"cd ~ && {script}"]
+
+    def run(self, script: str) -> str:
+        """Runs a script of bash. Returns what it prints.
+
+        :raises AssertionError: it fails; with the end of what it has printed.
+        """
+        command = self.command(script)
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+        )
+        assert done.returncode == 0, f"{script}\n{done.stdout[-8000:]}"
+        return done.stdout
+
+
+def _mount(*arguments: str) -> None:
+    subprocess.run(["mount", *arguments], check=True)

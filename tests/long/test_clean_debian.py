@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from support.chroot import HOME, Chroot, can_make, make_base
+from support.chroot import Chroot, can_make, make_base
 from support.newcomers import PAGES
 from support.programs import Program
 from support.ros import ROOT
@@ -35,8 +34,11 @@ def note(what: str, seconds: float) -> None:
         file.write(f"{seconds:7.1f} s  {what}\n")
 
 
-def clone(chroot: Chroot) -> None:
-    subprocess.run(["git", "clone", "--quiet", str(ROOT), f"{chroot.root}{HOME}/skiros2"], check=True)
+def newcomer_on(base: Path, folder: Path) -> Chroot:
+    """A clean system with a clone."""
+    chroot = Chroot(base, folder)
+    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(chroot.home / "skiros2")], check=True)
+    return chroot
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +48,8 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def newcomer(base: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chroot]:
-    """A clean system with a clone."""
-    with Chroot(base, tmp_path_factory.mktemp("newcomer") / "chroot") as chroot:
-        clone(chroot)
-        yield chroot
+def newcomer(base: Path, tmp_path_factory: pytest.TempPathFactory) -> Chroot:
+    return newcomer_on(base, tmp_path_factory.mktemp("newcomer"))
 
 
 def test_robot_moves_soon_and_the_second_time_at_once(newcomer: Chroot) -> None:
@@ -85,14 +84,13 @@ def test_tutorials_show_what_happens_after_their_set_up(newcomer: Chroot, setup:
 
 
 def test_tutorial_without_ros_shows_what_happens(base: Path, tmp_path: Path) -> None:
-    with Chroot(base, tmp_path / "chroot") as chroot:
-        clone(chroot)
-        chroot.run("apt-get -q update && apt-get -qy install --no-install-recommends python3-venv")
-        begin = time.monotonic()
-        chroot.run(f"python3 -m venv ~/plain && cd skiros2 && ~/plain/bin/{PIP} -q")
-        note(PIP, time.monotonic() - begin)
-        begin = time.monotonic()
-        chroot.run("~/plain/bin/skiros2 try")
-        note("skiros2 try", time.monotonic() - begin)
-        script = "PYTHONPATH=skiros2/tests:skiros2/skiros2/skiros2_common/src python3 -m support.tutorial"
-        chroot.run(f". ~/plain/bin/activate && {script} skiros2/docs/tutorials/17_without_ros.md")
+    chroot = newcomer_on(base, tmp_path)
+    chroot.run("apt-get -q update && apt-get -qy install --no-install-recommends python3-venv")
+    begin = time.monotonic()
+    chroot.run(f"python3 -m venv plain && cd skiros2 && ~/plain/bin/{PIP} -q")
+    note(PIP, time.monotonic() - begin)
+    begin = time.monotonic()
+    chroot.run("plain/bin/skiros2 try")
+    note("skiros2 try", time.monotonic() - begin)
+    script = "PYTHONPATH=skiros2/tests:skiros2/skiros2/skiros2_common/src python3 -m support.tutorial"
+    chroot.run(f". plain/bin/activate && {script} skiros2/docs/tutorials/17_without_ros.md")

@@ -6,11 +6,17 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
-from types import TracebackType
 
 #: What a chroot has of the network: names, certificates, mirrors of packages.
 NETWORK = ("etc/resolv.conf", "etc/hosts", "etc/pip.conf", "etc/npmrc", "etc/ssl/certs/ca-certificates.crt")
-_MOUNTED = ("proc", "sys", "dev", "dev/pts", "dev/shm")
+#: Lays a system over the base and runs a command in it, in namespaces of its own: all mounts and processes end with it.
+_ENTER = """
+mount -t overlay overlay -o lowerdir=$1,upperdir=$2/changed,workdir=$2/work $2/root
+for each in sys dev dev/pts dev/shm; do mount --bind /$each $2/root/$each; done
+mount -t proc proc $2/root/proc
+cd /
+exec chroot $2/root "${@:3}"
+"""
 HOME = "/home/newcomer"
 
 
@@ -34,35 +40,24 @@ def make_base(folder: Path, suite: str = "bookworm") -> Path:
 
 
 class Chroot:
-    """A system of its own; what it changes does not change the base. A context manager.
+    """A system of its own; what it changes does not change the base.
 
     :param base: by `make_base`.
     :param folder: new, for what it changes.
     """
 
     def __init__(self, base: Path, folder: Path) -> None:
-        self._base = base
-        self._folder = folder
-        self.root = folder / "root"
-
-    def __enter__(self) -> Chroot:
+        self._folders = (str(base), str(folder))
         for name in ("changed", "work", "root"):
-            (self._folder / name).mkdir(parents=True)
-        layers = f"lowerdir={self._base},upperdir={self._folder}/changed,workdir={self._folder}/work"
-        _mount("-t", "overlay", "overlay", "-o", layers, str(self.root))
-        for name in _MOUNTED:
-            _mount("--bind", f"/{name}", str(self.root / name))
-        (self.root / HOME.strip("/")).mkdir(parents=True)
-        return self
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        for name in (*reversed(_MOUNTED), ""):
-            subprocess.run(["umount", "--lazy", str(self.root / name)], check=False)
+            (folder / name).mkdir(parents=True)
+        self.home = folder / "changed" / HOME.strip("/")
+        self.home.mkdir(parents=True)
 
     def command(self, script: str) -> list[str]:
         """The command that runs a script of bash in it, in the home folder of somebody who has just logged in."""
         env = (f"HOME={HOME}", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "LANG=C.UTF-8", "TERM=dumb")
-        return ["chroot", str(self.root), "env", "-i", *env, "bash", "-c", f"cd ~ && {script}"]
+        own = ("unshare", "--mount", "--pid", "--fork", "--kill-child")
+        return [*own, "bash", "-ec", _ENTER, "enter", *self._folders, "env", "-i", *env, "bash", "-c", f"cd ~ && {script}"]
 
     def run(self, script: str) -> str:
         """Runs a script of bash. Returns what it prints.
@@ -75,7 +70,3 @@ class Chroot:
         )
         assert done.returncode == 0, f"{script}\n{done.stdout[-8000:]}"
         return done.stdout
-
-
-def _mount(*arguments: str) -> None:
-    subprocess.run(["mount", *arguments], check=True)

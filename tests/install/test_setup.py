@@ -152,8 +152,7 @@ def test_what_the_demo_says_to_type_next_is_there() -> None:
             steps = make("-n", *arguments)
             assert "exec .ci/in_ros rosrun" in steps.stdout, steps.stderr
         else:
-            listed = subprocess.run([".ci/in_ros", program, "--nodes", *arguments], cwd=ROOT, check=True, stdout=subprocess.PIPE)
-            assert b"/tm" in listed.stdout
+            assert b"/tm" in subprocess.check_output([".ci/in_ros", program, "--nodes", *arguments], cwd=ROOT)
 
 
 def test_each_list_has_the_hashes_of_all_its_packages() -> None:

@@ -25,10 +25,11 @@ def can_make() -> bool:
     return os.geteuid() == 0 and shutil.which("debootstrap") is not None
 
 
-def make_base(folder: Path, suite: str = "bookworm") -> Path:
-    """Makes a system, on which chroots are laid. CHROOT in the environment names one that is there already."""
+def make_base(folder: Path) -> Path:
+    """Makes the system on which chroots are laid: bookworm, or SUITE of the environment; CHROOT names one."""
     if "CHROOT" in os.environ:
         return Path(os.environ["CHROOT"])
+    suite = os.environ.get("SUITE", "bookworm")
     packages = "--include=git,make,ca-certificates"
     subprocess.run(["debootstrap", "--variant=minbase", packages, suite, str(folder)], check=True, capture_output=True)
     apt = Path("/etc/apt/apt.conf.d").glob("99*")
@@ -50,14 +51,17 @@ class Chroot:
         self._folders = (str(base), str(folder))
         for name in ("changed", "work", "root"):
             (folder / name).mkdir(parents=True)
-        self.home = folder / "changed" / HOME.strip("/")
+        #: Where its files lie that the base does not have.
+        self.changed = folder / "changed"
+        self.home = self.changed / HOME.strip("/")
         self.home.mkdir(parents=True)
 
     def command(self, script: str) -> list[str]:
         """The command that runs a script of bash in it, in the home folder of somebody who has just logged in."""
         env = (f"HOME={HOME}", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "LANG=C.UTF-8", "TERM=dumb")
         own = ("unshare", "--mount", "--pid", "--fork", "--kill-child")
-        return [*own, "bash", "-ec", _ENTER, "enter", *self._folders, "env", "-i", *env, "bash", "-c", f"cd ~ && {script}"]
+        run = ("env", "-i", *env, "bash", "-c", f"cd ~ && {script}")
+        return [*own, "bash", "-ec", _ENTER, "enter", *self._folders, *run]
 
     def run(self, script: str) -> str:
         """Runs a script of bash. Returns what it prints.

@@ -9,9 +9,9 @@ A tutorial is a page of Markdown. Three kinds of fenced blocks are run, in the o
     ```python title="path/of/file.py"   a file, of any language, written as it stands; ` (added)` behind the path: added
                                         at the end
 
-In an output, `...` stands for any text within a line, and as a line of its own for any lines. Times (`1.2 s`, `20:17:05`), task
-numbers (`task 3`) and the amount of white space may differ. `# status 1` behind a command states an exit status other
-than 0.
+In an output, `...` stands for any text within a line, and as a line of its own for any lines. Times (`1.2 s`,
+`20:17:05`), task numbers (`task 3`) and the amount of white space may differ. `# status 1` behind a command states an
+exit status other than 0.
 
 A line of the page says what it needs, see `Needs`:
 

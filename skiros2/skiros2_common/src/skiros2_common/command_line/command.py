@@ -69,7 +69,7 @@ class CommandResult:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser of arguments with --version. It reports wrong usage in one line, and completes command lines for shells."""
+    """A parser of arguments that has --version, reports wrong usage in one line, and completes command lines."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -1,6 +1,6 @@
 # `make` lists what there is. Everything is run from here; each target sets up what is missing first.
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-long compiled-tests lint audit docs bench bench-insertion bench-learning bench-gateway lock clean
+.PHONY: help setup build workspace demo test test-long compiled-tests lint audit docs bench bench-insertion bench-learning bench-gateway lock clean
 
 python := .venv/bin/python3
 
@@ -16,6 +16,9 @@ setup:  ## set up what is missing: Debian packages, .venv, the build in install/
 build:  ## build and install again, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
+
+workspace:  ## set up for packages of your own: what the demo needs, and a compiler, which catkin_make looks for
+	@.ci/setup run planner sim workspace
 
 # The demos: the package and the program of each.
 pick-place := skiros2_sim_skills pick_place_demo

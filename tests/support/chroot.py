@@ -8,7 +8,8 @@ import subprocess
 from pathlib import Path
 
 #: What a chroot has of the network: names, certificates, mirrors of packages.
-NETWORK = ("etc/resolv.conf", "etc/hosts", "etc/pip.conf", "etc/npmrc", "etc/ssl/certs/ca-certificates.crt")
+NETWORK = ("etc/resolv.conf", "etc/hosts", "etc/pip.conf", "etc/ssl/certs/ca-certificates.crt")
+VARIABLES = ("NODE_EXTRA_CA_CERTS",)
 #: Lays a system over the base and runs a command in it, in namespaces of its own: all mounts and processes end with it.
 _ENTER = """
 mount -t overlay overlay -o lowerdir=$1,upperdir=$2/changed,workdir=$2/work $2/root
@@ -58,7 +59,8 @@ class Chroot:
 
     def command(self, script: str) -> list[str]:
         """The command that runs a script of bash in it, in the home folder of somebody who has just logged in."""
-        env = (f"HOME={HOME}", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "LANG=C.UTF-8", "TERM=dumb")
+        env = [f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ]
+        env += (f"HOME={HOME}", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "LANG=C.UTF-8", "TERM=dumb")
         own = ("unshare", "--mount", "--pid", "--fork", "--kill-child")
         run = ("env", "-i", *env, "bash", "-c", f"cd ~ && {script}")
         return [*own, "bash", "-ec", _ENTER, "enter", *self._folders, *run]

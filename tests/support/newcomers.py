@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -27,7 +28,7 @@ class Newcomer:
         (home / "skiros2").symlink_to(ROOT)
         disabled = "genlisp:gencpp:geneus:gennodejs"
         env = {**master.env, "HOME": str(home), "TERM": "dumb", "ROS_LANG_DISABLE": disabled}
-        self._reader = Reader(home, env, run_command, {"8765": str(free_port())})
+        self._reader = Reader(home, env, partial(run_command, timeout=150), {"8765": str(free_port())})
 
     def __enter__(self) -> Newcomer:
         return self

@@ -33,7 +33,7 @@ def make_parser() -> argparse.ArgumentParser:
     [
         (["pi"], ["pick"]),
         (["pick", "Object=P"], ["Object=Product A", "Object=Product B"]),
-        (["--"], ["--help", "--quality", "--file", "--robot", "--json"]),
+        (["--"], ["--help", "--version", "--quality", "--file", "--robot", "--json"]),
         (["--json", "pick", "--q"], ["--quality"]),
         (["--json", "--j"], []),
         (["--quality", ""], ["first", "best", "optimal"]),
@@ -159,7 +159,8 @@ def test_nothing_is_said_without_a_master(monkeypatch, capsys):
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
     monkeypatch.setenv("_SKIROS2_COMPLETE", "zsh")
     parser = make_parser()
-    complete_by(parser._actions[1], lambda typed, current: ask_master())
+    words = next(action for action in parser._actions if action.dest == "words")
+    complete_by(words, lambda typed, current: ask_master())
     with pytest.raises(SystemExit) as ended:
         parser.parse_args(["pi"])
     assert (ended.value.code, *capsys.readouterr()) == (0, "", "")

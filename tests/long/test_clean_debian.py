@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import socket
 import subprocess
 import time
 from pathlib import Path
@@ -143,7 +142,8 @@ def test_container_shows_the_page_and_takes_a_job(base: Path, tmp_path: Path) ->
     container = Program(chroot.command(f"{as_user} {command}"))
     try:
         token = container.wait_for_line(r"Open http://localhost:\d+ and log in with the token (\S+)", 180)[1]
-        address = f"http://{socket.gethostbyname(socket.gethostname())}:{port}"
+        (host, *_) = subprocess.check_output(["hostname", "-I"], text=True).split()
+        address = f"http://{host}:{port}"
         assert "<title>" in urlopen(address).read().decode()
         parameters = {"Product": "skiros:Product-14", "Tray": "demo:Tray-12"}
         request(f"{address}/api/jobs", token, {"id": "1", "work_master": "put_in_tray", "parameters": parameters})

@@ -41,7 +41,7 @@ def test_bag_proves_that_product_a_is_in_tray_b(run: DemoRun) -> None:
     assert "  + mobile_manipulator skiros:at Workstation 2\n" in shown
     assert "  ✓ at the end: Product A is in Tray B" in shown
     assert "✗" not in shown
-    assert shown.endswith(next_commands(NEXT))
+    assert shown.endswith(next_commands(NEXT).rstrip())
     assert run.nothing_left()
 
     assert run.check_run(run.bag) == (0, "\n".join(line[2:] for line in shown.splitlines() if line.startswith("  ✓")))

@@ -18,15 +18,15 @@ class Interrupted(QAbstractTableModel):
 
     is_terminated = False
 
-    def rowCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008, N802: Qt's signature
+    def rowCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008
         return 1
 
-    columnCount = rowCount  # noqa: N815
+    columnCount = rowCount
 
     def data(self, index: QModelIndex, role: int = 0) -> str | None:
         return "text" if role == 0 else None
 
-    def headerData(self, section: int, orientation: int, role: int = 0) -> str | None:  # noqa: N802
+    def headerData(self, section: int, orientation: int, role: int = 0) -> str | None:
         if not self.is_terminated:
             self.is_terminated = True
             signal.raise_signal(signal.SIGTERM)

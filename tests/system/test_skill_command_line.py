@@ -110,8 +110,9 @@ def test_failure_is_explained_at_once_and_later(run: Run) -> None:
     why = run("why", task[1])
     assert why.returncode == 0
     assert why.stdout.startswith("place did not start: for Workstation, no workstation ")
-    reasons = [line.strip() for line in why.stdout.splitlines()[1:]]
-    assert reasons
+    said = re.match(r"task \d+ by \w+ has failed", why.stdout.splitlines()[1])
+    reasons = [line.strip() for line in why.stdout.splitlines()[2:]]
+    assert said and reasons
     assert set(reasons) <= {line.strip() for line in failed.stdout.splitlines()}
     (explained,) = json.loads(run("why", task[1], "--json").stdout)
     assert (explained["type"], explained["label"], explained["code"]) == ("skiros:Place", "place", -1)

@@ -120,7 +120,7 @@ def test_goal_without_a_plan_is_aborted_with_the_reason(client: Any, world: Plan
         ("", "the goal is empty"),
         (f"(skiros:holds {place} {product})", "unknown relation 'skiros:holds'"),
         (f"(skiros:contain {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
-        (f"(skiros:contain {product} {place})", f"(skiros:contain {product} {place}) cannot be reached"),
+        (f"(skiros:contain {product} {place})", "No plan: "),
         (f"(skiros:at {robot} {place}), (not (skiros:at {robot} {place}))", "and for the opposite"),
         (f"(skiros:at {robot} {place}), (skiros:at {robot} {start})", "but not all parts together"),
     ]:
@@ -224,7 +224,8 @@ def test_a_request_can_be_cancelled(ros: Ros, hard: tuple[Any, str]) -> None:
     handle = ask(client, goals)
     engines = running_engines(ros)
     handle.cancel()
-    assert answer(handle) == (FAILED, "cancelled")
+    code, message = answer(handle)
+    assert code == FAILED and "cancelled" in message
     assert handle.get_goal_status() == GoalStatus.PREEMPTED
     wait_for_end(engines)
 

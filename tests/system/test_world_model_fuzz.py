@@ -251,7 +251,7 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
         "a type name that is a builtin": ("modify", modify("add", _valued("[1]", "eval")), "eval"),
         "an element as a value": ("modify", modify("add", _valued("[{}]", "skiros_wm::Element")), "element"),
         "JSON that is none": ("modify", modify("add", _valued("oops", "str")), "oops"),
-        "JSON without end": ("modify", modify("add", _valued(endless, "list")), "no JSON list"),
+        "JSON without end": ("modify", modify("add", _valued(endless, "list")), "skiros:PositionX"),
         "a text for a number": ("modify", modify("add", _valued('["left"]', "str")), "PositionX"),
         "a bool for a number": ("modify", modify("add", _valued("[true]", "bool")), "PositionX"),
         "a number that no float holds": ("modify", modify("add", _valued(f"[{10**400}]", "int")), "PositionX"),

@@ -332,7 +332,7 @@ def bad_requests():
         "modify with an unknown action": (modify("change", message(SCENE)), "unknown action 'change'"),
         "add without class": (modify("add", message(label="part")), "cannot be the name of a class"),
         "add of a type name that is not a type": (modify("add", wrong_type), "unknown type name 'os.system'"),
-        "add of a value that is not JSON": (modify("add", no_json), "no JSON list"),
+        "add of a value that is not JSON": (modify("add", no_json), "is not a JSON list"),
         "add of a value of another type": (modify("add", message(etype="skiros:Part", PositionX="left")), "PositionX"),
         "add under no element": (
             modify("add", message(etype="skiros:Part", relations=[("skiros:Part-9", "skiros:contain", "-1")])),

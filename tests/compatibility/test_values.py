@@ -25,12 +25,13 @@ LIBRARIES = Path(__file__).parents[1] / "libraries"
 
 @rule("blackboard", "An element is read when the skill starts, whichever way it came",
       better="a write changes only what the skill has changed since then")  # fmt: skip
+@pytest.mark.parametrize("author", ["another author", "the robot"])
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("way", WAYS)
-def test_a_skill_starts_with_the_element_as_it_is(skill_bench, monkeypatch, way, change):
+def test_a_skill_starts_with_the_element_as_it_is(skill_bench, monkeypatch, way, change, author):
     monkeypatch.syspath_prepend(LIBRARIES)
     skill_bench.import_libraries("value_skills")
-    editor = LocalWorldModel("editor", skill_bench.wmi.model)
+    editor = skill_bench.wmi if author == "the robot" else LocalWorldModel("editor", skill_bench.wmi.model)
     stage = furnish(editor)
     calls = [(skill, "", params) for skill, params in WAYS[way](editor.get_element(stage.part))]
     task = skill_bench.commands(*calls)
@@ -322,21 +323,52 @@ def test_a_default_and_an_id_name_the_element_as_it_is(skill_bench, monkeypatch,
     check("a command", change, stage, Outcome(task.state is State.Success, seen, task.why), editor)
 
 
-@rule("more", "A learned value replaces a default: each start takes the present one; a given value wins")
-def test_learned_values_are_read_at_each_start(skill_bench):
+@pytest.fixture
+def learned(skill_bench):
+    """Runs a skill with a default of 0.1 and returns the value that it has."""
     speed = ("Speed", 0.1, ParamTypes.Required)
     skill_bench.load(primitive("Push", speed, execute=lambda s: s.success(str(s.params["Speed"].value))))
+    return lambda **given: message(skill_bench.run(skill_bench.node("Push", **given)), "Push")
 
-    def learn(value):
-        found = skill_bench.add("skiros:ParameterSet", "learned", SkillType="skiros:Push")
-        part = skill_bench.add("skiros:Parameter", "Speed", found, "skiros:hasParam", Value=value)
-        return found, part
 
-    said = [message(skill_bench.run(skill_bench.node("Push")), "Push")]
-    _, part = learn(0.2)
-    said.append(message(skill_bench.run(skill_bench.node("Push")), "Push"))
+def learn(bench, value):
+    """Adds a set with a value, as `learn apply` does. Returns both."""
+    found = bench.add("skiros:ParameterSet", "learned", SkillType="skiros:Push")
+    return found, bench.add("skiros:Parameter", "Speed", found, "skiros:hasParam", Value=value)
+
+
+@rule("more", "A learned value replaces a default: each start takes the present one; a given value wins")
+def test_learned_values_are_read_at_each_start(skill_bench, learned):
+    said = [learned()]
+    _, part = learn(skill_bench, 0.2)
+    said.append(learned())
     part.setProperty("skiros:Value", 0.3)
     skill_bench.wmi.update_element(part)
-    said.append(message(skill_bench.run(skill_bench.node("Push")), "Push"))
-    said.append(message(skill_bench.run(skill_bench.node("Push", Speed=0.9)), "Push"))
+    said.append(learned())
+    said.append(learned(Speed=0.9))
     assert said == ["0.1", "0.2", "0.3", "0.9"]
+
+
+@rule("more", "A learned value is that of the newest set that is in the scene at the start; without one, the default")
+@pytest.mark.parametrize("change, expected", [
+    ("its value is removed", "0.1"), ("its value is replaced", "0.4"), ("it is removed", "0.1"), ("it is moved", "0.2"),
+    ("a newer one", "0.4"), ("a newer one that is removed", "0.2"),
+])  # fmt: skip
+def test_learned_values_follow_their_set(skill_bench, learned, change, expected):
+    wmi = skill_bench.wmi
+    found, part = learn(skill_bench, 0.2)
+    assert learned() == "0.2"
+    if change.startswith("its value"):
+        wmi.remove_element(part.id)
+        if change.endswith("replaced"):
+            skill_bench.add("skiros:Parameter", "Speed", found, "skiros:hasParam", Value=0.4)
+    elif change == "it is removed":
+        wmi.remove_element(found.id)
+    elif change == "it is moved":
+        wmi.set_relation("skiros:Scene-0", "skiros:contain", found.id, False)
+        wmi.set_relation(skill_bench.add("skiros:Location", "archive").id, "skiros:contain", found.id)
+    else:
+        newer, _ = learn(skill_bench, 0.4)
+        if change.endswith("removed"):
+            wmi.remove_element(newer.id)
+    assert learned() == expected

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.timeout(120)
 ROBOT = "/test_robot"
 LIBRARIES = Path(__file__).parents[1] / "libraries"
 PRIMITIVES = (
-    "[gate, use_required, use_optional, use_inferred, use_at_second_try, use_late, hold_given, hold_inferred, find,"
+    "[gate, edit, use_required, use_optional, use_inferred, use_at_second_try, use_late, hold_given, hold_inferred, find,"
     " rework]"
 )
 COMPOUNDS = "[above, above_inferred, remapped, specified, find_below, again, run_plan]"
@@ -31,35 +32,46 @@ class Cell:
     """A manager with the library."""
 
     def __init__(self, ros: Ros) -> None:
-        env = {**ros.master.env, "PYTHONPATH": f"{LIBRARIES}:{ros.master.env['PYTHONPATH']}"}
+        path = f"{LIBRARIES}:{LIBRARIES.parent}:{ros.master.env['PYTHONPATH']}"
+        env = {**ros.master.env, "PYTHONPATH": path}
         ros.launch("skiros2", "world_model_server.launch", gui=False)
         ros.launch(
             "skiros2", "skill_mgr.launch", libraries_list="[value_skills]",
             primitive_list=PRIMITIVES, skill_list=COMPOUNDS, env=env,
         )  # fmt: skip
-        ros.service(f"{ROBOT}/command", srvs.SkillCommand)
+        self.command = ros.service(f"{ROBOT}/command", srvs.SkillCommand)
         self.editor = WorldModelInterface("editor")
         self.client = SkillManagerInterface(ROBOT, "tests")
         self.progress = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress).connected()
 
-    def run(self, way: str, change: str) -> None:
+    def run(self, way: str, change: str, author: str) -> None:
         """Runs a cell of the table in a scene of its own."""
         with self.stage() as stage:
-            task = self._start(WAYS[way](self.editor.get_element(stage.part)))
+            if way == "an id in JSON":
+                task = self._start_by_id(stage.part)
+            else:
+                task = self._start(WAYS[way](self.editor.get_element(stage.part)))
             self.progress.wait_for(
                 lambda m: any(p.task_id == task and p.progress_message == "waiting" for p in m.progress)
             )
-            self._change(change, stage)
+            if author == "the robot":
+                succeeded, messages = self._end(self._start([("Edit", {"Change": change, "Stage": vars(stage)})]))
+                assert succeeded, messages
+            else:
+                CHANGES[change](self.editor, stage)
+            self._open_gate(stage)
             succeeded, messages = self._end(task)
             said = " ".join(text for _, text in messages)
-            check(way, change, stage, Outcome(succeeded, seen_by(messages), said), self.editor)
+            kind = "a command" if way == "an id in JSON" else way
+            check(kind, change, stage, Outcome(succeeded, seen_by(messages), said), self.editor)
 
     def run_late(self, change: str) -> None:
         """Another author changes the element while a skill works with it."""
         with self.stage() as stage:
             task = self._start([("UseLate", {"Object": self.editor.get_element(stage.part)})])
             wait_until(lambda: self.editor.get_element(stage.gate).hasProperty("skiros:CadModel"), what="the start")
-            self._change(change, stage)
+            CHANGES[change](self.editor, stage)
+            self._open_gate(stage)
             succeeded, _ = self._end(task)
             if change == "removed":
                 assert not succeeded and self.editor.find_element(stage.part) is None
@@ -95,8 +107,14 @@ class Cell:
         assert task >= 0, self.client.last_error
         return task
 
-    def _change(self, change: str, stage: Stage) -> None:
-        CHANGES[change](self.editor, stage)
+    def _start_by_id(self, part: str) -> int:
+        param = msgs.Param(json.dumps({"key": "Object", "values": part}))
+        skills = [msgs.ResourceDescription(type="Gate"), msgs.ResourceDescription("UseRequired", "", [param])]
+        answer = self.command("tests", "start", -1, skills)
+        assert answer.ok
+        return int(answer.execution_id)
+
+    def _open_gate(self, stage: Stage) -> None:
         gate = self.editor.get_element(stage.gate)
         gate.setProperty("skiros:Weight", 1.0)
         self.editor.update_element(gate)
@@ -122,10 +140,11 @@ def cell(ros_master: RosMaster) -> Iterator[Cell]:
 
 @rule("blackboard", "On a robot, an element is read when the skill starts, whichever way it came",
       better="a write changes only what the skill has changed since then")  # fmt: skip
-@pytest.mark.parametrize("way", WAYS)
-def test_a_skill_starts_with_the_element_as_it_is(cell: Cell, way: str) -> None:
+@pytest.mark.parametrize("author", ["another author", "the robot"])
+@pytest.mark.parametrize("way", [*WAYS, "an id in JSON"])
+def test_a_skill_starts_with_the_element_as_it_is(cell: Cell, way: str, author: str) -> None:
     for change in CHANGES:
-        cell.run(way, change)
+        cell.run(way, change, author)
 
 
 @rule(

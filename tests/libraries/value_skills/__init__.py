@@ -11,6 +11,7 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.skill import RetryOnFail, SkillBase
 from skiros2_skill.ros.utils import deserialize_skill
+from support.value_table import CHANGES, Stage
 
 WEIGHT, MODEL, WORTH = "skiros:Weight", "skiros:CadModel", "skiros:Value"
 
@@ -95,6 +96,23 @@ class gate(PrimitiveBase):
 
     def execute(self):
         return self.success() if _gate(self._wmi).hasProperty(WEIGHT) else self.step("waiting")
+
+
+class Edit(SkillDescription):
+    def createDescription(self):
+        self.addParam("Change", str, ParamTypes.Required)
+        self.addParam("Stage", dict, ParamTypes.Required)
+
+
+class edit(PrimitiveBase):
+    """Makes a change of the table as the robot: by its own client of the world model."""
+
+    def createDescription(self):
+        self.setDescription(Edit(), "edit")
+
+    def execute(self):
+        CHANGES[self.params["Change"].value](self._wmi, Stage(**self.params["Stage"].value))
+        return self.success()
 
 
 class hold_given(_Use):

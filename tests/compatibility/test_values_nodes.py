@@ -22,8 +22,8 @@ pytestmark = pytest.mark.timeout(120)
 ROBOT = "/test_robot"
 LIBRARIES = Path(__file__).parents[1] / "libraries"
 PRIMITIVES = (
-    "[gate, edit, use_required, use_optional, use_inferred, use_at_second_try, use_late, hold_given, hold_inferred, find,"
-    " rework]"
+    "[gate, edit, use_required, use_optional, use_inferred, use_at_second_try, use_late, hold_given, hold_inferred,"
+    " find, rework]"
 )
 COMPOUNDS = "[above, above_inferred, remapped, specified, find_below, again, run_plan]"
 

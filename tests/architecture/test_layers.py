@@ -22,6 +22,7 @@ OUTSIDE = {
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
     "skiros2_motion": {"numpy", "PyKDL"},
     "skiros2_std_reasoners": {"numpy"},
+    "skiros2_live": set(),
     "skiros2_std_skills": set(),
     "skiros2_perception": {"numpy", "scipy"},
     "skiros2_bags": {"numpy", "rosbags", "lz4", "matplotlib", "mcap", "rerun"},
@@ -39,6 +40,7 @@ PORTS = {
     "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.world_model_abstract_interface"},
     "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
     "skiros2_std_reasoners": {"skiros2_motion.core"},
+    "skiros2_live": {"skiros2_world_model.core", *MOTION},
     "skiros2_perception": MOTION,
     "skiros2_bags": {
         "skiros2_runs.core",
@@ -56,6 +58,7 @@ PORTS = {
         "skiros2_skill.core",
         "skiros2_task.core",
         "skiros2_world_model.core",
+        "skiros2_live.core",
         *MOTION,
         "skiros2_bags.core",
     },
@@ -71,6 +74,7 @@ PORTS = {
         "skiros2_task.core",
         "skiros2_task.command_line",
         "skiros2_bags.core",
+        "skiros2_live.core",
         *MOTION,
         "skiros2_learning.core",
         "skiros2_teaching.core",
@@ -140,6 +144,16 @@ def test_packages_import_no_higher_package() -> None:
         for file in FILES
         for line, name in file.imports()
         if name.partition(".")[0] in order[order.index(file.package) + 1 :]
+    ]
+
+
+def test_nothing_imports_the_window() -> None:
+    assert not [
+        f"{file}:{line}: {name}"
+        for file in FILES
+        if file.package != "skiros2_gui"
+        for line, name in file.imports()
+        if _under(name, ("skiros2_gui",))
     ]
 
 

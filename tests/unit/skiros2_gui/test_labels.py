@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from skiros2_gui.view3d.marker_set import LINE, MAX_LINES, place_labels
-from skiros2_gui.view3d.markers import AXES, BOX, TEXT_HEIGHT, ElementMarker, Visual
+from skiros2_live.core.markers import AXES, BOX, TEXT_HEIGHT, ElementMarker, Visual
 from skiros2_motion.core.geometry import Pose, from_euler
 
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 from visualization_msgs.msg import InteractiveMarkerControl, Marker
 
-from skiros2_gui.view3d.markers import AXES, BOX, MESH, ElementMarker, RobotPart, Visual
 from skiros2_gui.view3d.ros.marker_messages import (
     TEXTS,
     deletions,
@@ -17,6 +16,7 @@ from skiros2_gui.view3d.ros.marker_messages import (
     robot_marker,
     shape_marker,
 )
+from skiros2_live.core.markers import AXES, BOX, MESH, ElementMarker, RobotPart, Visual
 from skiros2_motion.core.geometry import Pose
 
 TURNED = (0.5, 0.5, 0.5, 0.5)

@@ -8,11 +8,10 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet
-from skiros2_gui.view3d.markers import AXES, BOX, MESH, MarkerFactory, view_number
+from skiros2_gui.view3d.marker_set import MarkerSet
+from skiros2_live.core.markers import AXES, BOX, MESH, MarkerFactory, view_number
 from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_world_model.core.changes import ADD, REMOVE, RESET, UPDATE, Change
 
 PARENTS = {"skiros:Product": "skiros:Manipulatable", "demo:Arm": "sumo:Device", "demo:Shelf": "skiros:Location"}
 
@@ -103,38 +102,6 @@ def test_view_number_fits_int32() -> None:
     assert view_number("skiros:Product-7") == 7
     for odd in ("", "Product", "skiros:Product-99999999999", "skiros:Product--3"):
         assert 0 <= view_number(odd) < 2**31
-
-
-# -- what has changed --------------------------------------------------------------------------------------------
-
-
-def change(number: int, action: str, *elements: Element, before: int | None = None, context: str = "scene") -> Change:
-    previous = number - 1 if before is None else before
-    return Change(number, f"s-{previous}", f"s-{number}", 0.0, "me", action, context, elements)
-
-
-def test_changed_elements_collect_ids() -> None:
-    changed = ChangedElements()
-    assert changed.take() is None, "at first, everything is new"
-    for number, action in enumerate((ADD, UPDATE, REMOVE), 1):
-        changed.add(change(number, action, placed(f"skiros:Product-{number % 2}")))
-    changed.add(change(4, UPDATE, placed("skiros:Product-9"), context="other"))
-    assert changed.waiting.is_set() and changed.take() == {"skiros:Product-0", "skiros:Product-1"}
-    assert not changed.waiting.is_set() and changed.take() == set()
-
-
-@pytest.mark.parametrize(
-    "then", [change(2, RESET), change(5, UPDATE, placed()), change(2, UPDATE)], ids=["reset", "gap", "ontology"]
-)
-def test_reset_gap_or_ontology_change_counts_as_everything(then: Change) -> None:
-    changed = ChangedElements()
-    changed.take()
-    changed.add(change(1, ADD, placed()))
-    changed.add(then)
-    taken = changed.take()
-    assert taken is None
-    changed.restore(taken)
-    assert changed.take() is None
 
 
 def test_marker_update_contains_changed_visuals_only(factory: MarkerFactory) -> None:

@@ -10,9 +10,9 @@ import pytest
 from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.view3d.markers import ElementMarker, MarkerFactory
 from skiros2_gui.view3d.ros import selected_marker
 from skiros2_gui.view3d.ros.selected_marker import SelectedMarker
+from skiros2_live.core.markers import ElementMarker, MarkerFactory
 from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_world_model.core.local_world_model import LocalWorldModel

@@ -16,8 +16,8 @@ from actionlib_msgs.msg import GoalStatusArray
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_gui.app.events import TaskProgress
-from skiros2_gui.app.ros.progress import QuickTreeProgress
 from skiros2_gui.app.system import clock
+from skiros2_live.ros.tree_progress import QuickTreeProgress
 from skiros2_msgs.msg import SafetyStatus
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface

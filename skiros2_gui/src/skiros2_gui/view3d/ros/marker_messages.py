@@ -9,7 +9,7 @@ from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker
 
-from skiros2_gui.view3d.markers import AXES, BOX, CYLINDER, MESH, SPHERE, TEXT_HEIGHT, ElementMarker, RobotPart, Visual
+from skiros2_live.core.markers import AXES, BOX, CYLINDER, MESH, SPHERE, TEXT_HEIGHT, ElementMarker, RobotPart, Visual
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector
 
 #: The suffix of the namespace of text markers.

@@ -20,11 +20,12 @@ from skiros2_common.ros.node import spin
 from skiros2_gui.app.events import ProblemReported
 from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.problems import error_text
-from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet, MarkerUpdate
-from skiros2_gui.view3d.markers import MarkerFactory, read_robot
+from skiros2_gui.view3d.marker_set import MarkerSet, MarkerUpdate
 from skiros2_gui.view3d.ros.guiding_markers import GuidingMarkers
 from skiros2_gui.view3d.ros.marker_messages import deletions, element_markers, robot_marker
 from skiros2_gui.view3d.ros.selected_marker import OnProblem, SelectedMarker
+from skiros2_live.core.changed_elements import ChangedElements
+from skiros2_live.core.markers import MarkerFactory, read_robot
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)

@@ -17,8 +17,8 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_gui.view3d.dragging import Dragging, Target
-from skiros2_gui.view3d.markers import ElementMarker
 from skiros2_gui.view3d.ros.marker_messages import interactive_marker, pose_message
+from skiros2_live.core.markers import ElementMarker
 from skiros2_motion.core.geometry import Pose, normalized
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_world_model.core.world_model_abstract_interface import WmException

@@ -27,7 +27,7 @@ from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.scene_view import SceneView, frames_data
 from skiros2_gateway.core.signal_view import full_topic
 from skiros2_gateway.ros.ros_cell import RosCell
-from skiros2_gui.view3d.marker_set import ChangedElements
+from skiros2_live.core.changed_elements import ChangedElements
 from skiros2_msgs import msg as msgs
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.manager import ManagerClient

@@ -9,7 +9,7 @@ from typing import Any
 import rospy
 
 from skiros2_gateway.core.robots import Robot, RobotTask
-from skiros2_gui.app.ros.progress import QuickTreeProgress
+from skiros2_live.ros.tree_progress import QuickTreeProgress
 from skiros2_msgs.msg import SafetyStatus, SkillProgress
 from skiros2_runs.core.progress import has_ended, task_state
 from skiros2_runs.core.states import TaskState

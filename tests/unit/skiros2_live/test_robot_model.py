@@ -7,7 +7,7 @@ import math
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_gui.view3d.markers import BOX, CYLINDER, MESH, SPHERE, read_robot
+from skiros2_live.core.markers import BOX, CYLINDER, MESH, SPHERE, read_robot
 
 URDF = """<robot name="r">
   <material name="blue"><color rgba="0 0 1 1"/></material>
@@ -38,9 +38,7 @@ def test_frames_without_prefix_are_link_names() -> None:
     assert {part.frame for part in read_robot(URDF)} == {"base", "wheel", "arm"}
 
 
-@pytest.mark.parametrize(
-    "text", ["", "no xml", URDF.replace('"1 2 3"', '"1 2"')]
-)
+@pytest.mark.parametrize("text", ["", "no xml", URDF.replace('"1 2 3"', '"1 2"')])
 def test_text_that_is_no_urdf_is_refused(text: str) -> None:
     with pytest.raises(WrongValue, match="not a URDF"):
         read_robot(text)

@@ -9,7 +9,7 @@ from genpy import DeserializationError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_gui.app.ros.progress import QuickTreeProgress
+from skiros2_live.ros.tree_progress import QuickTreeProgress
 from skiros2_msgs import msg as msgs
 
 texts = st.text(max_size=5)

@@ -1,0 +1,42 @@
+"""Which elements have changed since a view has read them."""
+
+from __future__ import annotations
+
+import pytest
+
+from skiros2_common.core.world_element import Element
+from skiros2_live.core.changed_elements import ChangedElements
+from skiros2_world_model.core.changes import ADD, REMOVE, RESET, UPDATE, Change
+
+
+def element(eid: str = "skiros:Product-7") -> Element:
+    return Element("skiros:Product", "Bolt", eid)
+
+
+def change(number: int, action: str, *elements: Element, before: int | None = None, context: str = "scene") -> Change:
+    previous = number - 1 if before is None else before
+    return Change(number, f"s-{previous}", f"s-{number}", 0.0, "me", action, context, elements)
+
+
+def test_changed_elements_collect_ids() -> None:
+    changed = ChangedElements()
+    assert changed.take() is None, "at first, everything is new"
+    for number, action in enumerate((ADD, UPDATE, REMOVE), 1):
+        changed.add(change(number, action, element(f"skiros:Product-{number % 2}")))
+    changed.add(change(4, UPDATE, element("skiros:Product-9"), context="other"))
+    assert changed.waiting.is_set() and changed.take() == {"skiros:Product-0", "skiros:Product-1"}
+    assert not changed.waiting.is_set() and changed.take() == set()
+
+
+@pytest.mark.parametrize(
+    "then", [change(2, RESET), change(5, UPDATE, element()), change(2, UPDATE)], ids=["reset", "gap", "ontology"]
+)
+def test_reset_gap_or_ontology_change_counts_as_everything(then: Change) -> None:
+    changed = ChangedElements()
+    changed.take()
+    changed.add(change(1, ADD, element()))
+    changed.add(then)
+    taken = changed.take()
+    assert taken is None
+    changed.restore(taken)
+    assert changed.take() is None

@@ -38,7 +38,12 @@ MOTION = {"skiros2_motion.core", "skiros2_std_reasoners.core"}
 #: Of lower packages, only the port.
 PORTS = {
     "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.world_model_abstract_interface"},
-    "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
+    "skiros2_task": {
+        "skiros2_world_model.core.world_model_abstract_interface",
+        "skiros2_world_model.core.datatypes",
+        "skiros2_world_model.core.vocabulary",
+        "skiros2_skill.core",
+    },
     "skiros2_std_reasoners": {"skiros2_motion.core"},
     "skiros2_live": {"skiros2_world_model.core", *MOTION},
     "skiros2_perception": MOTION,

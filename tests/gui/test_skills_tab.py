@@ -448,8 +448,8 @@ def test_lines_follow_the_text_of_the_goal(tab: SkillsTab, goal_line: Any, qtbot
     goal_line.setText("(forall (?x - skiros:Product) (skiros:contain box ?x)), (> (skiros:Weight bolt) 2)")
     shown = [_child(tab, QComboBox, f"goal{box}").currentText() for box in ("Subject_0", "Object_0", "Subject_1")]
     assert shown == ["box", "every product", "bolt"]
-    assert _child(tab, QComboBox, "goalValue_1").currentText() == "2"
-    qtbot.keyClicks(_child(tab, QComboBox, "goalValue_1").lineEdit(), "5")
+    assert _child(tab, QLineEdit, "goalValue_1").text() == "2"
+    qtbot.keyClicks(_child(tab, QLineEdit, "goalValue_1"), "5")
     assert goal_line.text().endswith("(> (skiros:Weight bolt) 25)")
     qtbot.mouseClick(_child(tab, QToolButton, "removeCondition_0"), Qt.LeftButton)
     assert goal_line.text() == "(> (skiros:Weight bolt) 25)"
@@ -475,8 +475,50 @@ def test_line_of_a_new_property_has_a_value(tab: SkillsTab, goal_line: Any, qtbo
     box.lineEdit().selectAll()
     qtbot.keyClicks(box.lineEdit(), "Weight")
     qtbot.keyClick(box.lineEdit(), Qt.Key_Return)
-    value = _child(tab, QComboBox, "goalValue_0")
+    value = _child(tab, QLineEdit, "goalValue_0")
     qtbot.waitUntil(value.isVisible)
+    assert value.placeholderText() == "at least 0 kg"
+    assert [label.text() for label in value.parent().findChildren(QLabel)] == ["kg"]
     assert goal_line.text() == ""
-    qtbot.keyClicks(value.lineEdit(), "2.5")
+    qtbot.keyClicks(value, "2.5")
     assert goal_line.text() == "(= (skiros:Weight box) 2.5)"
+
+
+def _choose(qtbot: QtBot, tab: SkillsTab, name: str, text: str) -> None:
+    box = _child(tab, QComboBox, name)
+    box.lineEdit().selectAll()
+    qtbot.keyClicks(box.lineEdit(), text)
+    qtbot.keyClick(box.lineEdit(), Qt.Key_Return)
+
+
+def _entries(tab: SkillsTab, name: str) -> list[str]:
+    box = _child(tab, QComboBox, name)
+    return [box.itemText(row) for row in range(box.count())]
+
+
+def test_boolean_is_true_or_false(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    tab.below.setCurrentWidget(tab.goal_lines)
+    _choose(qtbot, tab, "goalSubject_0", "bolt")
+    _choose(qtbot, tab, "goalPredicate_0", "Missing")
+    assert _entries(tab, "goalValue_0") == ["true", "false"] and _entries(tab, "goalOperator_0") == ["="]
+    value = _child(tab, QComboBox, "goalValue_0")
+    qtbot.keyClick(value, Qt.Key_Down)
+    qtbot.keyClick(value, Qt.Key_Down)
+    assert goal_line.text() == "(= (skiros:Missing skiros:Product-3) false)"
+    goal_line.setText("(skiros:Missing bolt)")
+    assert _child(tab, QComboBox, "goalValue_0").currentText() == "true"
+    goal_line.setText("(= (skiros:Missing bolt) my_robot)")
+    mistake = _child(tab, QLabel, "goalMistake")
+    qtbot.waitUntil(lambda: "expected = with true or false, got = my_robot" in mistake.text())
+    assert not tab.goals.is_complete
+
+
+def test_relation_offers_elements_in_its_range(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    tab.below.setCurrentWidget(tab.goal_lines)
+    goal_line.setText("(skiros:contain box nut)")
+    _choose(qtbot, tab, "goalPredicate_0", "cora:robotPart")  # from a device to a robot
+    assert {"box", "nut"} & {*_entries(tab, "goalSubject_0"), *_entries(tab, "goalObject_0")} == set()
+    assert "test robot" in [text.replace("_", " ") for text in _entries(tab, "goalObject_0")]
+    assert [_child(tab, QComboBox, f"goal{box}_0").currentText() for box in ("Subject", "Object")] == ["", ""]
+    _choose(qtbot, tab, "goalPredicate_0", "skiros:contain")
+    assert {"box", "nut"} <= set(_entries(tab, "goalObject_0"))

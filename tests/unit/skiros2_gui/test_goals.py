@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import GoalFeedback
 from skiros2_gui.app.window import Window
-from skiros2_gui.goal.completion import Completion, Vocabulary, complete
-from skiros2_gui.goal.plan import GoalExecution, check_syntax
+from skiros2_gui.goal.plan import GoalExecution
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_task.core import goal_text
 from skiros2_task.core.engines import EngineProcesses, Limits
+from skiros2_task.core.goal_checker import check_syntax
+from skiros2_task.core.goal_completion import Completion, GoalVocabulary, complete
 from skiros2_task.core.planners import planner_named
 from skiros2_task.core.planning import TaskPlanner, report_of
 from skiros2_task.core.preview import preview
@@ -161,7 +162,7 @@ _PIECES = st.sampled_from(["(", ")", "forall", "=", "?x", "-", " ", "\n", '"', "
 @settings(max_examples=40)
 def test_completion_and_syntax_check_accept_any_text(text: str, cursor: int) -> None:
     word = Completion("skiros:at", "at", "relation")
-    found = complete(text, max(cursor, 0), Vocabulary((word,), (word,), (word,), (word,), (word,)))
+    found = complete(text, max(cursor, 0), GoalVocabulary((word,), (word,), (word,), (word,), (word,)))
     assert 0 <= found.start <= len(text)
     mistake = check_syntax(text)
     assert mistake is None or 0 <= mistake.position(text) <= len(text)
@@ -186,6 +187,22 @@ def test_unknown_name_is_reported(lab: Lab) -> None:
     lab.goals.write("(skiros:at alpha shelf)")
     assert lab.goals.diagnostic is None
     assert lab.goals.can_plan
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        ("(= (skiros:Missing alpha) my_robot)", "Missing: expected = with true or false, got = my_robot"),
+        ("(= (skiros:Weight alpha) -2)", "Weight: expected at least 0 kg, got -2"),
+        ("(cora:robotPart shelf alpha)", "shelf: the subject of cora:robotPart is a sumo:Device"),
+    ],
+)
+def test_goal_that_the_ontologies_exclude_is_refused(lab: Lab, goal: str, reason: str) -> None:
+    lab.goals.write(goal)
+    assert lab.goals.diagnostic is not None
+    assert lab.goals.diagnostic.reason.startswith(reason)
+    lab.goals.make_plan()
+    assert not lab.goals.can_plan and lab.goals.plan is None
 
 
 def test_empty_goal_has_no_diagnostic(lab: Lab) -> None:

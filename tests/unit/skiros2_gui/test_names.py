@@ -8,8 +8,9 @@ from skiros2_common.core.wording import verb, words
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import EventQueue
 from skiros2_gui.app.names import Names
-from skiros2_gui.goal.readable import change_lines, goal_sentence, why_lines
+from skiros2_gui.goal.readable import change_lines, why_lines
 from skiros2_task.core.explain_plan import Link, WhyPlan, WhyStep
+from skiros2_task.core.goal_sentence import goal_sentence
 from skiros2_task.core.preview import FactChange, Preview, PreviewStep
 from support.window.local_system import LocalSystem
 

@@ -13,12 +13,12 @@ from skiros2_gui.world.choices import CLASS, TEMPLATE, class_choices, element_ch
 from skiros2_gui.world.details import display_name
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED, SceneHierarchy
-from skiros2_gui.world.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.changes import ADD, RESET, UPDATE, Change
 from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.world_model import WorldModel
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window

@@ -1,4 +1,4 @@
-"""Checks goals, and reads the plans and the progress of the task manager."""
+"""Reads the plans and the progress of the task manager."""
 
 from __future__ import annotations
 
@@ -8,15 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_gui.goal.completion import Vocabulary, read_vocabulary
-from skiros2_gui.goal.readable import NameOf, change_lines, why_lines
-from skiros2_task.core.actions import condition_predicates
+from skiros2_gui.goal.readable import change_lines, why_lines
 from skiros2_task.core.explain_plan import WhyPlan
-from skiros2_task.core.goal_reader import GoalReader
-from skiros2_task.core.goal_text import GoalError, parse_goals
+from skiros2_task.core.goal_sentence import NameOf
 from skiros2_task.core.preview import Preview
-from skiros2_task.core.world import WorldView
 
 #: The result states without failure.
 _REACHED = {"succeeded": "The goal is reached.", "nothing_to_do": "The goal holds already."}
@@ -157,52 +152,6 @@ def _with_states(rows: Iterable[StepRow], steps: Iterable[dict[str, Any]]) -> tu
         else row
         for row in rows
     )
-
-
-@dataclass(frozen=True)
-class Diagnostic:
-    """Why a goal cannot be read.
-
-    :param line, column: the position, from 1.
-    """
-
-    line: int
-    column: int
-    reason: str
-
-    def position(self, text: str) -> int:
-        """Returns the position as an offset in the text."""
-        before = text.split("\n")[: self.line - 1]
-        return min(sum(len(line) + 1 for line in before) + self.column - 1, len(text))
-
-
-def check_syntax(text: str) -> Diagnostic | None:
-    """Returns the first syntax error of a goal, or None. Does not block."""
-    try:
-        parse_goals(text)
-    except GoalError as error:
-        return Diagnostic(error.line, error.column, error.reason)
-    return None
-
-
-class GoalChecker:
-    """Checks goals against a snapshot of the world. For one worker at a time.
-
-    :raises WmException: the world model does not answer.
-    """
-
-    def __init__(self, wm: WorldModelPort) -> None:
-        world = WorldView(wm)
-        self.vocabulary: Vocabulary = read_vocabulary(world)
-        self._reader = GoalReader(world, condition_predicates(world.robots))
-
-    def check(self, text: str) -> Diagnostic | None:
-        """Returns the first error of a goal, unknown names included, or None."""
-        try:
-            self._reader.read(text)
-        except GoalError as error:
-            return Diagnostic(error.line, error.column, error.reason)
-        return None
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_gui.app.events import ConnectionChanged, GoalFeedback, StopRequested, StopTarget, WorldChanged
 from skiros2_gui.app.jobs import Throttle
 from skiros2_gui.app.names import Names
 from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.window import Window
-from skiros2_gui.goal.completion import Completions, Vocabulary, complete
-from skiros2_gui.goal.lines import Line, read_lines, write_lines
-from skiros2_gui.goal.plan import Diagnostic, GoalChecker, GoalExecution, GoalPlan, check_syntax, read_plan
-from skiros2_gui.goal.readable import goal_sentence, lines_sentence
+from skiros2_gui.goal.plan import GoalExecution, GoalPlan, read_plan
+from skiros2_task.core.goal_checker import Diagnostic, GoalChecker, check_syntax
+from skiros2_task.core.goal_choices import GoalChoices
+from skiros2_task.core.goal_completion import Completions, GoalVocabulary, complete
+from skiros2_task.core.goal_lines import Line, read_lines, write_lines
+from skiros2_task.core.goal_sentence import goal_sentence, lines_sentence
+from skiros2_world_model.core.vocabulary import Vocabulary
 
 _QUEUE = "goal: check"
 
@@ -46,13 +50,16 @@ class GoalPresenter:
         self.history: list[str] = []
         self._checker: GoalChecker | None = None
         #: The names that goals may use.
-        self.vocabulary = Vocabulary()
+        self.vocabulary = GoalVocabulary()
+        #: The choices for the lines; None before the world was read.
+        self.choices: GoalChoices | None = None
+        self._ontology: Vocabulary | None = None
         self._is_stale = True  # the vocabulary may be out of date
         self._is_unchecked = False  # the text has not been checked
         self._is_refreshing = False
         self._throttle = Throttle()
         self._is_planning = False
-        window.subscribe(WorldChanged, lambda _: self._invalidate())
+        window.subscribe(WorldChanged, self._invalidate)
         window.subscribe(ConnectionChanged, lambda _: self._connection_changed())
         window.subscribe(GoalFeedback, self._on_feedback)
         window.subscribe(StopRequested, self._on_stop)
@@ -101,11 +108,13 @@ class GoalPresenter:
         """Returns the completions at a cursor (an offset)."""
         return complete(self.text, cursor, self.vocabulary)
 
-    def _invalidate(self) -> None:
+    def _invalidate(self, event: WorldChanged) -> None:
         self._is_stale = True
+        if event.ontology:
+            self._ontology = None
 
     def _connection_changed(self) -> None:
-        self._is_stale = True
+        self._is_stale, self._ontology = True, None
         self.on_goal()
 
     def refresh_if_ready(self) -> None:
@@ -126,8 +135,9 @@ class GoalPresenter:
         self._is_refreshing = True
         if is_due:
             self._throttle.begin()
+        ontology = self._ontology
         self._window.jobs.run(
-            lambda: _check(checker, world, text),
+            lambda: _check(checker, world, ontology, text),
             lambda found: self._refreshed(text, *found),
             self._not_refreshed,
             queue=_QUEUE,
@@ -137,7 +147,9 @@ class GoalPresenter:
         self._is_refreshing = False
         if checker is not self._checker:
             self._throttle.end()
-            self._checker, self.vocabulary = checker, checker.vocabulary
+            self._checker, self.vocabulary, self.choices = checker, checker.vocabulary, checker.choices
+            if not self._is_stale:
+                self._ontology = checker.ontology
             self.on_vocabulary()
         if text and text == self.text:
             self.diagnostic = diagnostic
@@ -285,9 +297,11 @@ class GoalPresenter:
         self.history = [goal, *(known for known in self.history if known != goal)][:MAX_HISTORY]
 
 
-def _check(checker: GoalChecker | None, world: Any, text: str) -> tuple[GoalChecker, Diagnostic | None]:
+def _check(
+    checker: GoalChecker | None, world: WorldModelPort, ontology: Vocabulary | None, text: str
+) -> tuple[GoalChecker, Diagnostic | None]:
     """Returns the checker and the diagnostic of a goal; in a worker."""
-    checker = checker or GoalChecker(world)
+    checker = checker or GoalChecker(world, ontology)
     return checker, checker.check(text) if text.strip() else None
 
 

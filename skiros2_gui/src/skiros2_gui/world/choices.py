@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from skiros2_common.core.names import id_order, local_name
 from skiros2_gui.world.details import display_name
 from skiros2_gui.world.scene import SceneHierarchy
-from skiros2_gui.world.vocabulary import Predicate, Vocabulary
+from skiros2_world_model.core.vocabulary import Predicate, Vocabulary
 
 CLASS, TEMPLATE = "class", "template"
 

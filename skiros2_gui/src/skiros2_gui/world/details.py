@@ -11,11 +11,11 @@ from typing import Any
 from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.property import Property
 from skiros2_gui.world.scene import UNPLACED, SceneHierarchy
-from skiros2_gui.world.vocabulary import Vocabulary
 from skiros2_motion.core.geometry import to_euler
 from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, ORIENTATION, POSITION, pose_of, text
 from skiros2_world_model.core.formatting import format_values
 from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.vocabulary import Vocabulary
 
 _TYPE_NAMES = {float: "number", int: "whole number", bool: "yes or no", str: "text", list: "list", dict: "table"}
 #: The display order of properties: the index of the first pattern that matches.

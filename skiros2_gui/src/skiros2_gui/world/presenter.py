@@ -16,10 +16,10 @@ from skiros2_gui.world.details import Details, details_of
 from skiros2_gui.world.editor import SceneEditor
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, SceneHierarchy
-from skiros2_gui.world.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.changes import RESET, Change, Operation, Outcome
 from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 #: The duration of highlights (s).

@@ -11,12 +11,12 @@ from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges
 from skiros2_gui.world.scene import SceneHierarchy
-from skiros2_gui.world.vocabulary import Vocabulary
 from skiros2_motion.core.geometry import Pose, from_euler
 from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, set_pose
 from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
 from skiros2_world_model.core.queries import cascade_ids
 from skiros2_world_model.core.scene import ROOT, ElementRecord
+from skiros2_world_model.core.vocabulary import Vocabulary
 
 CONTAINS = "skiros:contain"
 #: Maintains frame and pose.

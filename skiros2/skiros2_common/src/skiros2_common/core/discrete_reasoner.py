@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from typing import Any
+from typing import Any, cast
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, reasoners, set_reasoners
@@ -26,7 +26,7 @@ class DiscreteReasoner:
     `computeRelations` are called in all processes, from any thread.
     """
 
-    _wmi: Any = None
+    _wmi = cast(WorldModelPort, None)  # until `init`
     _thread: _RunThread | None = None
 
     def __repr__(self) -> str:

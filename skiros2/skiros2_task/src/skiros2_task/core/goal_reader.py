@@ -8,10 +8,11 @@ property, `(> (Weight a) 2)` a number; `(Open a)` is a boolean property; `(has_W
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from itertools import product
 
+from skiros2_common.core.limits import NO_LIMITS
 from skiros2_common.core.names import local_name
 from skiros2_task.core.formula import (
     Atom,
@@ -37,8 +38,10 @@ from skiros2_task.core.goal_text import (
     goal_error,
     parse_goals,
 )
+from skiros2_task.core.goal_values import value_problem
 from skiros2_task.core.pddl_names import NameIndex, pddl_name
 from skiros2_task.core.world import WorldView
+from skiros2_world_model.core.vocabulary import Vocabulary
 
 #: The class of a quantified variable without a type.
 ANY_OBJECT = "sumo:Object"
@@ -49,18 +52,24 @@ Variables = dict[str, str]
 class GoalReader:
     """Reads goals for a snapshot of the world."""
 
-    def __init__(self, world: WorldView, predicates: Iterable[Predicate]) -> None:
+    def __init__(
+        self, world: WorldView, predicates: Iterable[Predicate], vocabulary: Vocabulary | None = None
+    ) -> None:
         """
         :param predicates: of the conditions of skills.
+        :param vocabulary: goals beyond its limits, `rdfs:domain` or `rdfs:range` are refused too; None: these are not
+            checked, as the world model accepts such relations.
         """
         self._world = world
         self._known = list(predicates)
+        self._vocabulary = vocabulary
         self._text = ""
 
     def read(self, text: str) -> Formula:
         """Returns the conjunction of the goals in a text. Adds templates that they name to the objects of the world.
 
-        :raises GoalError: the text does not parse, or has an unknown name.
+        :raises GoalError: the text does not parse, has an unknown name, or compares a property with a value of
+            another kind.
         """
         self._text = text
         return conjunction(self._goal(parsed, {}) for parsed in parse_goals(text))
@@ -119,6 +128,7 @@ class GoalReader:
             return self._atom(goal, variables)
         if isinstance(goal, ParsedComparison):
             prop = self._named(self._properties, goal.property, "property")
+            self._check_value(prop, goal.operator, goal.value, goal.property)
             predicate = self._equals(prop, goal.value)
             if goal.operator != "=":
                 predicate = Predicate(Kind.COMPARES, prop, goal.value, goal.operator)
@@ -177,6 +187,7 @@ class GoalReader:
         for cut in (i for i, char in enumerate(text) if char == "_"):
             found = self._properties.find(text[:cut])
             if len(found) == 1 and text[cut + 1 :]:
+                self._check_value(str(found[0]), "=", text[cut + 1 :], name)
                 return [self._equals(str(found[0]), text[cut + 1 :])]
         return []
 
@@ -190,10 +201,35 @@ class GoalReader:
         truth = value.lower() in ("true", "false")
         return Predicate(Kind.VALUE, prop, value.lower() == "true" if truth else value)
 
+    def _check_value(self, prop: str, operator: str, value: str | float, at: Name) -> None:
+        """
+        :raises GoalError: the property has values of another kind, or beyond the value.
+        """
+        kind, limits = self._world.value_type(prop) or (bool if prop in self._booleans else None), NO_LIMITS
+        if self._vocabulary is not None:
+            kind, limits = kind or self._vocabulary.value_type("", prop), self._vocabulary.limits(prop)
+        if problem := value_problem(kind, operator, value, limits):
+            raise self._error(at, f"{local_name(prop)}: {problem}")
+
     def _with_terms(self, predicate: Predicate, terms: tuple[Name, ...], variables: Variables) -> Formula:
         """Returns the disjunction of the predicate over all objects that the terms may denote."""
-        choices = product(*(self._term(term, variables) for term in terms))
-        return disjunction(Atom(predicate, choice) for choice in choices)
+        objects = [self._term(term, variables) for term in terms]
+        for side, (term, found) in enumerate(zip(terms, objects, strict=True)):
+            types = [variables[name] if name in variables else self._world.objects[name].type for name in found]
+            self._check_ends(predicate.name, types, side, term)
+        return disjunction(Atom(predicate, choice) for choice in product(*objects))
+
+    def _check_ends(self, name: str, types: Sequence[str], side: int, at: Name) -> None:
+        """
+        :param types: the classes of the objects that a term may denote.
+        :param side: 0 for the subject, 1 for the object.
+        :raises GoalError: none is in the domain or range of the predicate.
+        """
+        if self._vocabulary is None:
+            return
+        problems = [self._vocabulary.mismatch(*((cls, name, ""), ("", name, cls))[side]) for cls in types]
+        if all(problems):
+            raise self._error(at, f"{at.text}: {problems[0]}")
 
     # -- names -------------------------------------------------------------------------------------------------
 

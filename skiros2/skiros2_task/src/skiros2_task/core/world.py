@@ -14,6 +14,7 @@ from skiros2_common.core.names import full_name
 from skiros2_common.core.reasoner_registry import relations_of
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.skills import Robot, RunningManagers, no_managers, read_robots
+from skiros2_world_model.core.datatypes import PYTHON_TYPES
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: The template of an instance.
@@ -103,6 +104,10 @@ class WorldView:
             key for e in self.objects.values() for key in e.available_properties if isinstance(e.value_of(key), bool)
         }
         return found | set(self._wm.properties_of_range("xsd:boolean"))
+
+    def value_type(self, prop: str) -> type | None:
+        """Returns the Python type of a property's values; None if the ontologies declare none."""
+        return PYTHON_TYPES.get(self._wm.get_datatype(prop) or "")
 
     def texts(self) -> set[tuple[str, str]]:
         """Returns the (property, value) pairs of objects with text values."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -12,22 +11,25 @@ from python_qt_binding.QtWidgets import (
     QCheckBox,
     QComboBox,
     QHBoxLayout,
+    QLineEdit,
     QScrollArea,
     QVBoxLayout,
     QWidget,
 )
 
+from skiros2_common.core.limits import Limits
 from skiros2_common.core.names import local_name
-from skiros2_common.core.wording import label_text, verb, words
+from skiros2_common.core.wording import words
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, tool_button
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.app.widgets.theme import role_colour
-from skiros2_gui.goal.completion import PROPERTY, RELATION, Completion, Vocabulary
-from skiros2_gui.goal.lines import EVERY, HOLDS, OPERATORS, SOME, Line, Term, number_text, value_of
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_gui.goal.widgets.text import GoalText
-
-_ENTRY = Qt.UserRole + 1  # a Term, or the Completion of a predicate
+from skiros2_gui.skills.form import Field, ValueMode
+from skiros2_gui.skills.widgets.editors import FieldEditor, FieldTarget, editor_of
+from skiros2_skill.client.description import Parameter
+from skiros2_task.core.goal_choices import Choice, GoalChoices, ValueField
+from skiros2_task.core.goal_lines import HOLDS, Line, Term, number_text, value_of
 
 _OPERATOR_TIPS = {HOLDS: "It is true, or has any value"}
 
@@ -41,7 +43,7 @@ class GoalLines(QWidget):
         super().__init__(parent)
         self._goals = goals
         self._rows: list[_LineRow] = []
-        self._choices = _Choices(Vocabulary())
+        self._models = _Models(None)
         self.note = PlainLabel()
         self.note.setObjectName("goalLinesNote")
         self.note.setWordWrap(True)
@@ -92,7 +94,7 @@ class GoalLines(QWidget):
             self._rows.pop().deleteLater()
         for index, line in enumerate(lines):
             if index == len(self._rows):
-                row = _LineRow(self._choices, lambda line, at=index: self._edit(at, line), index)
+                row = _LineRow(self._models, lambda line, at=index: self._edit(at, line), index)
                 self._rows.append(row)
                 self._column.insertWidget(index, row)
             self._rows[index].show_line(line)
@@ -106,133 +108,117 @@ class GoalLines(QWidget):
     def _read_vocabulary(self) -> None:
         if any(row.is_in_use for row in self._rows):
             return  # the next vocabulary comes with the next change of the scene
-        self._choices = _Choices(self._goals.vocabulary)
+        self._models = _Models(self._goals.choices)
         for row in self._rows:
-            row.set_choices(self._choices)
+            row.set_models(self._models)
 
 
-class _Choices:
-    """The entries of the boxes, shared by all lines."""
+class _Model(QStandardItemModel):
+    """The entries of a box."""
 
-    def __init__(self, vocabulary: Vocabulary) -> None:
-        self.values = [completion.label for completion in vocabulary.values]
-        self.terms = QStandardItemModel()
-        labels = Counter(element.label for element in vocabulary.elements)
+    def __init__(self, choices: Iterable[Choice]) -> None:
+        super().__init__()
+        self.terms: list[Term] = []
         self._rows: dict[str, int] = {}
-        reachable = [element for element in vocabulary.elements if element.rank == 0]
-        self._add_elements(reachable, labels)
-        used = [cls for cls in vocabulary.classes if cls.rank == 0]
-        for quantifier, of in ((EVERY, "each element"), (SOME, "at least one element")):
-            for cls in used:
-                term = Term(cls.text, quantifier)
-                self._rows[_key(term)] = self.terms.rowCount()
-                shown = f"{quantifier} {words(cls.label)}"
-                self.terms.appendRow(_item(shown, f"{quantifier} {cls.label}", f"{of} of {cls.text}", term))
-        self._add_elements(vocabulary.elements[len(reachable) :], labels)
-        names = Counter(predicate.label for predicate in vocabulary.predicates)
-        self.predicates = QStandardItemModel()
-        self._predicate_rows: dict[str, int] = {}
-        for predicate in vocabulary.predicates:
-            self._predicate_rows.setdefault(predicate.label.lower(), self.predicates.rowCount())
-            self._predicate_rows[predicate.text.lower()] = self.predicates.rowCount()
-            tip = f"{predicate.kind} {predicate.text}"
-            shown = _predicate_text(predicate)
-            shown = shown if names[predicate.label] == 1 else f"{shown}  ({predicate.text})"
-            self.predicates.appendRow(_item(shown, predicate.text, tip, predicate, is_faint=predicate.rank > 0))
+        for choice in choices:
+            self._add(choice)
 
-    def _add_elements(self, elements: Iterable[Completion], labels: Counter[str]) -> None:
-        for element in elements:
-            eid, label = element.text.strip('"'), label_text(element.label)
-            shown = label if labels[element.label] == 1 else f"{label}  ({local_name(eid)})"
-            self._rows.setdefault(element.label.lower(), self.terms.rowCount())
-            self._rows[eid.lower()] = self.terms.rowCount()
-            self.terms.appendRow(_item(shown, eid, eid, Term(eid), is_faint=element.rank > 0))
+    def _add(self, choice: Choice) -> int:
+        term, row = choice.term, len(self.terms)
+        self.terms.append(term)
+        item = QStandardItem(choice.text)
+        if choice.is_faint:
+            item.setForeground(QBrush(role_colour("idle")))
+        # The data is what typed text is compared with.
+        item.setData(f"{term.quantifier} {local_name(term.name)}" if term.quantifier else term.name, Qt.UserRole)
+        item.setToolTip(plain_tip(choice.tip))
+        self.appendRow(item)
+        self._rows[_key(term)] = row
+        return row
 
-    def term_row(self, term: Term) -> int:
+    def row_of(self, term: Term) -> int:
         """Returns the row of a term; adds one for an unknown term. -1 for none."""
         if not term.name:
             return -1
-        key = _key(term) if term.quantifier else term.name.lower()
-        if key not in self._rows:
-            self._rows[key] = self.terms.rowCount()
-            shown = f"{term.quantifier} {words(term.name)}" if term.quantifier else term.name
-            self.terms.appendRow(_item(shown, term.name, term.name, term))
-        return self._rows[key]
+        row = self._rows.get(_key(term))
+        if row is not None:
+            return row
+        text = f"{term.quantifier} {words(term.name)}" if term.quantifier else term.name
+        return self._add(Choice(term, text, term.name))
 
-    def predicate_row(self, line: Line) -> int:
-        """Returns the row of the predicate; see `term_row`."""
-        key = line.predicate.lower()
-        if key and key not in self._predicate_rows:
-            self._predicate_rows[key] = self.predicates.rowCount()
-            entry = Completion(line.predicate, local_name(line.predicate), PROPERTY if line.operator else RELATION)
-            self.predicates.appendRow(_item(_predicate_text(entry), line.predicate, line.predicate, entry))
-        return self._predicate_rows.get(key, -1)
+
+class _Models:
+    """The entries of all lines.
+
+    :param choices: None before the world was read.
+    """
+
+    def __init__(self, choices: GoalChoices | None) -> None:
+        self.choices = choices
+        self._models: dict[tuple[str, str], _Model] = {}
+
+    def of(self, box: str, line: Line) -> _Model:
+        """Returns the entries of a line's box: `subject`, `predicate` or `object`."""
+        choices = self.choices
+        key = (box, _key(line.subject) if box == "predicate" else line.predicate)
+        if key not in self._models:
+            found: Iterable[Choice] = ()
+            if choices is not None:
+                found = choices.predicates(line.subject) if box == "predicate" else (
+                    choices.subjects(line.predicate) if box == "subject" else choices.objects(line.predicate)
+                )  # fmt: skip
+            self._models[key] = _Model(found)
+        return self._models[key]
 
 
 class _LineRow(QWidget):
-    """The boxes of one line.
+    """The boxes of one line. Its value is entered in an editor of skill parameters.
 
     :param edit: called with the new line, or with None to remove it.
     """
 
-    def __init__(self, choices: _Choices, edit: Callable[[Line | None], None], number: int) -> None:
+    def __init__(self, models: _Models, edit: Callable[[Line | None], None], number: int) -> None:
         super().__init__()
-        self._choices = choices
+        self._models = models
         self._edit = edit
+        self._number = number
         self._line = Line()
         self._is_filling = False
-        self.subject = _box(f"goalSubject_{number}", "Element", choices.terms)
+        self._field: ValueField | None = None
+        self.value: QWidget | None = None
+        self.subject = _box(f"goalSubject_{number}", "Element")
         self.negated = QCheckBox("not")
         self.negated.setObjectName(f"goalNot_{number}")
         self.negated.setToolTip("The condition must not hold")
-        self.predicate = _box(f"goalPredicate_{number}", "relation or property", choices.predicates)
+        self.predicate = _box(f"goalPredicate_{number}", "relation or property")
         self.operator = QComboBox()
-        self.operator.addItems(OPERATORS)
-        for row, operator in enumerate(OPERATORS):
-            self.operator.setItemData(row, _OPERATOR_TIPS.get(operator), Qt.ToolTipRole)
-        self.object = _box(f"goalObject_{number}", "Element", choices.terms)
-        self.value = QComboBox()
-        self.value.setObjectName(f"goalValue_{number}")
-        self.value.setEditable(True)
-        self.value.setInsertPolicy(QComboBox.NoInsert)
-        self.value.addItems(choices.values)
-        self.value.lineEdit().setPlaceholderText("value")
+        self.operator.setObjectName(f"goalOperator_{number}")
+        self.object = _box(f"goalObject_{number}", "Element")
         self.text = text_label("", is_selectable=False)
         self.text.setToolTip("Lists cannot express this condition; edit it in the text below")
         remove = tool_button("✕", f"removeCondition_{number}", lambda: edit(None), "Removes this condition")
-        self.subject.chosen.connect(lambda row: self._change(subject=self._term(row)))
-        self.object.chosen.connect(lambda row: self._change(object=self._term(row)))
-        self.predicate.chosen.connect(self._predicate_chosen)
+        self.subject.chosen.connect(lambda row: self._change(subject=self._term("subject", row)))
+        self.object.chosen.connect(lambda row: self._change(object=self._term("object", row)))
+        self.predicate.chosen.connect(lambda row: self._predicate_chosen(self._term("predicate", row).name))
         self.negated.toggled.connect(lambda is_negated: self._change(is_negated=is_negated))
-        self.operator.activated.connect(lambda row: self._change(operator=OPERATORS[row]))
-        self.value.editTextChanged.connect(lambda text: self._change(value=value_of(text.strip())))
+        self.operator.activated.connect(lambda _: self._change(operator=self.operator.currentText()))
+        self._values = QHBoxLayout()
         line = QHBoxLayout(self)
         line.setContentsMargins(0, 0, 0, 0)
-        for widget, stretch in (
-            (self.subject, 3), (self.negated, 0), (self.predicate, 2), (self.operator, 0),
-            (self.object, 3), (self.value, 3), (self.text, 1), (remove, 0),
-        ):  # fmt: skip
+        for widget, stretch in ((self.subject, 3), (self.negated, 0), (self.predicate, 2), (self.operator, 0),
+                                (self.object, 3), (self.text, 1)):  # fmt: skip
             line.addWidget(widget, stretch)
+        line.addLayout(self._values, 3)
+        line.addWidget(remove)
 
     @property
     def is_in_use(self) -> bool:
         """Whether the user is choosing from a list."""
         return self.subject.is_in_use or self.predicate.is_in_use or self.object.is_in_use
 
-    def set_choices(self, choices: _Choices) -> None:
+    def set_models(self, models: _Models) -> None:
         """Replaces the entries of the boxes."""
-        self._choices, self._is_filling = choices, True
-        for box, model in (
-            (self.subject, choices.terms),
-            (self.predicate, choices.predicates),
-            (self.object, choices.terms),
-        ):
-            box.setModel(model)
-        shown = self.value.currentText()
-        self.value.clear()
-        self.value.addItems(choices.values)
-        self.value.setEditText(shown)
-        self._is_filling = False
+        self._models = models
         self._fill()
 
     def show_line(self, line: Line) -> None:
@@ -242,65 +228,135 @@ class _LineRow(QWidget):
             self._fill()
 
     def _fill(self) -> None:
-        line, self._is_filling = self._line, True
+        choices = self._models.choices
+        line = self._line if choices is None else choices.normal(self._line)
+        self._is_filling = True
+        is_property = bool(line.operator)
         for widget in (self.subject, self.negated, self.predicate):
             widget.setVisible(not line.text)
         self.text.setVisible(bool(line.text))
         self.text.setText(line.text)
-        is_property = bool(line.operator)
         self.operator.setVisible(is_property)
-        self.value.setVisible(is_property and line.operator != HOLDS)
         self.object.setVisible(not is_property and not line.text)
-        self.subject.show_row(self._choices.term_row(line.subject))
-        self.object.show_row(self._choices.term_row(line.object))
-        self.predicate.show_row(self._choices.predicate_row(line))
+        for name, box, term in (
+            ("subject", self.subject, line.subject),
+            ("predicate", self.predicate, Term(self._predicate_name(line.predicate))),
+            ("object", self.object, line.object),
+        ):
+            model = self._models.of(name, line)
+            if box.model() is not model:
+                box.setModel(model)
+            id_of = choices.id_of if choices is not None and name != "predicate" and not term.quantifier else _same
+            box.show_row(model.row_of(replace(term, name=id_of(term.name) or term.name)))
         self.negated.setChecked(line.is_negated)
-        if is_property:
-            self.operator.setCurrentIndex(OPERATORS.index(line.operator))
-        if value_of(self.value.currentText().strip()) != line.value:
-            self.value.setEditText(number_text(line.value) if isinstance(line.value, float) else line.value)
+        field = choices.field(line) if is_property and choices is not None else ValueField(str)
+        self._fill_operators(field, line.operator)
+        self._fill_value(field if is_property and line.operator != HOLDS else None, line.value)
         self._is_filling = False
 
-    def _term(self, row: int) -> Term:
-        return self._choices.terms.item(row).data(_ENTRY)
+    def _fill_operators(self, field: ValueField, shown: str) -> None:
+        operators = [*field.operators, *([shown] if shown not in field.operators else [])]
+        if [self.operator.itemText(row) for row in range(self.operator.count())] != operators:
+            self.operator.clear()
+            self.operator.addItems(operators)
+            for row, operator in enumerate(operators):
+                self.operator.setItemData(row, _OPERATOR_TIPS.get(operator), Qt.ToolTipRole)
+        self.operator.setCurrentIndex(operators.index(shown))
 
-    def _predicate_chosen(self, row: int) -> None:
-        predicate: Completion = self._choices.predicates.item(row).data(_ENTRY)
-        operator = (self._line.operator or "=") if predicate.kind == PROPERTY else ""
-        self._change(predicate=predicate.text, operator=operator)
+    def _fill_value(self, field: ValueField | None, value: float | str) -> None:
+        text = number_text(value) if isinstance(value, float) else value
+        if field == self._field and value_of(_text_in(self.value)) == value:
+            return  # what the user types stays as it is
+        self._field = field
+        if self.value is not None:
+            self.value.setParent(None)
+            self.value.deleteLater()
+            self.value = None
+        if field is None:
+            return
+        name = f"goalValue_{self._number}"
+        declared = Field(Parameter(self._line.predicate, "required", field.type.__name__, [], limits=field.limits))
+        if field.options:
+            limits = Limits(field.limits.unit, choices=field.options)
+            declared = Field(Parameter(self._line.predicate, "required", "str", [], limits=limits))
+        declared.write(text)
+        editor = KnownTexts(declared, self, field.known) if field.known else editor_of(declared, self)
+        editor.input.setObjectName(name)
+        editor.input.setAccessibleName("value")
+        if isinstance(editor.input, QLineEdit):
+            editor.input.setPlaceholderText(field.limits.text or ("number" if field.is_number else "value"))
+        self.value = editor
+        self._values.addWidget(editor)
+
+    def _predicate_name(self, name: str) -> str:
+        choices = self._models.choices
+        known = choices.predicate(name) if choices is not None else None
+        return known.text if known is not None else name
+
+    def _term(self, box: str, row: int) -> Term:
+        return self._models.of(box, self._line).terms[row]
+
+    def _predicate_chosen(self, name: str) -> None:
+        if self._models.choices is not None:
+            self._edit(self._models.choices.with_predicate(self._line, name))
 
     def _change(self, **fields: object) -> None:
-        if not self._is_filling:
-            self._edit(replace(self._line, **fields))  # type: ignore[arg-type]
+        if self._is_filling:
+            return
+        choices = self._models.choices
+        line = self._line if choices is None else choices.normal(self._line)
+        self._edit(replace(line, **fields))  # type: ignore[arg-type]
+
+    # -- for the editor of the value ---------------------------------------------------------------------------
+
+    def write(self, key: str, text: str) -> None:
+        """Takes the text of the value."""
+        self._change(value=value_of(text.strip()))
+
+    def choose_value(self, key: str, value: object) -> None:
+        """Takes a boolean or an element from editors of other packages."""
+        self._change(value=str(value))
+
+    def set_mode(self, key: str, mode: ValueMode) -> None:
+        """Ignored: a value is given."""
+
+
+class KnownTexts(FieldEditor):
+    """A line edit with a list of the texts in the scene."""
+
+    def __init__(self, field: Field, target: FieldTarget, known: Iterable[str]) -> None:
+        self.box = QComboBox()
+        super().__init__(field, target, self.box)
+        self.box.setEditable(True)
+        self.box.setInsertPolicy(QComboBox.NoInsert)
+        self.box.addItems(list(known))
+        self.box.setEditText(field.text)
+        self.box.lineEdit().setPlaceholderText("value")
+        self.box.editTextChanged.connect(lambda text: target.write(field.key, text))
+
+
+def _text_in(editor: QWidget | None) -> str:
+    """Returns the text in the editor of a value."""
+    if not isinstance(editor, FieldEditor):
+        return ""
+    box = editor.input
+    if isinstance(box, QComboBox):
+        return str(box.currentText()).strip()
+    return str(box.text()).strip() if isinstance(box, QLineEdit) else ""
+
+
+def _same(name: str) -> str:
+    return name
 
 
 def _key(term: Term) -> str:
     return f"{term.quantifier} {term.name.lower()}"
 
 
-def _predicate_text(predicate: Completion) -> str:
-    return predicate.label if predicate.kind == PROPERTY else verb(predicate.text)
-
-
-def _item(text: str, data: str, tip: str, entry: object, is_faint: bool = False) -> QStandardItem:
-    """Returns an entry.
-
-    :param is_faint: no skill can change it.
-    """
-    item = QStandardItem(text)
-    if is_faint:
-        item.setForeground(QBrush(role_colour("idle")))
-    item.setData(data, Qt.UserRole)
-    item.setData(entry, _ENTRY)
-    item.setToolTip(plain_tip(tip))
-    return item
-
-
-def _box(name: str, hint: str, model: QStandardItemModel) -> SearchBox:
+def _box(name: str, hint: str) -> SearchBox:
     box = SearchBox()
     box.setObjectName(name)
     box.setAccessibleName(hint)
-    box.setModel(model)
     box.lineEdit().setPlaceholderText(hint)
     box.show_row(-1)
     return box

@@ -18,8 +18,8 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.app.widgets.controls import PlainLabel, text_label
 from skiros2_gui.app.widgets.theme import colour_label
-from skiros2_gui.goal.completion import KEYWORD, Completion
 from skiros2_gui.goal.presenter import GoalPresenter
+from skiros2_task.core.goal_completion import KEYWORD, Completion
 
 _TEXT = Qt.UserRole
 _REST_OF_WORD = re.compile(r'^[^\s(),";]+')

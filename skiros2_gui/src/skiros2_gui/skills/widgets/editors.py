@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 from python_qt_binding.QtCore import QEvent, QObject, QSignalBlocker, Signal
 from python_qt_binding.QtGui import QFontDatabase
@@ -24,7 +24,20 @@ from skiros2_common.core.wording import label_text
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip
 from skiros2_gui.app.widgets.search_box import SearchBox
 from skiros2_gui.skills.form import Editor, ElementChoice, Field, ValueMode
-from skiros2_gui.skills.presenter import SkillsPresenter
+
+
+class FieldTarget(Protocol):
+    """Takes what the user enters: the presenter of skills, or a line of a goal."""
+
+    def write(self, key: str, text: str) -> None:
+        """Takes the text of a value."""
+
+    def choose_value(self, key: str, value: Any) -> None:
+        """Takes an element, by its id, or a boolean."""
+
+    def set_mode(self, key: str, mode: ValueMode) -> None:
+        """Takes how the parameter gets its value."""
+
 
 E = TypeVar("E", bound="FieldEditor")
 
@@ -46,7 +59,7 @@ def register_editor(editor: type[E]) -> type[E]:
     return editor
 
 
-def editor_of(field: Field, skills: SkillsPresenter) -> FieldEditor:
+def editor_of(field: Field, skills: FieldTarget) -> FieldEditor:
     """Returns the editor for a parameter."""
     return next(editor for editor in _editors if editor.accepts(field))(field, skills)
 
@@ -63,7 +76,7 @@ class FieldEditor(QWidget):
         """Returns whether it can edit a field."""
         raise NotImplementedError
 
-    def __init__(self, field: Field, skills: SkillsPresenter, input: QWidget) -> None:
+    def __init__(self, field: Field, skills: FieldTarget, input: QWidget) -> None:
         super().__init__()
         self.field = field
         self.input = input
@@ -133,7 +146,7 @@ class TextEditor(FieldEditor):
     def accepts(cls, field: Field) -> bool:
         return True
 
-    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+    def __init__(self, field: Field, skills: FieldTarget) -> None:
         self.line = QLineEdit()
         super().__init__(field, skills, self.line)
         self.line.setText(field.text)
@@ -160,7 +173,7 @@ class NumberEditor(TextEditor):
     def accepts(cls, field: Field) -> bool:
         return field.editor is Editor.NUMBER
 
-    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+    def __init__(self, field: Field, skills: FieldTarget) -> None:
         super().__init__(field, skills)
         hints = [field.declared.description or field.key, field.limits.text]
         self.line.setToolTip(plain_tip("\n".join(hint for hint in hints if hint)))
@@ -176,7 +189,7 @@ class ListEditor(FieldEditor):
     def accepts(cls, field: Field) -> bool:
         return field.editor in (Editor.TRUTH, Editor.CHOICE)
 
-    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+    def __init__(self, field: Field, skills: FieldTarget) -> None:
         self.box = QComboBox()
         super().__init__(field, skills, self.box)
         is_truth = field.editor is Editor.TRUTH
@@ -209,7 +222,7 @@ class JsonEditor(FieldEditor):
     def accepts(cls, field: Field) -> bool:
         return field.editor is Editor.JSON
 
-    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+    def __init__(self, field: Field, skills: FieldTarget) -> None:
         self.box = QPlainTextEdit()
         super().__init__(field, skills, self.box)
         self.box.setTabChangesFocus(True)
@@ -247,7 +260,7 @@ class ElementEditor(FieldEditor):
     def accepts(cls, field: Field) -> bool:
         return field.editor is Editor.ELEMENT
 
-    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+    def __init__(self, field: Field, skills: FieldTarget) -> None:
         self.box = SearchBox()
         super().__init__(field, skills, self.box)
         self.box.setMinimumContentsLength(18)

@@ -30,7 +30,7 @@ from skiros2_gui.world.choices import CLASS, TEMPLATE, Choice, class_choices, el
 from skiros2_gui.world.details import Details, PropertyRow, display_name
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.requests import CONTAINS
-from skiros2_gui.world.vocabulary import Vocabulary
+from skiros2_world_model.core.vocabulary import Vocabulary
 
 _CHOICE = Qt.UserRole
 _KEYS_FOR_THE_TREE = (Qt.Key_Up, Qt.Key_Down, Qt.Key_PageUp, Qt.Key_PageDown)

@@ -1,4 +1,4 @@
-"""The classes, templates, relations and properties of the ontologies, with descriptions and units.
+"""The classes, templates, relations and properties of the ontologies, with descriptions, units and limits, for editors.
 
 Read by a worker thread; immutable, so any thread may use it.
 """
@@ -8,21 +8,25 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.limits import Limits
 from skiros2_common.core.names import local_name
 from skiros2_common.core.property import from_text
+from skiros2_common.core.world_model_port import OntologyPort
 from skiros2_world_model.core.changes import ONTOLOGY, SPATIAL
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
-from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 
 T = TypeVar("T")
 
 _TEXT_QUERY = """SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isBlank(?s))
     VALUES ?p { rdfs:comment skiros:Unit skiros:LowerBound skiros:UpperBound } }"""
+#: The values of an enumerated datatype, with the position of each in its list.
+_CHOICES_QUERY = """SELECT ?p ?value (COUNT(?before) AS ?position) WHERE {
+    ?p rdfs:range/owl:oneOf ?list . ?list rdf:rest* ?before . ?before rdf:rest* ?cell . ?cell rdf:first ?value
+    } GROUP BY ?p ?cell ?value ORDER BY ?position"""
 _META = ("rdf:", "rdfs:", "owl:", "xsd:", "_:")
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
 _WITH_UNIT = re.compile(rf"({_NUMBER.pattern})\s*([^\d\s.,]\S*)")
@@ -49,14 +53,23 @@ class Predicate:
 class Vocabulary:
     """:param triples: of the ontologies, without literals.
     :param texts: comments, units and bounds: subject, predicate, text.
+    :param choices: the values of enumerated properties, in order: property, value.
     """
 
-    def __init__(self, triples: Iterable[tuple[str, str, str]], texts: Iterable[tuple[str, str, str]]) -> None:
+    def __init__(
+        self,
+        triples: Iterable[tuple[str, str, str]],
+        texts: Iterable[tuple[str, str, str]],
+        choices: Iterable[tuple[str, Any]] = (),
+    ) -> None:
         triples = list(triples)
         self.ontology = Ontology(triples)
         self._texts: dict[str, dict[str, str]] = {}  # by predicate, then by name
         for subject, predicate, text in texts:
             self._texts.setdefault(predicate, {})[subject] = text
+        self._choices: dict[str, tuple[Any, ...]] = {}
+        for name, value in choices:
+            self._choices[name] = (*self._choices.get(name, ()), value)
         self._ends: dict[str, dict[str, tuple[str, ...]]] = {_DOMAIN: {}, _RANGE: {}}
         for subject, predicate, obj in triples:
             if predicate in self._ends and not obj.startswith("_:"):
@@ -136,9 +149,10 @@ class Vocabulary:
         return self._inherited_text(key, _UNIT)
 
     def limits(self, key: str) -> Limits:
-        """Returns the unit and the bounds of a property; superproperties count."""
-        minimum, maximum = self._inherited_text(key, _MINIMUM), self._inherited_text(key, _MAXIMUM)
-        return Limits(self.unit(key), float(minimum) if minimum else None, float(maximum) if maximum else None)
+        """Returns the unit, the bounds and the enumerated values of a property; superproperties count."""
+        low, high = (self._inherited_text(key, bound) for bound in (_MINIMUM, _MAXIMUM))
+        choices = self._inherited(self._choices, key) or ()
+        return Limits(self.unit(key), float(low) if low else None, float(high) if high else None, choices)
 
     def _inherited_text(self, key: str, predicate: str) -> str:
         return self._inherited(self._texts.get(predicate, {}), key) or ""
@@ -152,6 +166,8 @@ class Vocabulary:
         datatype, _ = self.ontology.value_limits(etype, key)
         if datatype in PYTHON_TYPES:
             return PYTHON_TYPES[datatype]
+        if choices := self.limits(key).choices:
+            return type(choices[0])
         if current is not None:
             return current
         return float if self.unit(key) else str
@@ -193,11 +209,16 @@ class Vocabulary:
         return match[1]
 
 
-def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
-    """Reads the vocabulary of a world model. Blocks for two calls.
+def read_vocabulary(world: OntologyPort) -> Vocabulary:
+    """Reads the vocabulary of a world model. Blocks for three calls.
 
     :raises WmException: it does not answer.
     """
     _, triples = world.query_table(STRUCTURE_QUERY, ONTOLOGY)
     _, texts = world.query_table(_TEXT_QUERY, ONTOLOGY)
-    return Vocabulary([(s, p, o) for s, p, o in triples], [(s, p, str(text)) for s, p, text in texts])
+    _, choices = world.query_table(_CHOICES_QUERY, ONTOLOGY)
+    return Vocabulary(
+        [(s, p, o) for s, p, o in triples],
+        [(s, p, str(text)) for s, p, text in texts],
+        [(key, value) for key, value, _ in choices],
+    )

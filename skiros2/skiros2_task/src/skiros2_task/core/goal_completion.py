@@ -10,8 +10,8 @@ from heapq import nsmallest
 
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
-from skiros2_gui.goal.lines import quoted
 from skiros2_task.core.actions import ROBOT_KEY
+from skiros2_task.core.goal_lines import quoted
 from skiros2_task.core.goal_text import COMPARATORS, keywords
 from skiros2_task.core.skills import SkillCondition
 from skiros2_task.core.world import WorldView
@@ -56,7 +56,7 @@ class Completion:
 
 
 @dataclass(frozen=True)
-class Vocabulary:
+class GoalVocabulary:
     """The names that goals may use."""
 
     predicates: tuple[Completion, ...] = ()
@@ -77,7 +77,7 @@ class Completions:
     items: tuple[Completion, ...] = ()
 
 
-def read_vocabulary(world: WorldView) -> Vocabulary:
+def read_goal_vocabulary(world: WorldView) -> GoalVocabulary:
     """Reads the names of a world. Predicates are ranked: effects of skills, conditions of skills, relations in the
     scene, all others. Elements are ranked: those that an effect of a skill may concern, all others.
     """
@@ -98,7 +98,7 @@ def read_vocabulary(world: WorldView) -> Vocabulary:
     known = world.properties() | _properties_in_skills(world)
     properties = [Completion(name, local_name(name), PROPERTY, rank(name)) for name in known]
     texts = sorted({value for _, value in world.texts()})
-    return Vocabulary(
+    return GoalVocabulary(
         _sorted([*relations, *properties]),
         _sorted(properties),
         tuple(Completion(quoted(text), text, VALUE) for text in texts),
@@ -153,7 +153,7 @@ def _element(element: Element, rank: int) -> Completion:
 # -- completion ----------------------------------------------------------------------------------------------------
 
 
-def complete(text: str, cursor: int, vocabulary: Vocabulary) -> Completions:
+def complete(text: str, cursor: int, vocabulary: GoalVocabulary) -> Completions:
     """Returns the completions at a cursor.
 
     :param cursor: the number of characters before it.
@@ -197,7 +197,7 @@ def _declares(stack: list[list[str]]) -> bool:
     return len(stack) > 1 and len(stack[-2]) == 1 and stack[-2][0].lower() in _QUANTIFIERS
 
 
-def _expected(stack: list[list[str]], variables: list[str], vocabulary: Vocabulary) -> list[Completion]:
+def _expected(stack: list[list[str]], variables: list[str], vocabulary: GoalVocabulary) -> list[Completion]:
     if not stack:
         return [Completion("(", "( a goal", KEYWORD)]
     inside = stack[-1]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skiros2_gui.goal.lines import EVERY, HOLDS, OPERATORS, SOME, Line, Term, read_lines, write_lines
+from skiros2_task.core.goal_lines import EVERY, HOLDS, OPERATORS, SOME, Line, Term, read_lines, write_lines
 from skiros2_task.core.goal_text import GoalError, parse_goals
 
 _BOX, _NUT, _PRODUCT = Term("box"), Term("nut"), "skiros:Product"

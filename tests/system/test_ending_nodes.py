@@ -49,3 +49,11 @@ def test_messages_reach_a_pipe_at_once(ros: Ros) -> None:
     node = Program(["rosrun", "skiros2_world_model", "ontology_server_node"], env)
     ros.programs.append(node)  # it ends with the test
     node.wait_for_line("ontologies are served")
+
+
+def test_node_that_waits_for_the_world_model_ends_without_a_traceback(ros: Ros) -> None:
+    node = ros.program("rosrun", "skiros2_task", "task_manager_node")
+    node.wait_for_line("waiting for the world model")
+    node.signal(signal.SIGINT)
+    assert node.wait() == 0
+    assert "Traceback" not in node.output

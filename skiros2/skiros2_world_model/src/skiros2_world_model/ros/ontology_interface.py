@@ -26,6 +26,10 @@ log = logging.getLogger(__name__)
 SERVER = "wm"
 
 
+class _ShutDown(WmException, rospy.ROSInterruptException):
+    """The node was shut down while it waited; `run_node` ends it without a traceback."""
+
+
 class OntologyInterface(OntologyAbstractInterface):
     """The ontologies, and the RDF view of all contexts, of the node `wm` in this node's namespace.
 
@@ -130,4 +134,4 @@ class OntologyInterface(OntologyAbstractInterface):
             except WmException:
                 waited += self._query_service.timeout
                 log.info("waiting for the world model, node %s", rospy.resolve_name(self._server))
-        raise WmException("the node was shut down while it waited for the world model")
+        raise _ShutDown("the node was shut down while it waited for the world model")

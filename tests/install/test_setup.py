@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_demo.demo import NEXT
+from skiros2_learning.command_line.demo import INSERTION, PUSH, following
 from support.ros import ROOT
 
 #: uv takes the index from pip's settings.
@@ -143,14 +144,18 @@ def test_unknown_demo_is_refused_with_those_that_there_are() -> None:
     assert "set-up" not in done.stderr + done.stdout
 
 
-def test_what_the_demo_says_to_type_next_is_there() -> None:
-    assert len(NEXT) == 3
-    for command in NEXT:
+@pytest.mark.parametrize("commands", [NEXT, *(following(demo, Path("study")) for demo in (PUSH, INSERTION))])
+def test_what_the_demo_says_to_type_next_is_there(commands: dict[str, str]) -> None:
+    assert len(commands) == 3
+    for command in commands:
         _, _, typed = command.rpartition("&& ")
         program, *arguments = shlex.split(typed)
         if program == "make":
             steps = make("-n", *arguments)
             assert "exec .ci/in_ros rosrun" in steps.stdout, steps.stderr
+        elif program == "rosrun":
+            shown = subprocess.check_output([".ci/in_ros", program, *arguments[:3], "--help"], cwd=ROOT, text=True)
+            assert arguments[2] == "--help" or f"usage: learn {arguments[2]} " in shown
         else:
             assert b"/tm" in subprocess.check_output([".ci/in_ros", program, "--nodes", *arguments], cwd=ROOT)
 

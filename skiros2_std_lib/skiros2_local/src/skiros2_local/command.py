@@ -29,7 +29,7 @@ _CELL_COMMANDS: dict[str, tuple[str, str, str]] = {
     "get": (_WORLD, "get", "show an element"),
     "set": (_WORLD, "set", "change an element"),
     "query": (_WORLD, "query", "answer a SPARQL query"),
-    "history": (_WORLD, "history", "show what has changed, when, and by whom"),
+    "history": (_WORLD, "history", "show the changes, with their times and authors"),
     "diff": (_WORLD, "diff", "compare scenes"),
     "load": (_WORLD, "load", "start again from the scene file, or from another"),
     "save": (_WORLD, "save", "write the scene to a file"),

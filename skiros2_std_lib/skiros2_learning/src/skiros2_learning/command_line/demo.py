@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from skiros2_bags.core.run import Finding
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command
+from skiros2_common.command_line.layout import next_commands
 from skiros2_contact_skills.contact_primitive import MAX_FORCE
 from skiros2_learning.command_line.program import Progress
 from skiros2_learning.core.evaluation import Evaluation, find_execution, seed_of
@@ -68,6 +69,17 @@ INSERTION = Demo(
 )  # fmt: skip
 
 
+def following(demo: Demo, folder: Path) -> dict[str, str]:
+    """What to type next, in the folder of the clone."""
+    learn = ". install/setup.sh && rosrun skiros2_learning learn"
+    other = INSERTION if demo is PUSH else PUSH
+    return {
+        f"{learn} status {folder / 'with_priors'}": "the evaluations of the study",
+        f"make demo DEMO={other.name}": f"learn {other.about}",
+        f"{learn} --help": "a study of your own: see docs/tutorials/15_learning.md",
+    }
+
+
 def main(demo: Demo, arguments: Sequence[str] | None = None) -> int:
     """Runs a demo. Returns the exit status: 0 if the chosen configuration is proven."""
     prog = f"{demo.name.replace('-', '_')}_demo"
@@ -112,7 +124,10 @@ class _Run:
             f"report: {report}",
             f"{time.monotonic() - begin:.0f} s",
         ]
-        return CommandResult(lines, status=0 if all(each.holds for each in findings) else 1)
+        proven = all(each.holds for each in findings)
+        if proven:
+            lines += next_commands(following(self._demo, self._folder)).rstrip().split("\n")
+        return CommandResult(lines, status=0 if proven else 1)
 
     def _learn(self, name: str, priors: bool, evaluations: int) -> LearningStudy:
         _say(f"learning {name.replace('_', ' ')}, {evaluations} evaluations")

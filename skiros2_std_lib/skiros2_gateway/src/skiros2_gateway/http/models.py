@@ -14,16 +14,22 @@ class Empty(BaseModel):
 
 
 class Health(BaseModel):
+    """The gateway answers."""
+
     status: Literal["running"]
     stream: str = Field(description="differs after each start of the gateway")
 
 
 class LoggedIn(BaseModel):
+    """The user of a login, and their role."""
+
     user: str
     role: str
 
 
 class Session(BaseModel):
+    """A session of the page. `created` in s since the epoch."""
+
     id: str
     user: str
     address: str
@@ -32,10 +38,14 @@ class Session(BaseModel):
 
 
 class Sessions(BaseModel):
+    """The sessions that the caller may end."""
+
     sessions: list[Session]
 
 
 class Robot(BaseModel):
+    """A robot with its tasks."""
+
     name: str
     state: str
     reason: str
@@ -63,10 +73,14 @@ class JobData(BaseModel):
 
 
 class Jobs(BaseModel):
+    """Jobs, the newest first."""
+
     jobs: list[JobData]
 
 
 class State(BaseModel):
+    """The state of the cell: robots, queue, counters."""
+
     event: str = Field(description="the id of the last event that is included")
     jobs: list[JobData]
     counts: dict[str, int]
@@ -79,6 +93,8 @@ class State(BaseModel):
 
 
 class ElementData(BaseModel):
+    """An element of the world model: values by property, relations as pairs of name and id."""
+
     id: str
     type: str
     label: str
@@ -87,11 +103,15 @@ class ElementData(BaseModel):
 
 
 class World(BaseModel):
+    """Elements of the world model at a revision."""
+
     revision: int
     elements: list[ElementData]
 
 
 class JobEvent(BaseModel):
+    """A change of a job's state. `time` in s since the epoch; `method` is the interface it came by."""
+
     number: int
     time: float
     author: str
@@ -102,10 +122,14 @@ class JobEvent(BaseModel):
 
 
 class History(BaseModel):
+    """The changes of a job's state, in order."""
+
     history: list[JobEvent]
 
 
 class WorkMasterData(BaseModel):
+    """A work master: a goal with parameters."""
+
     id: str
     description: str
     goal: str
@@ -116,6 +140,8 @@ class WorkMasterData(BaseModel):
 
 
 class WorkMasters(BaseModel):
+    """All work masters."""
+
     work_masters: list[WorkMasterData]
 
 
@@ -127,16 +153,22 @@ class TasksByRobot(BaseModel):
 
 
 class SkillData(BaseModel):
+    """A skill of a robot with its parameters."""
+
     type: str
     label: str
     parameters: list[dict[str, Any]]
 
 
 class Skills(BaseModel):
+    """Skills by robot."""
+
     robots: dict[str, list[SkillData]]
 
 
 class Plan(BaseModel):
+    """A plan, or why there is none. `makespan` in s."""
+
     state: str
     message: str
     plan: list[dict[str, Any]]
@@ -147,11 +179,15 @@ class Plan(BaseModel):
 
 
 class Table(BaseModel):
+    """The answer to a query."""
+
     columns: list[str]
     rows: list[list[str]]
 
 
 class AuditEntry(BaseModel):
+    """A request in the audit log. `time` in s since the epoch; `way` is the interface."""
+
     number: int
     time: float
     user: str
@@ -162,10 +198,14 @@ class AuditEntry(BaseModel):
 
 
 class Audit(BaseModel):
+    """Entries of the audit log, the oldest first."""
+
     audit: list[AuditEntry]
 
 
 class Approval(BaseModel):
+    """An action of an agent that waits for a person. Times in s since the epoch."""
+
     id: str
     digest: str
     user: str
@@ -177,6 +217,8 @@ class Approval(BaseModel):
 
 
 class Approvals(BaseModel):
+    """The actions that wait for a person."""
+
     approvals: list[Approval]
 
 
@@ -184,6 +226,8 @@ class Approvals(BaseModel):
 
 
 class Document(BaseModel):
+    """The document that the page shows; patches change it."""
+
     document: dict[str, dict[str, Any]]
     event: str = Field(description="the id of the last patch that is included")
     time: float
@@ -196,22 +240,30 @@ class Document(BaseModel):
 
 
 class Bag(BaseModel):
+    """A recorded file. `size` in bytes, `time` in s since the epoch."""
+
     name: str
     size: int
     time: float
 
 
 class Bags(BaseModel):
+    """The recorded files, the newest first."""
+
     bags: list[Bag]
 
 
 class BagContent(BaseModel):
+    """The runs, goals and signals of a bag."""
+
     runs: dict[str, dict[str, Any]]
     goals: Any
     signals: Any
 
 
 class Why(BaseModel):
+    """Why a task failed, as text and as data."""
+
     text: str
     explanations: list[dict[str, Any]]
 
@@ -228,12 +280,16 @@ class NodeValues(BaseModel):
 
 
 class Scene(BaseModel):
+    """Elements and robots at a time."""
+
     elements: dict[str, Any]
     frames: dict[str, Any]
     bodies: dict[str, Any]
 
 
 class RunAt(BaseModel):
+    """A recorded run at a time. Times in s since the epoch."""
+
     summary: dict[str, Any]
     tree: dict[str, Any]
     state: str

@@ -107,6 +107,7 @@ def send_valid(address: str) -> None:
         ("POST", "/api/session", {"body": {"token": TOKENS["view"]}}),
         ("POST", "/api/robots/{action}", {"body": {"robots": []}, "path_parameters": {"action": "stop"}}),
         ("POST", "/api/plan", {"body": {"goal": "(at robot home)"}}),
+        ("POST", "/api/goal/form", {"body": {"goal": "(at robot home)"}}),
         ("POST", "/api/world/query", {"body": {"query": "SELECT ?s {?s ?p ?o}"}}),
         ("GET", "/api/live/runs/{key}", {"path_parameters": key}),
         ("GET", "/api/live/runs/{key}/why", {"path_parameters": key}),

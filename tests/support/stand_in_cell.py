@@ -9,7 +9,9 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import Explanation
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
 from skiros2_gateway.core.edits import EditPreview, Edits
+from skiros2_gateway.core.goal_form import GoalEdit, GoalForms
 from skiros2_gateway.core.problems import Problem, Rejected
+from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 ROBOT = "/robot"
 STEP = {"number": 1, "skill": "skiros:Place", "label": "place", "robot": ROBOT, "arguments": {}, "start": 0.0}
@@ -38,6 +40,7 @@ class StandInCell:
         self.edits: list[Edits] = []
         #: The elements with which skills would start.
         self.inferred: dict[str, str] = {}
+        self.forms: GoalForms | None = None
 
     def accept(self, goal_id: str) -> None:
         self.listener.goal_accepted(goal_id)
@@ -123,6 +126,12 @@ class StandInCell:
 
     async def apply_edits(self, edits: Edits, preview: EditPreview) -> None:
         self.edits.append(edits)
+
+    async def goal_form(self, edit: GoalEdit) -> dict[str, Any]:
+        if self.forms is None:
+            wm = LocalWorldModel()
+            self.forms = GoalForms(lambda: wm)
+        return self.forms.form(edit)
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         if "nowhere" in goal:

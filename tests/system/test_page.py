@@ -131,6 +131,63 @@ def test_job_is_started_by_clicks_and_shown_also_after_a_restart(
     assert sum(cell.carried().values()) == 2
 
 
+def _shown(eid: str) -> str:
+    """The text of an element without label."""
+    return eid.rpartition(":")[2]
+
+
+def _choose(page: Any, row: int, **boxes: str) -> None:
+    """Chooses entries in the lists of a goal's row, by their texts."""
+    for box, text in boxes.items():
+        with page.expect_response("**/api/goal/form"):
+            page.locator(".goal-row").nth(row).locator(f"[data-box={box}]").select_option(label=text)
+
+
+def test_goal_is_built_from_lists_and_reached(page: Any, cell: JobCell, tmp_path: Path) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["operate"])
+    page.click("#new-job")
+    page.select_option("#work-master", "")
+    expect(page.locator("#make-plan")).to_be_disabled()
+    store, product = _shown(cell.stores[1]), _shown(cell.products[2])
+    _choose(page, 0, subject=store, predicate="contains", object=product)
+    expect(page.locator(".sentence")).to_have_text(f"{store} contains {product}")
+
+    page.click("#add-condition")
+    _choose(page, 1, subject=product, predicate="Missing")
+    value = page.locator(".goal-row").nth(1).locator("[data-box=value]")
+    expect(value.locator("option")).to_have_text(["value", "true", "false"])
+    _choose(page, 1, predicate="Weight")
+    value.fill("-1")
+    expect(page.locator("#goal-problem")).to_have_text("Weight: expected at least 0 kg, got -1")
+    expect(page.locator("#start-job")).to_be_disabled()
+    page.screenshot(path=str(tmp_path / "goal.png"))
+    page.locator(".goal-row").nth(1).get_by_role("button").click()
+    expect(page.locator("#goal-problem")).to_have_text("")
+
+    page.click("#make-plan")
+    expect(page.locator(".preview li")).to_contain_text(["carry_at_once"])
+    expect(page.locator(".preview")).not_to_contain_text("null")
+    page.screenshot(path=str(tmp_path / "plan.png"))
+    carried = sum(cell.carried().values())
+    page.click("#start-job")
+    wait_until(lambda: sum(cell.carried().values()) == carried + 1, what="the end of the job")
+
+
+def test_goal_as_text_fills_the_rows(page: Any, cell: JobCell) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["operate"])
+    page.click("#new-job")
+    page.select_option("#work-master", "")
+    page.click(".goal-editor summary")
+    page.fill("textarea[name=goal]", f"(not (skiros:contain {cell.stores[0]} {cell.products[0]}")
+    expect(page.locator("#goal-problem")).to_contain_text("expected")
+    page.locator("textarea[name=goal]").press_sequentially("))")
+    expect(page.locator("#goal-problem")).to_have_text("")
+    expect(page.locator(".goal-row [data-box=object] option:checked")).to_have_text(_shown(cell.products[0]))
+    expect(page.locator(".goal-row input[type=checkbox]")).to_be_checked()
+
+
 def _tool(cell: JobCell, name: str, arguments: dict[str, Any]) -> Future[Any]:
     """Calls an agent's tool in a thread of its own."""
 

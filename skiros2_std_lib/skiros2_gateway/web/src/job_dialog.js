@@ -1,7 +1,8 @@
-// The dialog that starts a job: a work master with its parameters, or a goal in words of the planner.
+// The dialog that starts a job: a work master with its parameters, or a goal.
 
 import { notify, request } from "./cell.js";
 import { duration, firstLine, h, notice } from "./dom.js";
+import { GoalEditor } from "./goal_editor.js";
 
 const OWN_GOAL = "";
 // How long a plan may take (s).
@@ -34,32 +35,40 @@ export async function openJobDialog(cell) {
   }
   cell.addEventListener("change", refresh);
   let master = null;
+  let editor = null; // of a goal
 
   function showFields() {
     master = masters.find((each) => each.id === choice.value) ?? null;
-    fields.replaceChildren(...(master ? master.parameters.map((parameter) => field(cell, parameter)) : [
-      h("label", {}, "Goal", h("textarea", { name: "goal", rows: 3, placeholder: "(skiros:contain demo:Tray-12 skiros:Product-14)" })),
-    ]));
+    editor = master ? null : new GoalEditor(showButtons);
+    fields.replaceChildren(...(master ? master.parameters.map((parameter) => field(cell, parameter)) : [editor.element]));
+    dialog.classList.toggle("wide", !master);
+    showButtons();
     preview.replaceChildren();
     problems.replaceChildren();
   }
 
+  function showButtons() {
+    for (const id of ["make-plan", "start-job"]) form.querySelector(`#${id}`).disabled = editor !== null && !editor.isComplete;
+  }
+
   function order() {
+    if (editor) return { goal: editor.goal };
     const entries = [...fields.querySelectorAll("[name]")].filter((input) => input.value !== "").map((input) => [input.name, valueOf(input)]);
     const values = Object.fromEntries(entries);
-    return master ? { work_master: master.id, parameters: values } : { goal: values.goal ?? "" };
+    return { work_master: master.id, parameters: values };
   }
 
   async function plan() {
     preview.replaceChildren(h("p", { class: "dim" }, "Planning…"));
     problems.replaceChildren();
-    const { goal = filled(master, order().parameters) } = order();
+    const goal = editor ? editor.goal : filled(master, order().parameters);
     try {
       const answer = await request("/api/plan", { goal }, "POST", PLAN_LIMIT);
+      const count = answer.plan.length;
+      const details = count ? "" : answer.message.slice(firstLine(answer.message).length + 1);
       preview.replaceChildren(
-        h("p", {}, answer.plan.length ? `${answer.plan.length} steps, ${duration(answer.makespan)}` : firstLine(answer.message)),
-        answer.message.includes("\n") && !answer.plan.length
-          ? h("details", {}, h("summary", {}, "Details"), h("pre", {}, answer.message.slice(firstLine(answer.message).length + 1))) : null,
+        h("p", {}, count ? `${count} step${count > 1 ? "s" : ""}, ${duration(answer.makespan)}` : firstLine(answer.message)),
+        ...(details ? [h("details", {}, h("summary", {}, "Details"), h("pre", {}, details))] : []),
         h("ol", {}, answer.plan.map((step) => h("li", {}, h("b", {}, step.label), " ",
           Object.values(step.arguments).map((id) => cell.label(id)).join(", ")))));
     } catch (error) {

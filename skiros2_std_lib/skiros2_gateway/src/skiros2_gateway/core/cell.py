@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from skiros2_gateway.core.edits import EditPreview, Edits
+from skiros2_gateway.core.goal_form import GoalEdit
 from skiros2_gateway.core.problems import Problem
 
 #: The states of a robot.
@@ -201,6 +202,9 @@ class Cell(Protocol):
 
         :raises SkirosError: the world model refuses them, for example because an edited element has changed since.
         """
+
+    async def goal_form(self, edit: GoalEdit) -> dict[str, Any]:
+        """Returns the form of a goal, see `goal_form`."""
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         """Returns the fields of the result of the action MakePlan, decoded."""

@@ -44,6 +44,7 @@ from pydantic import BaseModel, ConfigDict
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_gateway.core.access import Role
+from skiros2_gateway.core.goal_form import GoalEdit
 from skiros2_gateway.core.job import Method, Order
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
@@ -272,6 +273,13 @@ async def plan(caller: CallerArg, service: ServiceArg, body: _Goal) -> dict[str,
     """The plan for a goal, with its purpose and its simulated changes; nothing moves. See the action MakePlan."""
     with service.planning(caller):
         return await service.control.cell.plan(body.goal, body.quality)
+
+
+@_router.post("/goal/form", responses=answers(models.GoalForm, 409))
+async def goal_form(caller: CallerArg, service: ServiceArg, body: GoalEdit) -> dict[str, Any]:
+    """The form that builds a goal: its lines, and the choices of each. See `skiros2_gateway.core.goal_form`."""
+    service.view(caller, Role.OPERATE, "plan")
+    return await service.control.cell.goal_form(body)
 
 
 @_router.post("/world/query", responses=answers(models.Table, 409))

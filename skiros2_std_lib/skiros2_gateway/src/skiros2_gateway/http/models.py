@@ -178,6 +178,14 @@ class Plan(BaseModel):
     notes: list[str] = []
 
 
+class GoalForm(BaseModel):
+    goal: str
+    sentence: str
+    problem: str
+    lines: list[dict[str, Any]] | None
+    choices: dict[str, list[dict[str, Any]]]
+
+
 class Table(BaseModel):
     """The answer to a query."""
 

@@ -21,6 +21,7 @@ from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.core.edits import EditPreview, Edits, apply_edits, preview_edits
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.goal_check import goal_problems
+from skiros2_gateway.core.goal_form import GoalEdit, GoalForms
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.robots import DISCONNECTED, first_stop
 from skiros2_gateway.core.twin import change_data, element_data
@@ -76,6 +77,7 @@ class RosCell:
         self._paused: set[str] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._skill_runs = SkillRuns()
+        self._goal_forms = GoalForms(lambda: self._world_model)
         self._planners: list[TaskManagerInterface] = []  # those without a request: each has subscriptions
         self._closed = threading.Event()
         threading.Thread(target=self._connect, name="world model", daemon=True).start()
@@ -283,6 +285,9 @@ class RosCell:
 
     async def apply_edits(self, edits: Edits, preview: EditPreview) -> None:
         await self.in_thread(apply_edits, self._world_model, edits, preview)
+
+    async def goal_form(self, edit: GoalEdit) -> dict[str, Any]:
+        return await self.in_thread(self._goal_forms.form, edit)
 
     async def plan(self, goal: str, quality: str = "") -> dict[str, Any]:
         def make() -> Any:

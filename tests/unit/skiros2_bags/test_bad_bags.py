@@ -151,3 +151,20 @@ def test_small_chunk_that_grows_without_end_is_not_read(tmp_path: Path, compress
         assert tracemalloc.get_traced_memory()[1] < 3 * MAX_CHUNK
     finally:
         tracemalloc.stop()
+
+
+def test_damaged_length_is_reported_as_damage(tmp_path: Path) -> None:
+    """Each length field of the file says 2 GB in turn; no reader takes the memory that it asks for."""
+    content = write_bag(tmp_path / "whole.bag", good_run()).read_bytes()
+    lengths = [13, content.index(b"index_pos=") - 4, content.index(b"op=\x05") - 8]  # headers and a field
+    lengths += [content.index(b"compression=none") + len(b"compression=none") + 13]  # the data of a chunk
+    lengths += [content.index(b"op=\x04") - 8, content.index(b"op=\x06") - 8]  # the index
+    file = tmp_path / "run.bag"
+    tracemalloc.start()
+    try:
+        for offset in lengths:
+            file.write_bytes(content[:offset] + b"\xff\xff\xff\x7f" + content[offset + 4 :])
+            assert f"{file}: the bag is cut off after" in Run.open(file).damage, offset
+        assert tracemalloc.get_traced_memory()[1] < 2_000_000
+    finally:
+        tracemalloc.stop()

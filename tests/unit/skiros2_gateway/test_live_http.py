@@ -184,6 +184,21 @@ def test_strange_files_between_the_bags_hide_none(in_gateway: Run, tmp_path: Pat
     in_gateway(test)
 
 
+def test_damaged_bag_shows_its_readable_part_and_the_damage(in_gateway: Run, tmp_path: Path) -> None:
+    content = BAG.read_bytes()
+    (tmp_path / "cut.bag").write_bytes(content[: len(content) * 9 // 10])
+    (tmp_path / "lost.bag").write_bytes(content[:13] + b"\xff\xff\xff\x7f" + content[17:])  # the first header's length
+
+    async def test(gateway: Any) -> None:
+        async with _live(gateway, bags=tmp_path) as live:
+            opened = (await live.get("/api/live/bags/cut.bag"))[1]
+            assert opened["runs"] and "cut.bag: the bag is cut off after" in opened["damage"]
+            status, problem = await live.get("/api/live/bags/lost.bag")
+            assert status == 409 and "lost.bag: the bag is cut off after 13 of" in problem["detail"]
+
+    in_gateway(test)
+
+
 def test_user_who_waits_for_bags_asks_for_no_more(in_gateway: Run, tmp_path: Path) -> None:
     shutil.copy(BAG, tmp_path / "cell.bag")
 

@@ -136,8 +136,9 @@ export class CellPanel {
       const { bags } = await request("/api/live/bags");
       const open = async (name) => {
         const bag = await request(`/api/live/bags/${encodeURIComponent(name)}`);
-        if (!Object.keys(bag.runs).length) throw new Error(`${name} has no runs`);
+        if (!Object.keys(bag.runs).length) throw new Error(bag.damage || `${name} has no runs`);
         this.run.openBag(name, bag);
+        if (bag.damage) throw new Error(bag.damage);
       };
       keyed(this.bags, bags, (bag) => bag.name, (bag) => {
         const element = card();

@@ -159,7 +159,8 @@ class Run:
 
     def _need(self, message_type: str, what: str) -> None:
         if message_type not in self.topics.values():
-            raise BagError(f"{self.path}: the bag holds no {what}: expected a topic of the type {message_type}")
+            holder = f"{self.damage}; it" if self.damage else f"{self.path}: the bag"
+            raise BagError(f"{holder} holds no {what}: expected a topic of the type {message_type}")
 
 
 def _descriptions(parameters: Any, name: str = "") -> Iterator[tuple[str, tuple[str, str]]]:

@@ -10,12 +10,13 @@ needs ROS.
 
 from __future__ import annotations
 
+import os
 import struct
 from bz2 import BZ2Decompressor
 from collections import defaultdict
 from collections.abc import Callable
-from io import BytesIO
-from pathlib import Path
+from io import BufferedReader, BytesIO, FileIO
+from pathlib import Path, PosixPath
 from typing import Any, BinaryIO
 
 from lz4.frame import LZ4FrameDecompressor
@@ -61,8 +62,25 @@ _DECOMPRESSORS: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
+class _BoundedFile(BufferedReader):
+    """A file that allocates no more than it has left, whatever length a damaged record asks for."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Reads up to `size` bytes."""
+        left = max(os.fstat(self.fileno()).st_size - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+class _BoundedPath(PosixPath):
+    def open(self, *_: Any, **__: Any) -> Any:
+        return _BoundedFile(FileIO(self))
+
+
 class BoundedReader(Reader):
-    """A reader of bags with a limit on the size of chunks."""
+    """A reader of bags with a limit on the size of chunks and other records."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(_BoundedPath(path))
 
     def read_chunk(self) -> Chunk:
         """Reads the next chunk's place."""

@@ -38,11 +38,15 @@ _TF = ("/tf", "/tf_static")
 
 @dataclass
 class RecordedRuns:
-    """The runs of trees in a bag, its goals and its signals (JSON data)."""
+    """The runs of trees in a bag, its goals and its signals (JSON data).
+
+    :param damage: where the readable part of the bag ends, and why; "" if it is whole.
+    """
 
     tasks: list[TaskRun]
     goals: Any
     signals: Any
+    damage: str
 
 
 @dataclass
@@ -93,7 +97,7 @@ def _read(part: str, path: Path) -> Any:
 
 
 def _runs(run: Run) -> RecordedRuns:
-    return RecordedRuns(run.tasks(), recorded_goals(run), recorded_signals(run))
+    return RecordedRuns(run.tasks(), recorded_goals(run), recorded_signals(run), run.damage)
 
 
 def _scene(run: Run) -> RecordedScene:

@@ -110,7 +110,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
 
     @router.get("/bags/{name}", responses=answers(models.BagContent, 404, 405, 409))
     async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
-        """The runs of trees in a bag by key, see `run_view.summary_data`, its goals and signals."""
+        """Runs of trees in a bag by key, see `run_view.summary_data`, goals, signals, and the damage of the file."""
         with service.reading_bag(caller):
             return _json(await asyncio.to_thread(bags.open, name))
 

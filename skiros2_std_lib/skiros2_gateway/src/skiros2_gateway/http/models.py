@@ -267,6 +267,7 @@ class BagContent(BaseModel):
     runs: dict[str, dict[str, Any]]
     goals: Any
     signals: Any
+    damage: str
 
 
 class Why(BaseModel):

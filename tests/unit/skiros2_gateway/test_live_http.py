@@ -184,6 +184,28 @@ def test_strange_files_between_the_bags_hide_none(in_gateway: Run, tmp_path: Pat
     in_gateway(test)
 
 
+def test_bag_with_any_file_name_is_listed_and_opened(in_gateway: Run, tmp_path: Path) -> None:
+    folders = ["", "x", "x~", "\u202ex", "\\u{7e}"]
+    names = ["x~y", "~", "", ".", "..", "x\\u{7e}y", "a/b", "a;b&c=d#e?f%2Fg", "äöü☃", "n" * 251, "bag"]
+    names += ["a\nb", "\x01", "\xa0"]
+    paths = [tmp_path / folder / f"{name}.bag" for folder in folders for name in names]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.symlink_to(BAG)
+
+    async def test(gateway: Any) -> None:
+        async with _live(gateway, bags=tmp_path) as live:
+            found = [bag["name"] for bag in (await live.get("/api/live/bags"))[1]["bags"]]
+            assert len(set(found)) == len(found) == len(set(paths))
+            for name in [each for each in found if "~" not in each]:  # of the main folder
+                status, opened = await live.get(f"/api/live/bags/{quote(name, safe='')}")
+                assert (status, bool(opened["runs"])) == (200, True), name
+                key = next(iter(opened["runs"]))
+                assert (await live.get(f"/api/live/runs/{quote(key)}"))[0] == 200, name
+
+    in_gateway(test)
+
+
 def test_damaged_bag_shows_its_readable_part_and_the_damage(in_gateway: Run, tmp_path: Path) -> None:
     content = BAG.read_bytes()
     (tmp_path / "cut.bag").write_bytes(content[: len(content) * 9 // 10])

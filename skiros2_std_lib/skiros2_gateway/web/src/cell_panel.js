@@ -146,7 +146,7 @@ export class CellPanel {
         element.addEventListener("click", () => notify(open(bag.name)));
         return element;
       }, (element, bag) =>
-        fill(element, "idle", bag.name.replaceAll("~", "/"), bag.size < 1e6 ? `${Math.ceil(bag.size / 1e3)} kB` : `${(bag.size / 1e6).toFixed(1)} MB`, new Date(bag.time * 1000).toLocaleString()));
+        fill(element, "idle", bag.name.replaceAll("~", "/").replaceAll("\\u{7e}", "~").replaceAll("\\u{5c}", "\\"), bag.size < 1e6 ? `${Math.ceil(bag.size / 1e3)} kB` : `${(bag.size / 1e6).toFixed(1)} MB`, new Date(bag.time * 1000).toLocaleString()));
       empty(this.bags, "The gateway has no folder of bags (argument bags), or it is empty.");
     } catch (error) {
       notify(Promise.reject(error));

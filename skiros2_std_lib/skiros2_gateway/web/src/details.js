@@ -2,6 +2,7 @@
 
 import { button } from "./cell_panel.js";
 import { notify, request } from "./cell.js";
+import { runPath } from "./run.js";
 import { commandRobots } from "./commands.js";
 import { clock, duration, firstLine, h, keyed, setText } from "./dom.js";
 
@@ -66,7 +67,7 @@ export class RunBar {
   async #readCause(key) {
     this.#causes.set(key, "");
     try {
-      const { text, explanations } = await request(`/api/live/runs/${key}/why`);
+      const { text, explanations } = await request(`${runPath(key)}/why`);
       if (explanations.length) this.#causes.set(key, firstLine(text));
     } catch {
       return; // the manager does not run any more; the tree has the messages
@@ -76,7 +77,7 @@ export class RunBar {
 
   #command(action) {
     const { key, summary } = this.run;
-    const path = `/api/live/runs/${key}/${action}`;
+    const path = `${runPath(key)}/${action}`;
     return action === "step" ? request(path, {}) : commandRobots(this.cell, action, [summary.robot], summary.task, path);
   }
 
@@ -87,7 +88,7 @@ export class RunBar {
   }
 
   async #explain() {
-    const { text } = await request(`/api/live/runs/${this.run.key}/why`);
+    const { text } = await request(`${runPath(this.run.key)}/why`);
     this.why.replaceChildren(h("pre", {}, text));
     this.why.hidden = !this.why.hidden;
   }
@@ -154,7 +155,7 @@ export class NodeDetails {
     this.#asked = Date.now();
     try {
       const query = run.time === null ? "" : `?time=${run.time}`;
-      this.#status = await request(`/api/live/runs/${run.key}/nodes/${run.node}${query}`);
+      this.#status = await request(`${runPath(run.key)}/nodes/${run.node}${query}`);
     } catch {
       this.#status = null; // the node is a control-flow node, or the task has ended
     }

@@ -2,6 +2,11 @@
 
 import { request } from "./cell.js";
 
+// The route of a run; the name of its bag may have any character.
+export function runPath(key) {
+  return `/api/live/runs/${key.split("/").map(encodeURIComponent).join("/")}`;
+}
+
 // Dispatches `change` when another run or time is shown, or a part of the history has arrived.
 export class ShownRun extends EventTarget {
   key = null;
@@ -120,7 +125,7 @@ export class ShownRun extends EventTarget {
       do {
         asked = `${this.key} ${this.time}`;
         const query = this.time === null ? "" : `?time=${this.time}`;
-        const path = `/api/live/runs/${this.key}`;
+        const path = runPath(this.key);
         const at = this.sceneTime;
         const asks = [request(path + query), at === null ? null : request(`${path}/scene?time=${at}`)];
         const [answer, scene] = await Promise.all(asks);

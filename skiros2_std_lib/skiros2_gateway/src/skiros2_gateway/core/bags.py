@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
@@ -99,14 +98,26 @@ class Bags:
         return bag, runs[number]
 
     def _paths(self) -> dict[str, Path]:
-        """Returns the files by name; no links to nowhere, pipes or devices. What is no UTF-8 is written as codes."""
+        """Returns the files by name, in which `~` separates folders; no links to nowhere, pipes or devices.
+
+        In the name of a file or folder, `~`, `\\` and what cannot be printed is written as `\\u{7e}`, bytes that are
+        no UTF-8 as `\\xe9`.
+        """
         found: dict[str, Path] = {}
         if self._folder is None:
             return found
         for path in filter(_is_file, self._folder.rglob("*.bag")):
-            name = "~".join(path.relative_to(self._folder).parts)
-            found[os.fsencode(name).decode("utf-8", "backslashreplace")] = path
+            found["~".join(map(_coded, path.relative_to(self._folder).parts))] = path
         return found
+
+
+def _coded(name: str) -> str:
+    return "".join(each if each.isprintable() and each not in "\\~" else _code(ord(each)) for each in name)
+
+
+def _code(number: int) -> str:
+    is_byte = 0xDC80 <= number <= 0xDCFF  # PEP 383: a byte of a file name that is no UTF-8
+    return f"\\x{number - 0xDC00:02x}" if is_byte else f"\\u{{{number:x}}}"
 
 
 def _is_file(path: Path) -> bool:

@@ -18,9 +18,11 @@ from typing import Any
 
 import pytest
 
+from skiros2_gateway.core.problems import Unauthenticated
 from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.mqtt.bridge import MqttBridge
-from skiros2_gateway.mqtt.signature import sign
+from skiros2_gateway.mqtt.signature import Freshness, sign
 from support.broker import broker, needs_broker
 from unit.skiros2_gateway.conftest import TOKENS
 
@@ -147,6 +149,34 @@ def test_command_without_the_role_or_with_mistakes_is_refused(in_gateway: Run, p
             assert not list(gateway.store.jobs())
 
     in_gateway(test)
+
+
+def test_used_command_is_refused_after_a_restart_too(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        await gateway.put("a", start=False)
+        used = message("start", {"id": "a"})
+        async with connected(gateway, port, "again") as (_, subscriber):
+            await publish(port, "again/job/in/start", used)
+            assert (await subscriber.until("again/job/answer"))["ok"]
+        gateway.restart()
+        async with connected(gateway, port, "again") as (_, subscriber):
+            await publish(port, "again/job/in/start", used)
+            error = (await subscriber.until("again/job/answer"))["error"]
+            assert (error["code"], error["detail"]) == ("unauthenticated", "the command was received before")
+
+    in_gateway(test)
+
+
+def test_signatures_are_kept_for_their_minute_only(tmp_path: Path) -> None:
+    now = 1000.0
+    store = JobStore(tmp_path / "jobs.db")
+    freshness = Freshness(store, lambda: now)
+    for number in range(5):
+        freshness.check(f"{number}", now)
+        now += 70.0
+    assert set(store.signatures()) == {"3", "4"}  # the clocks may differ by a minute
+    with pytest.raises(Unauthenticated, match="received before"):
+        Freshness(JobStore(tmp_path / "jobs.db"), lambda: now).check("4", now)
 
 
 def test_state_is_retained_and_the_last_will_reports_the_end(in_gateway: Run, port: int) -> None:

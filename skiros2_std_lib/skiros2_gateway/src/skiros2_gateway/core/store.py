@@ -38,6 +38,7 @@ CREATE TABLE IF NOT EXISTS sessions (
 CREATE TABLE IF NOT EXISTS keys (
     number INTEGER PRIMARY KEY AUTOINCREMENT, user TEXT NOT NULL, key TEXT NOT NULL, digest TEXT NOT NULL,
     answer TEXT NOT NULL, UNIQUE (user, key));
+CREATE TABLE IF NOT EXISTS signatures (signature TEXT PRIMARY KEY, sent REAL NOT NULL);
 """
 
 #: The audit entries that are kept at most, the newest: 100 MB.
@@ -259,6 +260,18 @@ class JobStore:
         """Removes a key."""
         with self._transaction() as db:
             db.execute("DELETE FROM keys WHERE user = ? AND key = ?", (user, key))
+
+    # -- signatures of commands --------------------------------------------------------------------------------
+
+    def signatures(self) -> dict[str, float]:
+        """Returns the times of commands (s since the epoch) by their signatures."""
+        return dict(self._read("SELECT signature, sent FROM signatures"))
+
+    def put_signature(self, signature: str, sent: float, expired: Sequence[str]) -> None:
+        """Writes the signature of a command that was sent at a time (s since the epoch); removes expired ones."""
+        with self._transaction() as db:
+            db.executemany("DELETE FROM signatures WHERE signature = ?", [(each,) for each in expired])
+            db.execute("INSERT INTO signatures VALUES (?, ?)", (signature, sent))
 
     # -- internals ---------------------------------------------------------------------------------------------
 

@@ -69,12 +69,13 @@ class MqttBridge:
     def __init__(self, service: Service, settings: Settings) -> None:
         """
         :raises ConfigurationError: a file of the settings cannot be read, or the port is not a number.
+        :raises StoreFailed: the used signatures cannot be read.
         """
         self._service = service
         self._prefix = settings.mqtt_prefix.strip("/")
         self._max_body = settings.max_body
         self._takes_tokens = settings.mqtt_tokens
-        self._freshness = Freshness()
+        self._freshness = Freshness(service.store)
         self._loop = asyncio.get_running_loop()
         self._tasks: set[asyncio.Task[None]] = set()
         self._elements: set[str] = set()

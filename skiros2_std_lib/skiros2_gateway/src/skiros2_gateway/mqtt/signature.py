@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
+import logging
 import math
 import os
 import sys
@@ -19,7 +20,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from skiros2_gateway.core.problems import Unauthenticated
+from skiros2_gateway.core.problems import StoreFailed, Unauthenticated
+from skiros2_gateway.core.store import JobStore
+
+log = logging.getLogger(__name__)
 
 #: The most by which the clocks of client and gateway may differ (s).
 _TOLERANCE = 60.0
@@ -46,14 +50,16 @@ def signature_of(key: str, method: str, command: str) -> str:
 
 
 class Freshness:
-    """Refuses commands that are old or come again.
+    """Refuses commands that are old or come again, also after a restart. To be used in the thread of the store.
 
     :param clock: s since the epoch.
+    :raises StoreFailed: the store cannot be read.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, store: JobStore, clock: Callable[[], float] = time.time) -> None:
+        self._store = store
         self._clock = clock
-        self._seen: dict[str, float] = {}
+        self._seen = store.signatures()
 
     def check(self, signature: str, sent: Any) -> None:
         """Checks a command whose signature is right.
@@ -67,8 +73,14 @@ class Freshness:
             raise Unauthenticated(f"the command's time is {sent!r}, expected {now:.0f} within {_TOLERANCE:g} s")
         if signature in self._seen:
             raise Unauthenticated("the command was received before")
-        self._seen = {key: at for key, at in self._seen.items() if abs(now - at) <= 2 * _TOLERANCE}
+        expired = [key for key, at in self._seen.items() if abs(now - at) > 2 * _TOLERANCE]
+        for key in expired:
+            del self._seen[key]
         self._seen[signature] = sent
+        try:
+            self._store.put_signature(signature, sent, expired)
+        except StoreFailed as error:  # robots stop, whatever the disk does
+            log.error("a signature is not written: after a restart its command could come again: %s", error)
 
 
 if __name__ == "__main__":

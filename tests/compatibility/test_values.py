@@ -235,6 +235,22 @@ def test_a_given_element_that_was_inferred_before_is_shared(doors):
     assert told == ["dented"]
 
 
+@rule("blackboard", "A skill whose Optional parameter is given an element that is gone fails",
+      better="also when the blackboard has the same element")  # fmt: skip
+@pytest.mark.parametrize("is_on_blackboard", [False, True])
+def test_a_given_element_that_is_gone_fails_an_optional_parameter_too(doors, is_on_blackboard):
+    fridge = doors.element("fridge")
+    doors.load(
+        primitive("Find", product(), execute=tells("Object")),
+        primitive("Lose", execute=lambda skill: skill.success(str(doors.wmi.remove_element(fridge.id)))),
+        primitive("Look", product(kind=ParamTypes.Optional), execute=tells("Object")),
+    )
+    steps = [doors.node("Find")] if is_on_blackboard else []
+    task = doors.run(*steps, doors.node("Lose"), doors.node("Look", Object=fridge))
+    assert task.state is State.Failure
+    assert fridge.id in task.why
+
+
 @rule(
     "blackboard", "A skill that fails because what it writes is gone leaves no element that is gone on the blackboard"
 )

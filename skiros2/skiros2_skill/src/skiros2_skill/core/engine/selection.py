@@ -257,8 +257,11 @@ def _suggest(node: SkillWrapper, slots: Sequence[Slot], wmi: WorldModelPort) -> 
 
 
 def _is_needed(slot: Slot) -> bool:
-    """Whether a skill cannot start without the value of a slot that was pulled from the blackboard."""
-    return slot.origin is Origin.GIVEN and not slot.param.paramTypeIs(ParamTypes.Optional)
+    """Whether a skill cannot start without the value of a slot that was pulled from the blackboard.
+
+    An Optional parameter needs the elements that it was given itself, and shares them with the blackboard.
+    """
+    return slot.origin is Origin.GIVEN and (bool(slot.default_ids) or not slot.param.paramTypeIs(ParamTypes.Optional))
 
 
 def _class_mismatches(

@@ -15,7 +15,7 @@ CORES = [file for file in FILES if file.part in ("core", "tools")]
 
 #: What the core of a package may import beside the standard library, itself and `skiros2_common`.
 OUTSIDE = {
-    "skiros2_common": {"numpy"},
+    "skiros2_common": {"numpy", "yaml"},
     "skiros2_runs": {"numpy"},
     "skiros2_world_model": {"numpy", "rdflib", "pyoxigraph", "oxrdflib", "pyshacl"},
     "skiros2_skill": {"numpy"},

@@ -63,6 +63,10 @@ def test_only_programs_print() -> None:
     assert not list(_prints(FILES)), "log it instead"
 
 
+def test_yaml_is_parsed_with_limits() -> None:
+    assert not list(_yaml_parsers(FILES)), "use skiros2_common.core.yaml_text"
+
+
 def test_only_contract_functions_have_mutable_defaults() -> None:
     assert not list(_mutable_defaults(FILES))
 
@@ -126,6 +130,13 @@ def _prints(files: Iterable[SourceFile]) -> Iterator[str]:
                 yield f"{file}:{node.lineno}"
 
 
+def _yaml_parsers(files: Iterable[SourceFile]) -> Iterator[str]:
+    for file in files:
+        for node in ast.walk(file.tree):
+            if isinstance(node, ast.Call) and re.fullmatch(r"yaml\.\w*load\w*", ast.unparse(node.func)):
+                yield f"{file}:{node.lineno}"
+
+
 def _mutable_defaults(files: Iterable[SourceFile]) -> Iterator[str]:
     fixed = set(_contract_defaults())
     for file in files:
@@ -175,12 +186,13 @@ def _contract_defaults() -> Iterator[tuple[str, str]]:
                     yield function, argument
 
 
-RULES = [_wildcard_imports, _broad_excepts, _prints, _mutable_defaults, _private_accesses]
+RULES = [_wildcard_imports, _broad_excepts, _prints, _yaml_parsers, _mutable_defaults, _private_accesses]
 
 
 @pytest.mark.parametrize("rule", RULES)
 def test_each_rule_finds_a_file_that_breaks_it(rule: Callable[..., Iterator[str]], tmp_path: Path) -> None:
     bad = SourceFile(tmp_path / "src" / "bad.py", "skiros2_common", "core")
     bad.path.parent.mkdir()
-    bad.path.write_text("from os import *\ntry:\n    print()\nexcept(BaseException):\n    pass\ndef f(a=[]): a._x\n")
+    text = "from os import *\ntry:\n    print()\nexcept(BaseException):\n    pass\ndef f(a=[]): a._x\nyaml.safe_load(f)\n"
+    bad.path.write_text(text)
     assert list(rule([bad]))

@@ -43,6 +43,12 @@ def test_each_wrong_element_is_named_and_the_others_are_kept() -> None:
     assert "two words" in problems[2] and "goal: " in problems[2]
 
 
+def test_definition_that_grows_without_end_is_refused() -> None:
+    anchors = [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
+    masters, (problem,) = work_masters_of([element("bomb", "\n".join([PARK.strip(), "a0: &a0 [x]", *anchors]))])
+    assert not masters and "stands for more than" in problem and len(problem) < 300
+
+
 def test_changes_of_the_scene_take_effect(caplog: pytest.LogCaptureFixture) -> None:
     async def follow() -> None:
         with SkillBench() as bench:

@@ -55,6 +55,8 @@ def test_a_file_that_is_missing_or_no_yaml_is_reported_in_one_line(tmp_path: Pat
     with pytest.raises(ConfigurationError, match=r"nowhere\.yaml: No such file"):
         load_scenario(tmp_path / "nowhere.yaml")
     assert "\n" not in problems("a: [")[0]
+    growing = "\n".join(["a0: &a0 [x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12))])
+    assert "stands for more than" in problems(growing)[0]
 
 
 def test_all_mistakes_are_reported_at_once() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import rospy
-import yaml
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.yaml_text import read_yaml
 
 
 def text_list(name: str) -> list[str]:
@@ -18,9 +18,9 @@ def text_list(name: str) -> list[str]:
     value: Any = rospy.get_param(name, [])
     if isinstance(value, str):
         try:
-            value = yaml.safe_load(value)
-        except yaml.YAMLError:
-            value = None
+            value = read_yaml(value)
+        except WrongValue as error:
+            raise ConfigurationError(f"parameter {rospy.resolve_name(name)}: {error}") from None
     value = [] if value is None or value == "" else value
     if isinstance(value, str):
         value = [value]

@@ -15,6 +15,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.yaml_text import read_yaml
 from skiros2_gateway.core.problems import problems_of
 
 log = logging.getLogger(__name__)
@@ -105,8 +106,8 @@ def _read(path: Path) -> list[User]:
     try:
         if path.stat().st_mode & 0o077:
             raise ConfigurationError(f"{path} has tokens and may be read by others; expected: chmod 600 {path}")
-        users = _Users.model_validate(yaml.safe_load(path.read_text())).users
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        users = _Users.model_validate(read_yaml(path.read_text())).users
+    except (OSError, ValueError) as error:
         reasons = problems_of(error) if isinstance(error, ValidationError) else [error]
         raise ConfigurationError(f"{path}: " + "; ".join(map(str, reasons))) from error
     names = [user.name for user in users]

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.core.names import nearest
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.yaml_text import read_yaml
 from skiros2_gateway.core.job import MAX_GOAL, Order, Value
 from skiros2_gateway.core.problems import Problem, Rejected, problems_of
 
@@ -194,11 +194,11 @@ def read_work_masters(path: Path) -> list[WorkMaster]:
     :raises ConfigurationError: with all problems of the file.
     """
     try:
-        return _File.model_validate(yaml.safe_load(path.read_text())).work_masters
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+        return _File.model_validate(read_yaml(path.read_text())).work_masters
     except ValidationError as error:
         raise ConfigurationError(f"{path}: " + "; ".join(str(problem) for problem in problems_of(error))) from error
+    except (OSError, UnicodeDecodeError, WrongValue) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def work_masters_of(elements: Iterable[Element]) -> tuple[list[WorkMaster], list[str]]:
@@ -210,7 +210,7 @@ def work_masters_of(elements: Iterable[Element]) -> tuple[list[WorkMaster], list
     problems = []
     for element in elements:
         try:
-            fields = yaml.safe_load(str(element.value_of(DEFINITION) or ""))
+            fields = read_yaml(str(element.value_of(DEFINITION) or ""))
             if not isinstance(fields, dict):
                 raise ConfigurationError(f"{DEFINITION} is {fields!r}, expected the fields of a work master")
             master = WorkMaster.model_validate({**fields, "id": element.label or element.id})
@@ -218,7 +218,7 @@ def work_masters_of(elements: Iterable[Element]) -> tuple[list[WorkMaster], list
                 raise ConfigurationError(f"another element defines a work master {master.id!r}")
         except ValidationError as error:
             problems.append(f"{element!r}: " + "; ".join(str(problem) for problem in problems_of(error)))
-        except (ConfigurationError, yaml.YAMLError, RecursionError) as error:  # the last of deep nesting
+        except (ConfigurationError, WrongValue) as error:
             problems.append(f"{element!r}: {error}")
         else:
             masters[master.id] = master

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import yaml
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.yaml_text import read_yaml
 from skiros2_common.tools.libraries import find_libraries
 from skiros2_learning.core.platforms import (
     PLATFORMS,
@@ -173,7 +174,7 @@ class Scenario:
         :param changed_priors: by name of the variable, as in the file: they replace `prior_from`.
         :raises ScenarioError: the changes do not fit.
         """
-        data = yaml.safe_load(self.source)
+        data = read_yaml(self.source)
         if "scene" in data:
             data["scene"] = str(self.scene)
         budget = data.setdefault("budget", {})
@@ -222,9 +223,9 @@ def parse_scenario(text: str, folder: Path, source: str = "scenario") -> Scenari
     :raises ScenarioError: it has mistakes; the text names all of them.
     """
     try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ScenarioError(source, [" ".join(str(error).split())]) from None
+        data = read_yaml(text)
+    except WrongValue as error:
+        raise ScenarioError(source, [str(error)]) from None
     problems: list[str] = []
     root = Section(data, "", problems)
     scenario = _read(root, folder, text)

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import optuna
-import yaml
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.samplers import BaseSampler
@@ -29,6 +28,7 @@ from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
 
 from skiros2_common.core.errors import ConfigurationError, MissingPackage, Refused, UnknownName
+from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.evaluation import Evaluation, seed_of
 from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, PriorSampler
 from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
@@ -412,7 +412,7 @@ def _need(optimiser: str, package: str) -> None:
 
 def _shared(scenario: Scenario) -> dict[str, object]:
     """Returns the part of a scenario that is the same for all processes that run its study."""
-    data = yaml.safe_load(scenario.source)
+    data = read_yaml(scenario.source)
     kept = {key: value for key, value in data.items() if key not in _LOCAL_KEYS}
     shared: dict[str, object] = json.loads(json.dumps(kept))
     return shared

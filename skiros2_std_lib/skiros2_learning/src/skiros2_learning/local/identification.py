@@ -13,6 +13,7 @@ from skiros2_common.core.names import local_name
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.scenario import Step
 from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import KINDS
@@ -44,7 +45,7 @@ def identify(scene: Path, libraries: Sequence[str], skill: str, parameters: Sequ
             raise WrongValue(f"{text!r}: expected KEY=VALUE")
         if key not in declared:
             raise UnknownName(f"{skill} has no parameter {key!r}; {near(key, declared)}")
-        given[key] = value if declared[key].is_element else yaml.safe_load(value)
+        given[key] = value if declared[key].is_element else read_yaml(value)
     return _scenario(bench, scene, libraries, [Step(skill, skill, "", given)], skill.lower())
 
 

@@ -133,7 +133,7 @@ def _prints(files: Iterable[SourceFile]) -> Iterator[str]:
 def _yaml_parsers(files: Iterable[SourceFile]) -> Iterator[str]:
     for file in files:
         for node in ast.walk(file.tree):
-            if isinstance(node, ast.Call) and re.fullmatch(r"yaml\.\w*load\w*", ast.unparse(node.func)):
+            if isinstance(node, ast.Attribute) and re.fullmatch(r"yaml\.\w*load\w*", ast.unparse(node)):
                 yield f"{file}:{node.lineno}"
 
 
@@ -193,6 +193,7 @@ RULES = [_wildcard_imports, _broad_excepts, _prints, _yaml_parsers, _mutable_def
 def test_each_rule_finds_a_file_that_breaks_it(rule: Callable[..., Iterator[str]], tmp_path: Path) -> None:
     bad = SourceFile(tmp_path / "src" / "bad.py", "skiros2_common", "core")
     bad.path.parent.mkdir()
-    text = "from os import *\ntry:\n    print()\nexcept(BaseException):\n    pass\ndef f(a=[]): a._x\nyaml.safe_load(f)\n"
-    bad.path.write_text(text)
+    bad.path.write_text(
+        "from os import *\ntry:\n    print()\nexcept(BaseException):\n    pass\ndef f(a=[]): a._x\nyaml.safe_load(f)\n"
+    )
     assert list(rule([bad]))

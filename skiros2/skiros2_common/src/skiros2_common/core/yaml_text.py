@@ -29,7 +29,7 @@ def read_yaml(text: str) -> Any:
         raise WrongValue(f"a value does not fit its tag or form: {error}") from None
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self._most = _MAX_EXPANDED + _MAX_FACTOR * len(text)

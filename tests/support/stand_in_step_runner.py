@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from skiros2_task.core.goal_execution import Ended
+from skiros2_task.core.goal_execution import Began, Ended
 from skiros2_task.core.plan import Step
 from support.plan_checks import do
 from support.planning_world import PlanningWorld
@@ -34,10 +34,12 @@ class StandInStepRunner:
         self._runs: dict[str, int] = {}  # the key of each run, by its id
         self._results: dict[int, tuple[bool, str]] = {}  # of ended steps that nobody followed
 
-    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
+    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
         with self._change:
             self.started.append((time.monotonic(), step))
             key = len(self.started)
+            if began is not None:
+                began(key)
             self._runs[run] = key
             self._running[key] = (step, ended)
             self.max_parallel = max(self.max_parallel, len(self._running))
@@ -47,7 +49,9 @@ class StandInStepRunner:
         timer.start()
         return lambda: self._stop(key)
 
-    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+    def attach(
+        self, step: Step, run: str, known: Callable[[bool], None], ended: Ended, began: Began | None = None
+    ) -> Callable[[], None]:
         with self._change:
             key = self._runs.get(run, 0)
             result = self._results.pop(key, None)

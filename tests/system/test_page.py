@@ -101,7 +101,7 @@ def _start_job(page: Any, cell: JobCell, product: int) -> None:
 
 
 def test_job_is_started_by_clicks_and_shown_also_after_a_restart(
-    page: Any, cell: JobCell, forwarder: Forwarder
+    page: Any, cell: JobCell, forwarder: Forwarder, tmp_path: Path
 ) -> None:
     expect = playwright.expect
     _log_in(page, TOKENS["operate"])
@@ -113,6 +113,12 @@ def test_job_is_started_by_clicks_and_shown_also_after_a_restart(
     _start_job(page, cell, 0)
     expect(jobs).to_have_text(["succeeded"])
     expect(page.locator(".tree .row.success .name", has_text="carry_at_once")).to_be_visible()
+    goal = f"{_shown(cell.stores[0])} contains {_shown(cell.products[0])}"
+    expect(page.locator(".tree .row:not([hidden]) .name")).to_have_text([goal, "carry_at_once"])
+    expect(page.locator(".left .list").nth(2).locator(".title2")).to_have_text([goal])
+    page.locator(".tree .row .name", has_text="carry_at_once").click()
+    expect(page.locator("[data-panel=tree] .details h3")).to_have_text("carry_at_once")
+    page.screenshot(path=str(tmp_path / "goal_tree.png"))
     page.click("nav[data-region=right] >> text=World")
     page.locator("#run-bar input").fill("0")  # the beginning of the run
     expect(elements).to_have_text(re.compile(r"elements at \d"))

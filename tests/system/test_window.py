@@ -112,6 +112,9 @@ def test_goal_is_achieved_from_the_goal_line(window: Driver) -> None:
     window.click("achieveButton")
     window.wait_for_row("planView", "place", "succeeded")
     assert WorldModelInterface("/test_window").get_element("skiros:Product-14").getRelations("demo:Tray-12")
+    window.open_tab("Running")
+    window.wait_for_row("taskChoice", "Tray B contains Product A", "succeeded")
+    assert not any("place" in row for row in window.rows("taskChoice")), "the steps are in the tree of the goal"
 
 
 def test_edit_changes_the_world_model(window: Driver) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import shutil
 import time
@@ -22,6 +23,7 @@ from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.http.live import live_router, page_router
+from skiros2_runs.core.goal_progress import after_feedback, after_result, new_goal
 from skiros2_runs.core.values import ConditionStatus, NodeStatus
 from support.http_gateway import curl, served
 from support.source import ROOT
@@ -32,7 +34,7 @@ Run = Callable[..., None]
 BAG = ROOT / "tests/bags/timed_pick_place.bag"
 #: A bag of a cell with two arms, with tf and the robots' description.
 CONTACT_BAG = ROOT / "tests/bags/contact.bag"
-IDLE, RUNNING, SUCCESS = 4, 3, 1
+IDLE, RUNNING, FAILURE, SUCCESS = 4, 3, 2, 1
 
 pytestmark = pytest.mark.skipif(shutil.which("curl") is None, reason="needs Debian's curl")
 
@@ -42,8 +44,10 @@ class _Cell:
 
     def __init__(self) -> None:
         self.commands: list[tuple[str, str, int]] = []
+        self.inspected: list[tuple[str, int, int]] = []
 
     async def inspect(self, robot: str, task: int, node: int) -> NodeStatus:
+        self.inspected.append((robot, task, node))
         return NodeStatus(node, "skiros:Pick", "pick", conditions=[ConditionStatus("PRE", "Near", "near", "holds")])
 
     async def why(self, robot: str, task: int) -> dict[str, Any]:
@@ -51,6 +55,9 @@ class _Cell:
 
     async def command(self, action: str, robot: str, task: int) -> None:
         self.commands.append((action, robot, task))
+
+    def stop_goal(self, goal_id: str) -> None:
+        self.commands.append(("stop", goal_id, -1))
 
     def recorded_view(self) -> SceneView:
         return SceneView(lambda child, parent: child == parent)
@@ -133,6 +140,48 @@ def test_values_of_a_node_that_was_read_are_known_after_the_end(in_gateway: Run)
             assert (await live.get("/api/live/runs/run-1/nodes/1"))[1]["label"] == "pick"
             assert (await live.get("/api/live/runs/run-1/nodes/0"))[0] == 404
             assert (await live.post("/api/live/runs/run-1/stop"))[0] == 409
+
+    in_gateway(test)
+
+
+def _goal(start: float, *steps: tuple[str, int]) -> dict[str, Any]:
+    """A goal that was sent at a time, with steps `pick` of `/robot`, each with its state and the number of its task."""
+    plan = [{"number": n, "skill": "skiros:Pick", "label": "pick", "robot": "/robot"} for n in range(1, len(steps) + 1)]
+    states = [{"number": n, "state": state, "task": task} for n, (state, task) in enumerate(steps, 1)]
+    known = new_goal('(skiros:contain "demo:Tray-1" "skiros:Product-2")', start)
+    return after_feedback(known, "running", "", json.dumps(plan), json.dumps(states), time.time())
+
+
+def test_goal_is_one_run_with_the_trees_of_its_steps(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with _live(gateway) as live:
+            start = time.time()
+            live.view.put("elements", "demo:Tray-1", {"label": "Tray B"})
+            live.view.record("/robot", _nodes(RUNNING, RUNNING, RUNNING))
+            assert (await live.get("/api/live"))[1]["document"]["trees"].keys() == {"run-1"}
+            live.view.put_goal("job-1", _goal(start, ("running", 7), ("waiting", 8)))
+            document = (await live.get("/api/live"))[1]["document"]
+            assert document["runs"]["run-1"]["goal"] == "run-2" and document["trees"].keys() == {"run-2"}
+            goal, tree = document["runs"]["run-2"], document["trees"]["run-2"]
+            assert (goal["robot"], goal["name"], goal["state"]) == ("goals", "Tray B contains Product-2", "running")
+            assert tree["shape"]["names"] == ["Tray B contains Product-2", "pick_1", "pick_2", "pick"]
+            assert [tree["rows"][str(i)][0] for i in range(4)] == [RUNNING, RUNNING, RUNNING, IDLE]
+
+            ids = tree["shape"]["ids"]
+            assert (await live.get(f"/api/live/runs/run-2/nodes/{ids[1]}"))[1]["label"] == "pick"
+            assert live.cell.inspected == [("/robot", 7, 1)]
+            assert [(await live.get(f"/api/live/runs/run-2/nodes/{ids[i]}"))[0] for i in (0, 3)] == [404, 404]
+            assert (await live.post("/api/live/runs/run-2/pause"))[0] == 200
+            assert (await live.post("/api/live/runs/run-2/stop"))[0] == 200
+            assert live.cell.commands == [("pause", "/robot", 7), ("stop", "job-1", -1)]
+
+            nodes = _nodes(FAILURE, FAILURE, FAILURE)
+            nodes[0].progress_code = -1
+            live.view.record("/robot", nodes)
+            ended = after_result(_goal(start, ("running", 7)), "failed", "no plan is left", "", time.time())
+            live.view.put_goal("job-1", ended)
+            assert (await live.get("/api/live/runs/run-2/why"))[1]["text"].startswith("no plan is left\n")
+            assert (await live.get("/api/live/runs/run-2"))[1]["summary"]["state"] == "failed"
 
     in_gateway(test)
 

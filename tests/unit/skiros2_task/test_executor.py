@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import threading
 import time
@@ -14,7 +15,8 @@ from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
 from skiros2_task.core.execution import Phase
 from skiros2_task.core.executor import GoalExecutor
-from skiros2_task.core.goal_execution import Ended, Goal, GoalExecution
+from skiros2_task.core.goal_execution import Began, Ended, Goal, GoalExecution
+from skiros2_task.core.goal_report import progress_of, result_of
 from skiros2_task.core.plan import Plan, Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
@@ -90,6 +92,24 @@ def cell(processes: EngineProcesses) -> Iterator[Make]:
     yield make
     for one in cells:
         one.executor.close()
+
+
+def test_steps_are_reported_with_the_numbers_of_their_tasks(cell: Make) -> None:
+    busy = cell(1, 2, 1)
+    reported: dict[int, int] = {}
+    ended = threading.Event()
+
+    def note(execution: GoalExecution) -> None:
+        steps = json.loads(progress_of(execution).steps)
+        reported.update((step["number"], step["task"]) for step in steps if "task" in step)
+
+    execution = busy.executor.achieve(Goal(busy.goal), note, lambda *_: ended.set())
+    assert ended.wait(30.0)
+    started = [step.number for _, step in busy.step_runner.started]
+    expected = dict(zip(started, range(1, len(started) + 1), strict=True))  # the stand-in numbers its runs
+    assert reported == expected
+    done = json.loads(result_of(execution, End(Verdict.PLANNED, "")).done)
+    assert {step["number"]: step["task"] for step in done} == expected
 
 
 def test_robots_reach_goal_in_parallel(cell: Make) -> None:
@@ -175,8 +195,8 @@ def test_cancelled_goal_stops_its_steps_while_the_executor_is_busy(cell: Make) -
     stopped = threading.Event()
     start = busy.step_runner.start
 
-    def start_step(step: Step, ended: Ended, run: str) -> Callable[[], None]:
-        stop = start(step, ended, run)
+    def start_step(step: Step, ended: Ended, run: str, began: Began) -> Callable[[], None]:
+        stop = start(step, ended, run, began)
         return lambda: (stopped.set(), stop())[1]
 
     def hold(_: GoalExecution) -> None:

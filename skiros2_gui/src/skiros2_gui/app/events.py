@@ -25,6 +25,19 @@ class WorldChanged:
     ontology: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class GoalProgress:
+    """A message of a goal of any client.
+
+    :param message: an `AchieveActionGoal`, `AchieveActionFeedback` or `AchieveActionResult`.
+    :param stamp: when it was received (s since the epoch).
+    """
+
+    goal_id: str
+    message: Any
+    stamp: float
+
+
 @dataclass(frozen=True)
 class TaskProgress:
     """A manager has published the state of a task.
@@ -154,6 +167,7 @@ class GoalFeedback:
 
 Event = (
     WorldChanged
+    | GoalProgress
     | TaskProgress
     | TasksChanged
     | RunRecorded

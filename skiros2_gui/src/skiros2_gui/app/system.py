@@ -101,6 +101,9 @@ class Planner(Protocol):
     def cancel(self) -> None:
         """Cancels a running `plan` or `achieve`, from another thread."""
 
+    def cancel_goal(self, goal_id: str) -> None:
+        """Cancels a goal of any client."""
+
 
 class Simulator(Protocol):
     """The simulated world. Called by jobs only."""

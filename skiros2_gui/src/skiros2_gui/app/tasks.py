@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skiros2_gui.app.events import (
+    ConnectionChanged,
     FailureExplained,
+    GoalProgress,
     ManagersChanged,
     RunRecorded,
     StopRequested,
@@ -20,12 +22,15 @@ from skiros2_gui.app.events import (
     TasksChanged,
 )
 from skiros2_gui.app.names import Names
+from skiros2_runs.core.goal_progress import goal_after, new_goal
+from skiros2_runs.core.goal_runs import GOALS, GoalRuns
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import RUNNING, TaskState
-from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.task_run import Recorded, TaskRun
 from skiros2_skill.client.description import Why
 from skiros2_skill.core.runtime.history import one_line
+from skiros2_task.core.goal_sentence import goal_sentence
 
 if TYPE_CHECKING:
     from skiros2_gui.app.window import Window
@@ -43,12 +48,15 @@ _ALL = -1
 #: Managers publish the progress of each task once a second. After this time (s) a task is checked.
 _TIMEOUT = 3.0
 
+#: The most goals that are followed.
+_MAX_GOALS = 100
+
 #: Without a message for this time a running task counts as silent (s).
 SILENCE_TIMEOUT = 5.0
 
 
 class TaskList:
-    """The one list of tasks, shown by several tabs. Used in the window's thread.
+    """The one list of tasks, shown by several tabs. A goal is a task of `GOALS`. Used in the window's thread.
 
     Publishes `TasksChanged`, `RunRecorded` and `FailureExplained`.
 
@@ -63,21 +71,46 @@ class TaskList:
         self._managers: set[str] = set()  # those that are up
         self._started: dict[str, int] = {}  # the task started last in this window, by manager
         self.runs = Runs()
+        self._goals = GoalRuns(self.runs)
+        self._goal_data: dict[str, dict[str, Any]] = {}  # by id, the newest last
         self._names = Names(window.system)
         self.why_of: TaskRun | None = None
         self.why: tuple[str, ...] = ()
         self._whys: weakref.WeakKeyDictionary[TaskRun, Why] = weakref.WeakKeyDictionary()
         window.subscribe(TaskProgress, lambda event: self._record(event.manager, event.nodes, event.stamp))
+        window.subscribe(GoalProgress, self._on_goal)
         window.subscribe(ManagersChanged, lambda _: self._update_managers())
+        window.subscribe(ConnectionChanged, lambda _: self._check_goals())
         window.subscribe(StopRequested, self._stop_all)
         self._update_managers()
 
     # -- tasks -------------------------------------------------------------------------------------------------
 
     @property
+    def shown(self) -> list[TaskRun]:
+        """The tasks that lists show: goals instead of the tasks of their steps; oldest first."""
+        return [run for run in self.runs if self._goals.goal_of(run) is None]
+
+    @property
     def rows(self) -> list[TaskRun]:
-        """The tasks in the order of lists."""
-        return in_order(self.runs)
+        """The shown tasks in the order of lists."""
+        return in_order(self.shown)
+
+    def goal_of(self, run: TaskRun) -> TaskRun | None:
+        """Returns the goal of a step's task; None for other tasks."""
+        return self._goals.goal_of(run)
+
+    def origin(self, run: TaskRun, node: int) -> tuple[TaskRun, int] | None:
+        """Returns the task and the id of a node, also of a goal's tree; None if it is in no task."""
+        return self._goals.origin(run, node)
+
+    def robot_of(self, run: TaskRun, node: int) -> str:
+        """Returns the manager of a node, also of a goal's tree; "" for the root of a goal."""
+        return self._goals.robot_of(run, node)
+
+    def tasks_of(self, run: TaskRun) -> list[TaskRun]:
+        """Returns the tasks of a goal's steps, in order; of another task itself."""
+        return list(self._goals.tasks(run)) if run.robot == GOALS else [run]
 
     def find(self, robot: str, task_id: int) -> TaskRun | None:
         """Returns the latest task with that id."""
@@ -85,7 +118,7 @@ class TaskList:
 
     def newest(self) -> TaskRun | None:
         """Returns the newest running task, or else the newest task."""
-        known = list(self.runs)
+        known = self.shown
         chosen = [run for run in known if not run.is_finished] or known
         return chosen[-1] if chosen else None
 
@@ -121,10 +154,13 @@ class TaskList:
     # -- commands ----------------------------------------------------------------------------------------------
 
     def command(self, action: str, robot: str, task_id: int) -> None:
-        """Sends a command for a task.
+        """Sends a command for a task; for a goal: `STOP` cancels it, others are for its running tasks.
 
         :param action: `PAUSE`, `RESUME`, `STEP` (one tick) or `STOP`.
         """
+        if robot == GOALS:
+            self._command_goal(action, task_id)
+            return
         manager = self._window.system.managers.get(robot)
         activity = f"{_ACTIVITIES[action]} {f'task {task_id}' if task_id >= 0 else 'all tasks'} of {robot}"
         if manager is None:
@@ -145,14 +181,28 @@ class TaskList:
             queue="" if action == STOP else f"{robot}: commands",
         )
 
+    def _command_goal(self, action: str, number: int) -> None:
+        run, planner = self.find(GOALS, number), self._window.system.planner
+        if run is None:
+            return
+        if action != STOP:
+            for task in self._goals.tasks(run):
+                if not task.is_finished:
+                    self.command(action, task.robot, task.task_id)
+        elif planner is None:
+            self._window.problems.report("cancelling the goal", "the task manager is not running")
+        else:
+            goal_id = self._goals.id_of(run)
+            self._window.jobs.run(lambda: planner.cancel_goal(goal_id), activity="cancelling the goal")
+
     def toggle(self, run: TaskRun) -> None:
         """Pauses a task, or resumes a paused one."""
         self.command(RESUME if run.state is TaskState.PAUSED else PAUSE, run.robot, run.task_id)
 
     def _stop_all(self, request: StopRequested) -> None:
         """Preempts all tasks of all managers, also those that this window does not know yet."""
-        for run in self.rows:
-            if not run.is_finished:
+        for run in in_order(self.runs):
+            if not run.is_finished and run.robot != GOALS:
                 name = f"{skills_text(run)} of {run.robot.lstrip('/')}"
                 request.targets.append(StopTarget(name, partial(_is_finished, run)))
         for robot in self._window.system.managers:
@@ -161,6 +211,10 @@ class TaskList:
     def ask_why(self, run: TaskRun | None) -> None:
         """Reads why a task failed into `why`."""
         self.why_of, self.why = run, ()
+        if run is not None and run.robot == GOALS and run.state is TaskState.FAILED:
+            failed = [self._whys[task] for task in self._goals.tasks(run) if task in self._whys]
+            self.why = (*run.latest.message(0).splitlines(), *(failure_lines(failed[-1]) if failed else ()))
+            self.why = tuple(map(self._names.readable, self.why))
         self._window.publish(FailureExplained())
         if run is not None:
             self._read_why(run)
@@ -200,6 +254,41 @@ class TaskList:
         if known is not None and stamp < known.latest.time and not has_ended(nodes):
             return
         recorded = self.runs.record(robot, nodes, stamp)
+        if recorded is None:
+            return
+        self._publish(recorded)
+        self._publish(self._goals.step_recorded(recorded.run, stamp))
+
+    def _on_goal(self, event: GoalProgress) -> None:
+        """Records the progress of a goal of any client."""
+        data, sent = self._goal_data.get(event.goal_id, {}), getattr(event.message, "goal", None)
+        if sent is not None and not sent.goals.strip():
+            return  # a client asks for its goal
+        try:
+            if sent is not None:
+                data = {**(data or new_goal("", event.stamp)), "goal": sent.goals}
+            else:
+                data = goal_after(data, event.message, event.stamp)
+        except (ValueError, TypeError, LookupError) as error:
+            self._window.problems.report("following a goal", f"the message of the task manager cannot be read: {error}")
+            return
+        self._goal_data.pop(event.goal_id, None)
+        self._goal_data[event.goal_id] = data
+        title = goal_sentence(" ".join(data["goal"].split()), self._names.of) or "goal"
+        before = len(self.shown)
+        self._publish(self._goals.update(event.goal_id, title, data, event.stamp))
+        if len(self.shown) < before:  # a task has turned out to be a step
+            self._window.publish(TasksChanged())
+        for old in list(self._goal_data)[:-_MAX_GOALS]:
+            del self._goal_data[old]
+
+    def _check_goals(self) -> None:
+        """Marks the goals as lost when the task manager has disappeared; it reports those that it continues."""
+        if self._window.system.planner is None and any(r.robot == GOALS and not r.is_finished for r in self.runs):
+            self.runs.mark_lost(GOALS)
+            self._window.publish(TasksChanged())
+
+    def _publish(self, recorded: Recorded | None) -> None:
         if recorded is None:
             return
         run = recorded.run
@@ -248,7 +337,7 @@ def is_silent(run: TaskRun, now: float) -> bool:
 
     :param now: s since the epoch.
     """
-    return run.state is TaskState.RUNNING and now - run.latest.time > SILENCE_TIMEOUT
+    return run.robot != GOALS and run.state is TaskState.RUNNING and now - run.latest.time > SILENCE_TIMEOUT
 
 
 def message_text(run: TaskRun) -> str:

@@ -184,21 +184,25 @@ class SelectedNode:
         self._of = None
         self._answer = _NOTHING
 
-    def ask(self, run: TaskRun, frame: Frame, index: int, is_live: bool, can_ask: bool) -> None:
+    def ask(
+        self, run: TaskRun, node: int, shown: TaskRun, frame: Frame, index: int, is_live: bool, can_ask: bool
+    ) -> None:
         """Reads the details of a node. While a request is running, only the last one is kept.
 
+        :param run: the task of the node.
+        :param node: the id of the node in its task.
+        :param shown: the task whose tree has the node at `index`: the same, or a goal.
         :param can_ask: whether the manager may know the task.
         """
-        node = frame.shape.id(index)
         if self._of != (run, node):
             self._of, self._answer = (run, node), _NOTHING
         manager = self._window.system.managers.get(run.robot) if can_ask else None
         has_failed = frame.state(index) == FAILURE
-        wants_values = frame.shape.is_skill(index) and (is_live or _lacks_values(run, frame, index))
+        wants_values = frame.shape.is_skill(index) and (is_live or _lacks_values(run, node, shown, frame, index))
         if manager is None or not (wants_values or has_failed):
             return
         if self._is_asking:
-            self._next_request = lambda: self.ask(run, frame, index, is_live, can_ask)
+            self._next_request = lambda: self.ask(run, node, shown, frame, index, is_live, can_ask)
             return
         self._is_asking = True
 
@@ -208,16 +212,18 @@ class SelectedNode:
 
         self._window.jobs.run(call, lambda answer: self._take(run, node, *answer), self._fail, queue=run.robot)
 
-    def text(self, run: TaskRun, frame: Frame, index: int, is_recorded: bool) -> NodeText:
+    def text(
+        self, run: TaskRun, node: int, shown: TaskRun, frame: Frame, index: int, is_recorded: bool
+    ) -> NodeText:
         """Returns the node's description with the details read so far.
 
+        :param run, node, shown: see `ask`.
         :param is_recorded: whether the task is one of a bag.
         """
-        node = frame.shape.id(index)
         answer = self._answer if self._of is not None and self._of[1] == node else _NOTHING
-        values = _values(run, frame, index)
+        values = _values(run, node, shown, frame, index)
         note = answer.problem
-        if values is None and not note and frame.shape.is_skill(index) and frame is not run.latest:
+        if values is None and not note and frame.shape.is_skill(index) and frame is not shown.latest:
             note = _NOT_KNOWN
         return node_text(frame, index, values, answer.why, _OF_A_BAG if is_recorded else note)
 
@@ -239,17 +245,17 @@ class SelectedNode:
             self._on_change()
 
 
-def _lacks_values(run: TaskRun, frame: Frame, index: int) -> bool:
+def _lacks_values(run: TaskRun, node: int, shown: TaskRun, frame: Frame, index: int) -> bool:
     """Returns whether the manager may know more about a node than was read before it ended."""
-    values = _values(run, frame, index)
-    return values is None or (frame is run.latest and values.time < run.latest.time)
+    values = _values(run, node, shown, frame, index)
+    return values is None or (frame is shown.latest and values.time < run.latest.time)
 
 
-def _values(run: TaskRun, frame: Frame, index: int) -> NodeStatus | None:
+def _values(run: TaskRun, node: int, shown: TaskRun, frame: Frame, index: int) -> NodeStatus | None:
     """Returns the values of a node at a tick, as far as they were read; None for a node that had not started."""
-    if frame is run.latest:
-        return run.values_at(frame.shape.id(index), math.inf)
-    return run.values_at(frame.shape.id(index), frame.time) if frame.state(index) != IDLE else None
+    if frame is shown.latest:
+        return run.values_at(node, math.inf)
+    return run.values_at(node, frame.time) if frame.state(index) != IDLE else None
 
 
 def _inspect(manager: Manager, task_id: int, node: int) -> tuple[NodeStatus | None, str]:

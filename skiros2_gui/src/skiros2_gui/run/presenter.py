@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import heapq
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
@@ -76,15 +76,22 @@ class RunPresenter:
     # -- tasks -----------------------------------------------------------------------------------------------------
 
     @property
-    def runs(self) -> Runs:
-        """The tasks to choose from, oldest first."""
-        return self._live.runs if self.bag is None else self.bag.runs
+    def runs(self) -> Sequence[TaskRun]:
+        """The tasks to choose from, oldest first; goals instead of the tasks of their steps."""
+        return self._live.shown if self.bag is None else list(self.bag.runs)
+
+    @property
+    def task(self) -> TaskRun | None:
+        """The shown task; of a goal the task of the step that has started last, None before the first."""
+        if self.run is None or self.bag is not None:
+            return self.run
+        return max(self._live.tasks_of(self.run), key=lambda run: (not run.is_finished, run.start), default=None)
 
     @property
     def robot(self) -> str:
         """The manager of the shown task; without a task the only manager, if there is one; else ""."""
-        if self.run is not None and self.bag is None:
-            return self.run.robot
+        if self.task is not None and self.bag is None:
+            return self.task.robot
         managers = list(self._window.system.managers)
         return managers[0] if len(managers) == 1 else ""
 
@@ -180,16 +187,29 @@ class RunPresenter:
         frame, index = self.frame, self.selected_index()
         if self.run is None or frame is None or index is None:
             self.node.clear()
-        else:
-            is_known = self.bag is None and self._live.find(self.run.robot, self.run.task_id) is self.run
-            self.node.ask(self.run, frame, index, self.is_live, is_known)
+            return
+        task, node = self._origin(self.run, frame.shape.id(index))
+        is_known = self.bag is None and self._live.find(task.robot, task.task_id) is task
+        self.node.ask(task, node, self.run, frame, index, self.is_live and not task.is_finished, is_known)
+
+    def _origin(self, run: TaskRun, node: int) -> tuple[TaskRun, int]:
+        """Returns the task and the id of a node; of a goal's own nodes the goal."""
+        return (self._live.origin(run, node) if self.bag is None else None) or (run, node)
+
+    def robot_at(self, index: int) -> str:
+        """Returns the manager of a node of the shown tree; "" in a bag, and for the root of a goal."""
+        frame = self.frame
+        if self.run is None or self.bag is not None or frame is None:
+            return ""
+        return self._live.robot_of(self.run, frame.shape.id(index))
 
     def node_text(self, index: int) -> NodeText | None:
         """Returns the description of a node of the shown tree."""
         frame = self.frame
         if self.run is None or frame is None:
             return None
-        return self.node.text(self.run, frame, index, self.bag is not None)
+        task, node = self._origin(self.run, frame.shape.id(index))
+        return self.node.text(task, node, self.run, frame, index, self.bag is not None)
 
     def fold(self, index: int) -> None:
         """Folds or unfolds a node."""
@@ -264,14 +284,20 @@ class RunPresenter:
     # -- events ------------------------------------------------------------------------------------------------------
 
     def _on_tasks(self) -> None:
-        if self.bag is None and self.run is not None and self.run not in list(self._live.runs):
-            self._show(self._live.newest())
+        if self.bag is None and self.run is not None:
+            goal = self._live.goal_of(self.run)
+            if goal is not None:
+                self._show(goal)
+            elif self.run not in list(self._live.runs):
+                self._show(self._live.newest())
         self.on_change(Redraw.TASKS | Redraw.STATES)
 
     def _on_run(self, event: RunRecorded) -> None:
         if self.bag is not None:
             return
         run = event.run
+        if self._live.goal_of(run) is not None:
+            return  # its goal is shown, and has an event of its own
         if self._awaited_task == (run.robot, run.task_id):
             self._awaited_task = None
             self.pick(run)

@@ -241,7 +241,7 @@ class SignalPlots:
 
     def _ask_limits(self) -> None:
         """Reads the limits of the shown task from its manager, once more after it has ended."""
-        run = self._run.run
+        run = self._run.task
         if run is not self._limits_of:
             self._limits_of, self._limits, self._has_last_limits = run, [], False
         manager = self._window.system.managers.get(run.robot) if run is not None and self._run.bag is None else None

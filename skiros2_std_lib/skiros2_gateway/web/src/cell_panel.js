@@ -14,6 +14,7 @@ const JOB_METHODS = {
 const JOB_WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted",
   Ended: "succeeded", Aborted: "failed" };
 const JOB_ORDER = ["Running", "Interrupted", "AllowedToStart", "NotAllowedToStart", "Ended", "Aborted"];
+export const GOALS = "goals"; // the robot of runs that are goals
 const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
 
 export class CellPanel {
@@ -51,7 +52,8 @@ export class CellPanel {
     this.bagsBack.hidden = !this.run.bagName;
     this.now.hidden = Boolean(this.run.bagName);
     runs.sort(([, a], [, b]) => b.start - a.start);
-    keyed(this.runs, runs, ([key]) => key, () => this.#makeRun(), (element, entry) => this.#showRun(element, entry));
+    const shownRuns = runs.filter(([, summary]) => !summary.goal); // the steps of a goal are in its tree
+    keyed(this.runs, shownRuns, ([key]) => key, () => this.#makeRun(), (element, entry) => this.#showRun(element, entry));
     empty(this.runs, "No task has run yet.");
   }
 
@@ -122,7 +124,7 @@ export class CellPanel {
     const style = this.cell.styles.task[summary.state];
     const took = duration((summary.end ?? this.cell.now) - summary.start);
     fill(element, style.role, summary.name, `${style.symbol} ${summary.state}`,
-      `${clock(summary.start)}, ${took}, ${summary.robot.slice(1)}`);
+      `${clock(summary.start)}, ${took}, ${robotOf(summary)}`);
     element.classList.toggle("selected", key === this.run.key);
   }
 
@@ -153,6 +155,9 @@ export class CellPanel {
     }
   }
 }
+
+// The robot of a run; a goal may have several.
+export const robotOf = ({ robot }) => (robot === GOALS ? "goal" : robot.slice(1));
 
 // Running jobs first, then the queue in its order, then the ended ones, the newest first.
 function compareJobs(a, b) {

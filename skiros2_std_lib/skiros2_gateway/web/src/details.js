@@ -1,6 +1,6 @@
 // The bar of the shown run with its history, the details of a node, and the log.
 
-import { button } from "./cell_panel.js";
+import { GOALS, button, robotOf } from "./cell_panel.js";
 import { notify, request } from "./cell.js";
 import { runPath } from "./run.js";
 import { commandRobots } from "./commands.js";
@@ -43,7 +43,7 @@ export class RunBar {
     this.chip.className = `chip ${style.role}`;
     setText(this.chip, `${style.symbol} ${state}`);
     setText(this.name, summary.name);
-    setText(this.times, `${summary.robot.slice(1)}, since ${clock(summary.start)}`);
+    setText(this.times, `${robotOf(summary)}, since ${clock(summary.start)}`);
     const total = (summary.end ?? cell.now) - summary.start;
     this.slider.max = total;
     if (document.activeElement !== this.slider || run.time === null) this.slider.value = run.elapsed;
@@ -78,7 +78,7 @@ export class RunBar {
   #command(action) {
     const { key, summary } = this.run;
     const path = `${runPath(key)}/${action}`;
-    return action === "step" ? request(path, {}) : commandRobots(this.cell, action, [summary.robot], summary.task, path);
+    return action === "step" || summary.robot === GOALS ? request(path, {}) : commandRobots(this.cell, action, [summary.robot], summary.task, path);
   }
 
   #seek() {

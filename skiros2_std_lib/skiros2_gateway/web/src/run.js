@@ -95,7 +95,9 @@ export class ShownRun extends EventTarget {
 
   // Shows the newest run when the shown one has ended; a run that was selected after its end stays.
   refresh() {
-    const runs = Object.entries(this.cell.document.runs);
+    const goal = this.summary?.goal; // of a task that has turned out to be a step of one
+    if (goal) this.select(goal);
+    const runs = Object.entries(this.cell.document.runs).filter(([, summary]) => !summary.goal);
     const newest = runs.reduce((best, entry) => (!best || entry[1].start >= best[1].start ? entry : best), null);
     const isGone = this.key && !this.summary;
     if (newest && (!this.key || isGone || (this.#isFollowing && this.hasEnded && newest[0] !== this.key))) {

@@ -27,7 +27,7 @@ from skiros2_task.core import goal_report
 from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.executor import GoalExecutor
-from skiros2_task.core.goal_execution import Ended, Goal, GoalExecution
+from skiros2_task.core.goal_execution import Began, Ended, Goal, GoalExecution
 from skiros2_task.core.goal_report import GoalProgress, GoalResult
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import engine_planner
@@ -339,12 +339,14 @@ class LocalSystem:
         goal._cancel = lambda: self._executor.cancel(execution)
         return goal
 
-    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+    def attach(
+        self, step: Step, run: str, known: Callable[[bool], None], ended: Ended, began: Began | None = None
+    ) -> Callable[[], None]:
         """See `StepRunner`. The steps of an earlier process have ended with it."""
         known(False)
         return lambda: None
 
-    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
+    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
         """Starts a step of a plan; see `StepRunner`."""
         call = step.call
         robot = self.robots.get(call.manager) or self.robots.get(f"/{call.manager}")
@@ -359,4 +361,6 @@ class LocalSystem:
         except SkirosError as error:
             ended(False, str(error), ())
             return lambda: None
+        if began is not None:
+            began(task_id)
         return lambda: robot.stop(task_id)

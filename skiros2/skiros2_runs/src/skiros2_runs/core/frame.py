@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.names import local_name
-from skiros2_runs.core.progress import GROUP_TYPE, NodeMessage
+from skiros2_runs.core.progress import GOAL_TYPE, GROUP_TYPE, NodeMessage
 from skiros2_runs.core.states import FAILURE, RUNNING, TaskState
 
 #: The id, parent id, type, label and processor of a node.
@@ -107,7 +107,7 @@ class Shape:
         """Returns the label, or else the type without prefix, or the kind of control-flow node."""
         _, _, kind, label, processor = self.keys[index]
         if not index:
-            return f"task {self.keys[index][0]}"
+            return label if kind == GOAL_TYPE else f"task {self.keys[index][0]}"
         if label:
             return label
         if _is_skill(kind):
@@ -126,10 +126,12 @@ class Shape:
         return [self.name(above) for above in self.path(index)[1:]]
 
     def skills_text(self, most: int = 0) -> str:
-        """Returns the names of the nodes below the root.
+        """Returns the names of the nodes below the root; of a goal its own.
 
         :param most: how many are named; 0: all.
         """
+        if self.keys and self.type(0) == GOAL_TYPE:
+            return self.label(0)
         names = [self.name(index) for index in self.children[0]] if self.keys else []
         more = f" and {len(names) - most} more" if 0 < most < len(names) else ""
         return ", ".join(names[: most or None]) + more

@@ -14,6 +14,8 @@ from skiros2_runs.core.states import SUCCESS, TaskState
 
 #: The types of a task's root, and of nodes that only group others.
 ROOT_TYPE, GROUP_TYPE = ":Root", ":Skill"
+#: The type of the root of a goal, which is no message of a manager; see `goal_runs`.
+GOAL_TYPE = ":Goal"
 
 #: The key of the root's parameter whose value is a `TaskState`: `PAUSED`, `ENDING` or `PREEMPTED`.
 STATUS_KEY = "TaskStatus"

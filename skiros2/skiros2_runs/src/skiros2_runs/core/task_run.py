@@ -119,6 +119,11 @@ class TaskRun:
         return self._latest
 
     @property
+    def nodes(self) -> Sequence[NodeMessage]:
+        """The last message."""
+        return self._nodes
+
+    @property
     def is_finished(self) -> bool:
         """Whether it has ended or is lost."""
         return self.is_lost or self.latest.has_ended

@@ -119,6 +119,10 @@ class GoalExecutor:
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout)
 
+    def began(self, execution: GoalExecution, step: Step, task: int) -> None:
+        """Reports the number of a step's task."""
+        self._events.put(lambda: self._note_task(execution, step.number, task))
+
     # -- for `Recovery` ----------------------------------------------------------------------------------------
 
     def missing(self, managers: Iterable[str]) -> set[str]:
@@ -275,9 +279,15 @@ class GoalExecutor:
 
         log.info("%s: %s", execution.name, step)
         run = execution.log.run_of(step.number) if execution.log is not None else ""
-        execution.stops[step.number] = stop = self._runner.start(step, ended, run)
+        began = partial(self.began, execution, step)
+        execution.stops[step.number] = stop = self._runner.start(step, ended, run, began)
         if execution.cancelled.is_set():  # just now
             stop()
+
+    def _note_task(self, execution: GoalExecution, number: int, task: int) -> None:
+        execution.machine.records[number].task = task
+        if execution.name in self._executions:
+            execution.on_change(execution)
 
     def ended(
         self, execution: GoalExecution, step: Step, succeeded: bool, message: str, explanations: Sequence[Explanation]

@@ -22,18 +22,24 @@ from skiros2_task.core.undeclared import UndeclaredChanges
 #: Reports the end of a step: whether it succeeded, a message and why it failed. Called by any thread.
 Ended = Callable[[bool, str, Sequence[Explanation]], None]
 
+#: Reports the number of a step's task, before its end. Called by any thread.
+Began = Callable[[int], None]
+
 
 class StepRunner(Protocol):
     """Runs steps on robots."""
 
-    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
+    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
         """Starts a step without blocking. Returns a function that stops it.
 
         :param ended: called once, also after a stop.
         :param run: the id of the run, for `attach`; "": any.
+        :param began: called at most once.
         """
 
-    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+    def attach(
+        self, step: Step, run: str, known: Callable[[bool], None], ended: Ended, began: Began | None = None
+    ) -> Callable[[], None]:
         """Follows a step that an earlier process has started, without blocking. Returns a function that stops it.
 
         :param known: called once; False: the robot does not know the run, and `ended` is not called.

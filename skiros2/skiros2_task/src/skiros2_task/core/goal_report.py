@@ -99,12 +99,13 @@ def _missing_values(names: Sequence[str]) -> list[Explanation]:
 
 
 def _state(record: StepRecord) -> dict[str, Any]:
-    """Returns the state of a step as JSON data."""
+    """Returns the state of a step as JSON data; `task` once it is known."""
     return {
         "number": record.step.number,
         "robot": record.step.call.manager,
         "state": record.state.value,
         "message": record.message,
+        **({"task": record.task} if record.task >= 0 else {}),
     }
 
 

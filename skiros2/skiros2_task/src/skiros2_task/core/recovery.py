@@ -124,7 +124,8 @@ class Recovery:
         def ended(succeeded: bool, message: str, explanations: Sequence[Explanation]) -> None:
             executor.put(partial(executor.ended, execution, step, succeeded, message, explanations))
 
-        return self._runner.attach(step, execution.log.run_of(step.number), known, ended)
+        began = partial(executor.began, execution, step)
+        return self._runner.attach(step, execution.log.run_of(step.number), known, ended, began)
 
     def _on_attached(self, returning: _Returning, step: Step, is_known: bool) -> None:
         execution = returning.execution

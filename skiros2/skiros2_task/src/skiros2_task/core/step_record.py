@@ -28,6 +28,7 @@ class StepRecord:
     """The execution of a step.
 
     :param started, ended: by the clock of the state machine (s); None: not yet.
+    :param task: the number of its task on the robot's manager; -1 while it is not known.
     """
 
     step: Step
@@ -36,6 +37,7 @@ class StepRecord:
     explanations: tuple[Explanation, ...] = ()
     started: float | None = None
     ended: float | None = None
+    task: int = -1
 
 
 def with_labels(text: str, records: Iterable[StepRecord]) -> str:

@@ -20,7 +20,7 @@ from skiros2_skill.ros.registration import ROBOT_PARAMETER
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.utils import SkillHolder
-from skiros2_task.core.goal_execution import Ended
+from skiros2_task.core.goal_execution import Began, Ended
 from skiros2_task.core.plan import SkillCall, Step
 from skiros2_task.core.recovery import ROBOTS_TIMEOUT
 from skiros2_task.core.store import Durations
@@ -71,15 +71,17 @@ class ManagerStepRunner(SkillLayerInterface):
             self._absent |= missing()
         return {name: _robot_of(name) for name in self.agents}
 
-    def start(self, step: Step, ended: Ended, run: str = "") -> Callable[[], None]:
+    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
         """Runs a step in a new thread; see `StepRunner`."""
-        started = _StepRun(step, ended, run)
+        started = _StepRun(step, ended, run, began)
         threading.Thread(target=self._run, args=(started,), name=f"step {step.number}", daemon=True).start()
         return started.stop
 
-    def attach(self, step: Step, run: str, known: Callable[[bool], None], ended: Ended) -> Callable[[], None]:
+    def attach(
+        self, step: Step, run: str, known: Callable[[bool], None], ended: Ended, began: Began | None = None
+    ) -> Callable[[], None]:
         """Follows a step in a new thread; see `StepRunner`."""
-        attached = _StepRun(step, ended, run)
+        attached = _StepRun(step, ended, run, began)
         threading.Thread(target=self._attach, args=(attached, known), name=f"step {step.number}", daemon=True).start()
         return attached.stop
 
@@ -162,9 +164,10 @@ def _robot_of(manager: str) -> str:
 class _StepRun:
     """A run of a step on a manager. `stop` may be called by any thread, also before the run."""
 
-    def __init__(self, step: Step, ended: Ended, goal_id: str) -> None:
+    def __init__(self, step: Step, ended: Ended, goal_id: str, began: Began | None) -> None:
         self.step = step
         self.ended = ended
+        self._began = began
         self._goal_id = goal_id
         self._lock = threading.Lock()
         self._run: SkillRun | None = None
@@ -187,7 +190,7 @@ class _StepRun:
         with self._lock:
             if self._stopped:
                 raise Refused("stopped before it was started")
-        self._set(manager.run([skill], goal_id=self._goal_id))
+        self._set(manager.run([skill], lambda feedback: self._report(feedback.task_id), goal_id=self._goal_id))
         return time.monotonic() - started if self.follow(manager, is_alive) else None
 
     def attach(self, manager: SkillManagerInterface) -> bool:
@@ -200,6 +203,13 @@ class _StepRun:
         if is_known:
             self._set(run)
         return is_known
+
+    def _report(self, task: int) -> None:
+        """Reports the number of the task, once. Any thread."""
+        with self._lock:
+            began, self._began = (self._began, None) if task >= 0 else (None, self._began)
+        if began is not None:
+            began(task)
 
     def _set(self, run: SkillRun) -> None:
         with self._lock:
@@ -216,10 +226,12 @@ class _StepRun:
         started, run = time.monotonic(), self._run
         assert run is not None
         while not run.wait(_POLL_PERIOD):
+            self._report(run.task)
             if not is_alive():
                 self.ended(False, f"{manager.name} has disappeared", ())
                 return False
         seconds, result = time.monotonic() - started, run.result()
+        self._report(run.task)
         succeeded = result.state == SkillProgress.SUCCESS
         log.info("%s has ended after %.2f s: %s", self.step, seconds, result.message)
         explanations = _explanations(manager, run)

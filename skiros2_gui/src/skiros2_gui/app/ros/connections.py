@@ -11,13 +11,14 @@ from typing import Any
 import rosgraph
 import roslib.message
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
+from actionlib_msgs.msg import GoalID, GoalStatusArray
 
 from skiros2_common.command_line.master import XMLRPC_ERRORS
-from skiros2_common.core.errors import Refused, SkirosError
-from skiros2_gui.app.events import TaskProgress
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+from skiros2_gui.app.events import GoalProgress, TaskProgress
 from skiros2_gui.app.system import clock
 from skiros2_live.ros.tree_progress import QuickTreeProgress
+from skiros2_msgs import msg as msgs
 from skiros2_msgs.msg import SafetyStatus
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
@@ -143,10 +144,11 @@ STATUS_TIMEOUT = 2.0
 class TaskManagerConnection:
     """Watches the task manager `tm` in this node's namespace and sends it goals.
 
+    :param on_progress: called with each message of a goal, in ROS threads.
     :param on_change: called, in any thread, when it has connected or disconnected.
     """
 
-    def __init__(self, on_change: Callable[[], None]) -> None:
+    def __init__(self, on_progress: Callable[[GoalProgress], None], on_change: Callable[[], None]) -> None:
         self.name = rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0]
         self.is_up = False
         self.since = 0.0
@@ -154,7 +156,17 @@ class TaskManagerConnection:
         self._last_status = -STATUS_TIMEOUT
         self._client: TaskManagerInterface | None = None
         self._goal_lock = threading.Lock()
+        self._on_progress = on_progress
+        self._cancel: Any = None
         self._status = rospy.Subscriber(f"{ACHIEVE_ACTION}/status", GoalStatusArray, self._on_status, queue_size=1)
+        self._goals = [
+            rospy.Subscriber(f"{ACHIEVE_ACTION}/{topic}", kind, self._on_goal)
+            for topic, kind in (
+                ("goal", msgs.AchieveActionGoal),
+                ("feedback", msgs.AchieveActionFeedback),
+                ("result", msgs.AchieveActionResult),
+            )
+        ]
 
     def achieve(self, goals: str, on_feedback: Callable[[Any], None], quality: str = "", seconds: float = 0.0) -> Any:
         """See `app.system.Planner`.
@@ -190,6 +202,28 @@ class TaskManagerConnection:
         if self._client is not None:
             self._client.preempt()
 
+    def cancel_goal(self, goal_id: str) -> None:
+        """See `app.system.Planner`."""
+        if self._cancel is None:
+            self._cancel = rospy.Publisher(f"{ACHIEVE_ACTION}/cancel", GoalID, queue_size=10)
+            self._await_connection(self._cancel)
+        self._cancel.publish(GoalID(id=goal_id))
+
+    def _await_connection(self, publisher: Any) -> None:
+        """
+        :raises TimedOut: the task manager does not connect.
+        """
+        deadline = time.monotonic() + STATUS_TIMEOUT
+        while not publisher.get_num_connections():
+            if time.monotonic() > deadline:
+                raise TimedOut(f"the task manager {self.name} does not answer")
+            time.sleep(0.01)
+
+    def _on_goal(self, message: Any) -> None:
+        status = getattr(message, "status", None)
+        goal_id = (status or message).goal_id.id
+        self._on_progress(GoalProgress(goal_id, message, time.time()))
+
     def check(self) -> None:
         """Detects that it is down. To be called periodically."""
         is_silent = time.monotonic() - self._last_status > STATUS_TIMEOUT
@@ -198,7 +232,8 @@ class TaskManagerConnection:
 
     def close(self) -> None:
         """Disconnects."""
-        self._status.unregister()
+        for subscriber in (self._status, *self._goals):
+            subscriber.unregister()
 
     def _on_status(self, _: Any) -> None:
         self._last_status = time.monotonic()

@@ -175,7 +175,7 @@ class _Connections:
         self.managers = ManagerConnections(
             author, event_queue.put, lambda: event_queue.put(ManagersChanged()), on_change
         )
-        self.task_manager = TaskManagerConnection(on_change)
+        self.task_manager = TaskManagerConnection(event_queue.put, on_change)
         self.markers = MarkerConnection(event_queue.put)
         self.signals = RosSignals()
         self.simulator = SimulatorConnection()

@@ -27,7 +27,7 @@ from skiros2_runs.core.task_run import TaskRun
 
 _RUN = Qt.UserRole
 _HEADS = ("Skill", "State", "Time", "Task", "Robot", "Message")
-_SKILL, _STATE, _ROBOT, _MESSAGE = 0, 1, 4, 5
+_SKILL, _STATE, _TASK, _ROBOT, _MESSAGE = 0, 1, 3, 4, 5
 
 #: The delay that combines updates, and the period of run time updates (ms).
 _UPDATE_DELAY, _TIME_PERIOD = 100, 1000
@@ -38,8 +38,8 @@ class TaskTable(QWidget):
 
     :param name: the object name of the list.
     :param runs: returns the tasks.
-    :param shown: returns the task to select; the list is narrow then, without messages. None: the list keeps its
-        selection, and selects a new task unless a running one is selected.
+    :param shown: returns the task to select; the list is narrow then, without numbers and messages. None: the list
+        keeps its selection, and selects a new task unless a running one is selected.
     """
 
     #: Another task was selected, by the user or because it is new.
@@ -72,7 +72,8 @@ class TaskTable(QWidget):
         header.setResizeContentsPrecision(0)  # visible rows only
         header.setSectionResizeMode(QHeaderView.ResizeToContents)
         header.setSectionResizeMode(_SKILL if shown is not None else _MESSAGE, QHeaderView.Stretch)
-        self.list.setColumnHidden(_MESSAGE, shown is not None)
+        for column in (_TASK, _MESSAGE):
+            self.list.setColumnHidden(column, shown is not None)
         self.list.currentItemChanged.connect(lambda *_: self._on_selected())
         self.list.itemDoubleClicked.connect(lambda item, _: self._open(item.data(0, _RUN)))
         column = QVBoxLayout(self)

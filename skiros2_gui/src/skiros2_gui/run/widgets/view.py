@@ -87,7 +87,7 @@ class TreeView(QGraphicsView):
         if frame is None or not self.is_up_to_date():
             return
         self._item.show_states(frame)
-        robot = presenter.run.robot if presenter.run is not None and presenter.bag is None else ""
+        robot = presenter.robot if presenter.run is not None and presenter.bag is None else ""
         breakpoints = presenter.breakpoints.by_node(robot, frame.shape)
         self._item.highlight(presenter.selected_index(), tree.found(), breakpoints)
 
@@ -222,14 +222,15 @@ class TreeView(QGraphicsView):
             if frame.shape.children[index]:
                 is_folded = index in drawing.hidden
                 menu.addAction("Unfold" if is_folded else "Fold", lambda: presenter.fold(index))
-            if presenter.bag is None and index:
-                there = {k.breakpoint.when for k in presenter.breakpoints.at(run.robot, frame.shape, index)}
+            robot = presenter.robot_at(index)
+            if robot and index:
+                there = {k.breakpoint.when for k in presenter.breakpoints.at(robot, frame.shape, index)}
                 for when, text in ((BEFORE_START, "before it starts"), (AT_END, "when it ends")):
                     action = menu.addAction(f"Pause {text}")
                     action.setCheckable(True)
                     action.setChecked(when in there)
                     action.triggered.connect(
-                        lambda _, when=when: presenter.breakpoints.toggle(run.robot, frame.shape, index, when)
+                        lambda _, when=when: presenter.breakpoints.toggle(robot, frame.shape, index, when)
                     )
             menu.addSeparator()
         for text, change in FOLDS:

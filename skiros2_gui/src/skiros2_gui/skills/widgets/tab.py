@@ -35,7 +35,7 @@ class SkillsTab(QWidget):
         self.skills = SkillsPresenter(window)
         self.tree = SkillTree(self.skills)
         self.form = SkillForm(self.skills)
-        self.tasks = TaskTable(window, "taskList", lambda: window.tasks.runs)
+        self.tasks = TaskTable(window, "taskList", lambda: window.tasks.shown)
         self.why = QPlainTextEdit()
         self.why.setObjectName("taskWhy")
         self.why.setReadOnly(True)

@@ -3,7 +3,8 @@
 The document is JSON data; its members are tables, objects by key:
 
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
-- `goals`: {goal, phase, message, start, plan, steps}; see `goal_view`.
+- `goals`: {goal, phase, message, start, plan, steps}; see `skiros2_runs.core.goal_progress`. A goal is a run too, of
+  the robot `goals`; `goal` of a step's run is its key, and `trees` has the goal's.
 - `jobs` as in the event `job`, without plan, steps and changes.
 - `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
@@ -23,7 +24,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.names import nearest
+from skiros2_common.core.names import local_name, nearest
+from skiros2_common.core.wording import label_text
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
 from skiros2_gateway.core.run_view import summary_data, tree_patch
@@ -31,10 +33,12 @@ from skiros2_gateway.core.scene_history import TABLES, SceneHistory
 from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.core.service import Service
 from skiros2_runs.core.frame import Frame
+from skiros2_runs.core.goal_runs import GoalRuns
 from skiros2_runs.core.progress import NodeMessage
 from skiros2_runs.core.runs import Runs
-from skiros2_runs.core.task_run import TaskRun
+from skiros2_runs.core.task_run import Recorded, TaskRun
 from skiros2_runs.core.values import NodeStatus
+from skiros2_task.core.goal_sentence import goal_sentence
 
 #: Actions on a task.
 TASK_ACTIONS = ("stop", "pause", "resume", "step")
@@ -65,6 +69,9 @@ class LiveCell(Protocol):
     async def command(self, action: str, robot: str, task: int) -> None:
         """Applies one of `TASK_ACTIONS` to a task."""
 
+    def stop_goal(self, goal_id: str) -> None:
+        """Cancels a goal of any client."""
+
     def recorded_view(self) -> SceneView:
         """Returns the view for scenes of bags. Its methods block."""
 
@@ -86,6 +93,7 @@ class LiveView:
         self._loop = asyncio.get_running_loop()
         self.stream = EventStream(kept=_KEPT, behind=_KEPT)
         self.runs = Runs()
+        self.goal_runs = GoalRuns(self.runs)
         self.scenes = SceneHistory()
         self._keys: dict[str, TaskRun] = {}
         self._count = 0
@@ -123,7 +131,14 @@ class LiveView:
 
     def record(self, robot: str, nodes: Sequence[NodeMessage]) -> None:
         """Records the progress of a task; see `Runs.record`."""
-        recorded = self.runs.record(robot, nodes, self._clock())
+        now = self._clock()
+        recorded = self.runs.record(robot, nodes, now)
+        if recorded is not None:
+            self._note(recorded)
+            self._note(self.goal_runs.step_recorded(recorded.run, now))
+
+    def _note(self, recorded: Recorded | None) -> None:
+        """Has a run sent with the next patch, if it has changed."""
         if recorded is None:
             return
         key = self._key(recorded.run)
@@ -148,6 +163,10 @@ class LiveView:
             near = ", ".join(nearest(key, self._keys)) or "see `runs` of the live view"
             raise UnknownName(f"there is no run {key!r}; near: {near}")
         return self._keys[key]
+
+    def _label(self, eid: str) -> str:
+        label = str(self._document["elements"].get(eid, {}).get("label", ""))
+        return label_text(label or local_name(eid))
 
     def _key(self, run: TaskRun) -> str:
         for key in reversed(self._keys):
@@ -185,8 +204,16 @@ class LiveView:
         self._apply({table: patch} if patch else {})
 
     def put_goal(self, goal_id: str, goal: Mapping[str, Any]) -> None:
-        """Updates a goal, see `goal_view`."""
+        """Updates a goal, see `goal_progress`, and its run."""
         self.put("goals", goal_id, goal)
+        text = goal_sentence(goal["goal"], self._label) or "goal"
+        recorded = self.goal_runs.update(goal_id, text, goal, self._clock())
+        self._note(recorded)
+        for task in self.goal_runs.tasks(recorded.run):
+            key = self._key(task)
+            if "goal" not in self.entry("runs", key):
+                self._changed_runs[key] = task
+                self._schedule()
         goals = self._document["goals"]
         for old in list(goals)[: max(0, len(goals) - _MAX_GOALS)]:
             self.put("goals", old, None)
@@ -210,7 +237,12 @@ class LiveView:
         self._last_flush = self._loop.time()
         changed, self._changed_runs = self._changed_runs, {}
         for key, run in changed.items():
-            self.put("runs", key, summary_data(run))
+            goal = self.goal_runs.goal_of(run)
+            self.put("runs", key, summary_data(run) | ({"goal": self._key(goal)} if goal is not None else {}))
+            if goal is not None:
+                if self._sent.pop(key, None) is not None:
+                    self.put("trees", key, None)
+                continue
             if patch := tree_patch(self._sent.get(key), run.latest):
                 self._apply({"trees": {key: patch}})
             self._sent[key] = run.latest

@@ -11,7 +11,7 @@
 - `GET /api/live/runs/KEY/scene?time=T`: `elements`, `frames` and `bodies` of the document at that time.
 - `GET /api/live/runs/KEY/why`: why it failed. `GET /api/live/runs/KEY/nodes/ID?time=T`: parameters and conditions of a
   node, of a task that has ended as they were last read.
-- `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task.
+- `POST /api/live/runs/KEY/ACTION`: stop, pause, resume or step (one tick) of a task; of a goal: its running tasks.
 - `GET /api/live/mesh?url=URL`: a mesh of an element or robot in the document, or a file beside it.
 - `GET /api/live/bags`, `GET /api/live/bags/NAME`: the recorded runs, and the runs, goals and signals in one.
 """
@@ -38,6 +38,7 @@ from skiros2_gateway.core.run_view import history_data
 from skiros2_gateway.http import models
 from skiros2_gateway.http.callers import CallerArg, ServiceArg
 from skiros2_gateway.http.errors import EVENTS, answers, errors_of
+from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import ROLE_COLOURS, NodeState, StateStyle, TaskState, style_of
 from skiros2_runs.core.task_run import TaskRun
 
@@ -119,7 +120,11 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         """Why a run failed: {text, explanations}."""
         service.view(caller)
         run = view.find_run(key)
-        return await cell.why(run.robot, run.task_id)
+        if run.robot != GOALS:
+            return await cell.why(run.robot, run.task_id)
+        failed = [task for task in view.goal_runs.tasks(run) if task.state is TaskState.FAILED]
+        why = await cell.why(failed[-1].robot, failed[-1].task_id) if failed else {"text": "", "explanations": []}
+        return {**why, "text": "\n".join(filter(None, (run.latest.message(0), why["text"])))}
 
     @router.get("/runs/{key:path}/nodes/{node}", responses=answers(models.NodeValues, 404, 405, 409))
     async def node(
@@ -128,6 +133,11 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         """The parameters and conditions of a node."""
         service.view(caller)
         run = find(key)
+        if not key.startswith("bag/"):
+            origin = view.goal_runs.origin(run, node)
+            if origin is None:
+                raise UnknownName(f"node {node} of {key} is in no task")
+            run, node = origin
         if time is None and not run.is_finished and not key.startswith("bag/"):
             run.add_values(await cell.inspect(run.robot, run.task_id, node))
         values = run.values_at(node, run.latest.time if time is None else time)
@@ -159,7 +169,11 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
 
         async def send() -> dict[str, Any]:
             run = live_run(key)
-            await cell.command(action, run.robot, run.task_id)
+            if run.robot == GOALS and action == "stop":
+                cell.stop_goal(view.goal_runs.id_of(run))
+            for task in view.goal_runs.tasks(run) if run.robot == GOALS else [run]:
+                if run is task or (action != "stop" and not task.is_finished):
+                    await cell.command(action, task.robot, task.task_id)
             return {}
 
         return await service.command(caller, f"{action} task", key, send)

@@ -179,6 +179,8 @@ class Plan(BaseModel):
 
 
 class GoalForm(BaseModel):
+    """See `skiros2_gateway.core.goal_form`."""
+
     goal: str
     sentence: str
     problem: str

@@ -22,13 +22,15 @@ from skiros2_common.core.signals import SIGNAL, TOPIC, Signal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.signals import RosSignals
 from skiros2_gateway.core.deadline import remaining
-from skiros2_gateway.core.goal_view import goal_after, new_goal
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.scene_view import SceneView, frames_data
 from skiros2_gateway.core.signal_view import full_topic
+from skiros2_gateway.ros.goals import SILENCE
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_live.core.changed_elements import ChangedElements
 from skiros2_msgs import msg as msgs
+from skiros2_runs.core.goal_progress import goal_after, new_goal
+from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
@@ -98,6 +100,9 @@ class LiveRos:
         else:
             await self._cell.stops.command(action, [robot], rospy.get_name(), task, remaining())
 
+    def stop_goal(self, goal_id: str) -> None:
+        self._cell.stop(goal_id)
+
     def recorded_view(self) -> SceneView:
         if self._recorded is None:
             self._recorded = SceneView(self._is_subclass, _mesh_folders())
@@ -149,7 +154,11 @@ class LiveRos:
     # -- periodically ------------------------------------------------------------------------------------------
 
     async def _check(self) -> None:
+        missing = 0
         while True:
+            missing = 0 if self._cell.is_ready else missing + 1
+            if missing == SILENCE // _CHECK_PERIOD:
+                self._view.mark_lost(GOALS)
             wm = self._cell.world_model
             if self._scene is None and wm is not None:
                 self._scene = _SceneReader(wm, SceneView(wm.is_subclass, _mesh_folders()), self._on_elements)

@@ -13,61 +13,89 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import reference
 import yaml
-from reference import ROOT, SOURCES
+from reference import ROOT, SOURCES, parsed, table
 
 OUT = ROOT / "build/docs"
 PAGES = OUT / "pages"
 #: The pages of the repository that are outside of docs/, by their names in the site.
 OUTSIDE = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
-#: The pages of docs/ in the order of the menu; those that are not here are under "More".
+#: The pages of docs/ in the order of the menu; those that are not here are under "Project".
 MENU = {
-    "Guides": ("your_robot", "skills", "world_model", "planning", "window", "bags", "safety"),
+    "Guides": (
+        *("platforms", "local", "your_robot", "skills", "world_model", "planning"),
+        *("window", "browser", "bags", "safety"),
+    ),
     "Robots": ("demo", "simulation", "contact", "teaching", "perception", "learning", "factory"),
-    "Moving from SkiROS2": ("compatibility",),
+    "From SkiROS2": ("compatibility",),
 }
+#: Headings of a page of the API, at most; a module with more has a page of its own.
+HEADINGS = 40
+#: The weight of pages in the search, by the beginning of their names; others have 1.
+WEIGHTS = {
+    "platforms": 2.0, "reference/authors": 2.0, "reference/api/": 0.1, "reference/": 0.5, "architecture": 0.5,
+    "changelog": 0.2, "contributing": 0.2, "compatibility": 0.5, "pages": 0.1, "index": 0.5,
+}  # fmt: skip
+#: What separates words in the search: `addParam(key, value)` has three.
+SEPARATORS = r"""[\s\-,:;!?=()\[\]{}"'`./]+"""
+#: The pages of the reference before those of the API; the first one is for most readers.
 GENERATED = {
-    "skills": reference.skills, "vocabulary": reference.vocabulary, "ros": reference.ros_interface,
-    "commands": reference.commands, "errors": reference.errors,
+    "authors": reference.authors, "skills": reference.skills, "vocabulary": reference.vocabulary,
+    "ros": reference.ros_interface, "commands": reference.commands, "errors": reference.errors,
 }  # fmt: skip
 #: The search of a site that is opened as a file, without a server and without the network.
 WORKER = "assets/iframe-worker.js"
+STYLE = "assets/style.css"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 
 
-def main() -> int:
-    """Builds the site. Returns 0, or 1 after the list of what is missing."""
+def main(arguments: Sequence[str]) -> int:
+    """Builds the site, with `--pages` only its pages in Markdown. Returns 0, or 1 after the list of what is missing."""
     logging.disable(logging.WARNING)
-    shutil.rmtree(OUT, ignore_errors=True)
+    shutil.rmtree(PAGES, ignore_errors=True)
     problems: list[str] = []
     menu = stage(problems)
-    write(WORKER, (ROOT / "docs/site/iframe-worker.js").read_text())
+    for name, file in {WORKER: "iframe-worker.js", STYLE: "style.css"}.items():
+        write(name, (ROOT / "docs/site" / file).read_text())
     for name, generate in GENERATED.items():
         write(f"reference/{name}.md", generate(problems))
-    api = [write(f"reference/api/{package}.md", api_page(package, problems)) for package in SOURCES]
-    generated = [f"reference/{name}.md" for name in GENERATED]
-    menu.append({"Reference": [*generated, {"API": [page for page in api if page]}]})
+    api: dict[str, list[str]] = {}
+    for name, title, text in api_pages(problems):
+        api.setdefault(name.partition("/")[0], []).append(write(f"reference/api/{name}.md", text, title))
+    api_menu = [*api.pop("index"), *({package: pages} for package, pages in api.items())]
+    menu.append({"Reference": [*(f"reference/{name}.md" for name in GENERATED), {"API": api_menu}]})
     (OUT / "mkdocs.yml").write_text(yaml.safe_dump(settings(menu), sort_keys=False))
     sys.stderr.writelines(f"missing: {problem}\n" for problem in problems)
+    if problems or "--pages" in arguments:
+        return 1 if problems else 0
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(OUT / "mkdocs.yml")]
     built = subprocess.run(command, check=False, env=environment, stderr=subprocess.PIPE, text=True)
     sys.stderr.writelines(f"{line}\n" for line in built.stderr.splitlines() if not line.startswith("INFO"))
-    if not built.returncode and not problems:
+    if not built.returncode:
         sys.stdout.write(f"built: {OUT / 'site/index.html'}\n")
-    return 1 if problems else built.returncode
+    return built.returncode
 
 
-def write(name: str, text: str) -> str:
-    """Writes a page. Returns its name; "" for a page without text."""
+def write(name: str, text: str, title: str = "") -> str:
+    """Writes a page, with its weight in the search. Returns its name.
+
+    :param title: in the menu; "": the heading.
+    """
     file = PAGES / name
     file.parent.mkdir(parents=True, exist_ok=True)
-    if text:
-        file.write_text(text)
-    return name if text else ""
+    meta: dict[str, object] = {"title": title} if title else {}
+    if name == "index.md":
+        meta["hide"] = ["navigation"]  # it would list only this page
+    if weight := next((weight for beginning, weight in WEIGHTS.items() if name.startswith(beginning)), None):
+        meta["search"] = {"boost": weight}
+    file.write_text(f"---\n{yaml.safe_dump(meta)}---\n\n{text}" if meta else text)
+    return name
 
 
 def stage(problems: list[str]) -> list[object]:
@@ -91,7 +119,7 @@ def stage(problems: list[str]) -> list[object]:
     rest = sorted(file.name for file in PAGES.glob("*.md") if file.stem not in {*known, "index"})
     return [
         {"SkiROS2": "index.md"}, {"Tutorials": tutorials},
-        *({title: [f"{name}.md" for name in names]} for title, names in MENU.items()), {"More": rest},
+        *({title: [f"{name}.md" for name in names]} for title, names in MENU.items()), {"Project": rest},
     ]  # fmt: skip
 
 
@@ -128,22 +156,77 @@ def _page_of(file: Path) -> str | None:
     return {"README.md": "pages.md", "tutorials/README.md": "tutorials/index.md"}.get(inner, inner)
 
 
-def api_page(package: str, problems: list[str]) -> str:
-    """The modules of a package with a public class or function, for mkdocstrings; "" when there is none."""
-    modules = []
+@dataclass(frozen=True)
+class _Module:
+    """A module with public classes or functions.
+
+    :param members: the names that are defined in it, not those that it imports.
+    :param headings: of its entries, with its own.
+    """
+
+    name: str
+    about: str
+    members: list[str]
+    headings: int
+
+    def __str__(self) -> str:
+        return f"## {self.name}\n\n::: {self.name}\n    options:\n      members: {self.members}\n"
+
+
+def api_pages(problems: list[str]) -> Iterator[tuple[str, str, str]]:
+    """The pages of the API, for mkdocstrings: names, titles and texts. Each has as many modules as `HEADINGS` allows;
+    the page `index` lists all."""
+    overview = ["# API", "All packages. What skills use is on [one page](../authors.md)."]
+    for package in SOURCES:
+        modules = list(_modules(package, problems))
+        rows = []
+        for some in _split(modules):
+            first, last = (each.name.removeprefix(f"{package}.") for each in (some[0], some[-1]))
+            span = first if first == last else f"{first} – {last}"
+            name = f"{package}/{first}"
+            yield name, span, "\n".join([f"# {package}: {span}\n", *map(str, some)])
+            rows += [(f"[`{m.name}`]({name}.md#{m.name.replace('.', '')})", m.about) for m in some]
+        if rows:
+            overview += [f"## {package}", table(("module", "contents"), rows)]
+    yield "index", "", "\n\n".join(overview)
+
+
+def _split(modules: Sequence[_Module]) -> Iterator[list[_Module]]:
+    """The modules of a package, in order, page by page."""
+    page: list[_Module] = []
+    for module in modules:
+        if page and sum(each.headings for each in page) + module.headings > HEADINGS:
+            yield page
+            page = []
+        page.append(module)
+    if page:
+        yield page
+
+
+def _modules(package: str, problems: list[str]) -> Iterator[_Module]:
     for file in sorted(SOURCES[package].rglob("*.py")):
         parts = file.relative_to(SOURCES[package].parent).with_suffix("").parts
-        module = ".".join(parts).removesuffix(".__init__")
-        tree = ast.parse(file.read_text())
-        public = [
-            node for node in tree.body
-            if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
-        ]  # fmt: skip
+        name = ".".join(parts).removesuffix(".__init__")
+        tree = parsed(file)
+        public = _public(tree)
         lacking = [node.name for node in public if isinstance(node, ast.ClassDef) and not ast.get_docstring(node)]
-        problems += [f"{module}.{name}: a public class without docstring" for name in lacking]
+        problems += [f"{name}.{each}: a public class without docstring" for each in lacking]
         if public and "templates" not in parts:
-            modules.append(f"## {module}\n\n::: {module}\n")
-    return "\n".join([f"# {package}\n", *modules]) if modules else ""
+            about = (ast.get_docstring(tree) or "").partition("\n\n")[0]
+            yield _Module(name, about, [node.name for node in public], 1 + sum(map(_headings, public)))
+
+
+def _public(node: ast.Module | ast.ClassDef) -> list[ast.ClassDef | ast.FunctionDef]:
+    return [
+        each for each in node.body
+        if isinstance(each, ast.ClassDef | ast.FunctionDef) and not each.name.startswith("_")
+    ]  # fmt: skip
+
+
+def _headings(node: ast.ClassDef | ast.FunctionDef) -> int:
+    """The headings of a class or function: each with a docstring has one."""
+    inner = sum(map(_headings, _public(node))) if isinstance(node, ast.ClassDef) else 0
+    return inner + (ast.get_docstring(node) is not None)
 
 
 def settings(menu: list[object]) -> dict[str, object]:
@@ -153,7 +236,8 @@ def settings(menu: list[object]) -> dict[str, object]:
         "options": {
             "docstring_style": "sphinx", "show_source": False, "show_root_heading": False, "show_root_toc_entry": False,
             "heading_level": 3, "separate_signature": True, "show_if_no_docstring": False, "members_order": "source",
-            "docstring_options": {"warnings": False}, "merge_init_into_class": True, "show_bases": True,
+            "docstring_options": {"warnings": False}, "show_signature_annotations": True, "merge_init_into_class": True,
+            "show_bases": True,
         },
     }  # fmt: skip
     light = {"media": "(prefers-color-scheme: light)", "scheme": "default", "primary": "blue grey"}
@@ -165,14 +249,19 @@ def settings(menu: list[object]) -> dict[str, object]:
         "docs_dir": str(PAGES),
         "site_dir": str(OUT / "site"),
         "use_directory_urls": False,
+        "hooks": [str(ROOT / "docs/site/hooks.py")],
         "theme": {
             "name": "material", "palette": [light, dark], "font": False,
             "features": [
-                *("navigation.tabs", "navigation.indexes", "navigation.top"), "search.highlight", "content.code.copy",
+                *("navigation.tabs", "navigation.indexes", "navigation.top", "navigation.prune", "navigation.footer"),
+                *("search.highlight", "content.code.copy"),
             ],
         },
-        "extra": {"polyfills": [WORKER]},
-        "plugins": ["search", "offline", {"mkdocstrings": {"handlers": {"python": handler}}}],
+        "extra": {"polyfills": [WORKER], "generator": False},
+        "extra_css": [STYLE],
+        "plugins": [
+            {"search": {"separator": SEPARATORS}}, "offline", {"mkdocstrings": {"handlers": {"python": handler}}},
+        ],
         "markdown_extensions": [
             *("tables", "admonition", "pymdownx.highlight", "pymdownx.superfences"), {"toc": {"permalink": True}},
         ],
@@ -185,4 +274,4 @@ def settings(menu: list[object]) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -1,4 +1,5 @@
-"""The pages of the reference that are read from the platform: skills, vocabulary, ROS interface, commands, errors.
+"""The pages of the reference that are read from the platform: calls and hooks of skill authors, skills, vocabulary, ROS
+interface, commands, errors.
 
 Each function returns a page of Markdown, and adds to `problems` what is missing.
 """
@@ -7,9 +8,11 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import functools
 import inspect
 import io
 import os
+import pydoc
 import runpy
 import sys
 import xml.etree.ElementTree as xml
@@ -42,16 +45,26 @@ SKILLS = (
 )
 
 
+@functools.cache
+def parsed(file: Path) -> ast.Module:
+    """The syntax tree of a source file."""
+    return ast.parse(file.read_text())
+
+
 def table(headers: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table; "" without rows."""
-    lines = ["| " + " | ".join(_cell(cell) for cell in row) + " |" for row in rows]
-    if not lines:
+    """A table, without columns that are empty in all rows; "" without rows."""
+    cells = [[_cell(cell) for cell in row] for row in rows]
+    if not cells:
         return ""
-    return "\n".join(["", "| " + " | ".join(headers) + " |", "|" + "---|" * len(headers), *lines, ""])
+    used = [number for number in range(len(headers)) if any(row[number] for row in cells)]
+    lines = ["| " + " | ".join(row[number] for number in used) + " |" for row in [list(headers), *cells]]
+    return "\n".join(["", lines[0], "|" + "---|" * len(used), *lines[1:], ""])
 
 
 def _cell(value: object) -> str:
-    return " ".join(str(value).split()).replace("|", "\\|").replace("<", "&lt;")
+    text = " ".join(str(value).split()).replace("|", "\\|")
+    parts = text.split("`")  # every second one is code, where Markdown itself replaces "<"
+    return "`".join(part if number % 2 else part.replace("<", "&lt;") for number, part in enumerate(parts))
 
 
 def code(value: object) -> str:
@@ -116,33 +129,205 @@ def _default(param: Param) -> str:
     return code(", ".join(str(value) for value in values if value is not None))
 
 
+# -- for authors -------------------------------------------------------------------------------------------------------
+
+_COMMON, _SKILL, _WORLD = "skiros2_common.core", "skiros2_skill.core", "skiros2_world_model.core"
+_STD = "skiros2_std_skills"
+#: What authors of skills override and call: title, introduction, and the members by class.
+_FOR_AUTHORS: tuple[tuple[str, str, dict[str, str]], ...] = (
+    (
+        "A description declares",
+        "`class Pick(SkillDescription)` with `createDescription`. An implementation that passes it to `setDescription` "
+        "may add to it.",
+        {
+            f"{_COMMON}.skill_description.SkillDescription": "createDescription addParam addPreCondition "
+            "addHoldCondition addPostCondition getRelationCond getPropCond getHasPropCond getOnTypeCond "
+            "getIsSpecifiedCond getGenerateCond getSignalCond getOrCond "
+            "setAvailableForPlanning set_duration",
+            f"{_COMMON}.preempt_handler.Preemptible": "set_on_preempt",
+        },
+    ),
+    (
+        "A primitive overrides",
+        "`class pick(PrimitiveBase)`. The thread that ticks the task calls the hooks, one at a time; each must return "
+        "quickly.",
+        {
+            f"{_COMMON}.skill_description.SkillDescription": "createDescription",
+            f"{_COMMON}.abstract_skill.SkillCore": "onStart execute onPreempt onEnd",
+            f"{_COMMON}.primitive.PrimitiveBase": "onInit",
+            f"{_COMMON}.primitive_thread.PrimitiveThreadBase": "run",
+            f"{_STD}.action_client_primitive.PrimitiveActionClient": "buildClient buildGoal onFeedback onDone",
+            f"{_STD}.service_client_primitive.PrimitiveServiceClient": "buildClient buildRequest onDone",
+        },
+    ),
+    (
+        "A compound overrides and calls",
+        "`class transport(SkillBase)`. It has the hooks of a primitive too.",
+        {
+            f"{_SKILL}.tree.compound.SkillBase": "createDescription expand skill",
+            f"{_SKILL}.tree.node.SkillInterface": "setProcessor",
+            f"{_SKILL}.processors": "Serial SerialStar Selector ParallelFf ParallelFs NoFail RetryOnFail Loop",
+        },
+    ),
+    (
+        "A skill calls",
+        "On `self`.",
+        {
+            f"{_COMMON}.abstract_skill.SkillCore": "setDescription step success fail startError wake",
+            f"{_COMMON}.skill_description.SkillDescription": "params wmi",
+        },
+    ),
+    (
+        "Parameters",
+        '`self.params["Object"]`. An assigned element is written to the world model after `execute`.',
+        {
+            f"{_COMMON}.property.Property": "value values isSpecified unset",
+            f"{_COMMON}.params.ParamHandler": "hasParam",
+        },
+    ),
+    (
+        "Elements",
+        '`self.params["Object"].value`, and what `self.wmi` returns. `Element("skiros:Product")` is a new one.',
+        {
+            f"{_COMMON}.world_element.Element": "id type label value_of setProperty removeProperty "
+            "hasProperty addRelation setRelation getRelations getData setData",
+        },
+    ),
+    (
+        "The world model",
+        "`self.wmi`. A change is applied as a whole, or refused with the reason.",
+        {
+            f"{_WORLD}.scene_client.SceneAbstractInterface": "get_element resolve_elements resolve_element get_branch "
+            "get_relations",
+            f"{_WORLD}.world_model_client.WorldModelAbstractInterface": "add_element update_element "
+            "remove_element instanciate set_relation",
+            f"{_WORLD}.ontology_client.OntologyAbstractInterface": "is_subclass query_ontology",
+        },
+    ),
+    (
+        "Tests",
+        "The fixture `skill_bench`, without ROS; see [Testing skills](../skills.md#testing-skills).",
+        {
+            "skiros2_skill.testing.bench.SkillBench": "load add stand_in command element inject",
+            "skiros2_skill.testing.bench_task.BenchTask": "tick run preempt state why node explanations",
+        },
+    ),
+)
+_START = """# For skill authors
+
+What a skill calls and what it overrides; each name leads to its full description. The guide is [Skills](../skills.md),
+the first one is made in [a tutorial](../tutorials/02_first_skill.md).
+
+```python
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.primitive import Element, PrimitiveBase, SkillDescription
+from skiros2_skill.core.skill import ParallelFs, SerialStar, SkillBase  # compounds, processors
+```
+"""
+
+
+def authors(problems: list[str]) -> str:
+    """The calls and the hooks of skill authors, on one page, with links to their entries in the reference."""
+    page = [_START]
+    for title, about, classes in _FOR_AUTHORS:
+        rows = [
+            (f"[{code(_signature(name, member))}][{_defined(member)}]", _first(member), code(owner.rpartition(".")[2]))
+            for owner, names in classes.items() for name, member in _members(owner, names, problems)
+        ]  # fmt: skip
+        page += [f"## {title}", about, table(("name", "meaning", "of"), rows)]
+    return "\n\n".join(page) + "\n"
+
+
+def _members(owner: str, names: str, problems: list[str]) -> Iterator[tuple[str, object]]:
+    """The members of a class or a module."""
+    found = pydoc.locate(owner)
+    for name in names.split():
+        member = inspect.getattr_static(found, name, None)
+        if member is None or not inspect.getdoc(member):
+            problems.append(f"{owner}.{name}: {'not there' if member is None else 'no docstring'}")
+        else:
+            yield name, member
+
+
+def _defined(member: object) -> str:
+    """The full name of a member where it is defined."""
+    function = member.fget if isinstance(member, property) else member
+    return f"{function.__module__}.{function.__qualname__}"
+
+
+def _signature(name: str, member: object) -> str:
+    """The call without types: `addParam(key, value, param_type, ...)`; of a property its name."""
+    if not callable(member):
+        return name
+    parameters = [each for each in inspect.signature(member).parameters.values() if each.name != "self"]
+    needed = [each.name for each in parameters if each.default is each.empty and each.kind is not each.VAR_KEYWORD]
+    return f"{name}({', '.join([*needed, *(['...'] if len(needed) < len(parameters) else [])])})"
+
+
+def _first(member: object) -> str:
+    """The first paragraph of a docstring, without what only says that the method is to be overridden."""
+    text = (inspect.getdoc(member) or "").partition("\n\n")[0].removeprefix("To override: ")
+    return text[:1].upper() + text[1:]
+
+
 # -- vocabulary --------------------------------------------------------------------------------------------------------
+
+_KINDS = (
+    ("Classes", OWL.Class, RDFS.subClassOf), ("Relations", OWL.ObjectProperty, RDFS.subPropertyOf),
+    ("Properties", OWL.DatatypeProperty, RDFS.subPropertyOf),
+)  # fmt: skip
+#: What is under these is written by the platform: skills, their parameters and conditions.
+_OF_SKILLS = (
+    *("Skill", "Condition", "Parameter", "ParameterSet", "skillProperty"),
+    *("SkillProperty", "ConditionProperty", "ParameterProperty", "ParameterSetProperty"),
+)
 
 
 def vocabulary(problems: list[str]) -> str:
-    """Classes, relations and properties of the platform's ontologies."""
+    """Classes, relations and properties of the platform's ontologies: those for scenes, those of skills, and names of
+    CORA and SUMO that the platform itself does not use."""
     graph = Graph()
     for file in sorted((ROOT / "ontologies").glob("*.ttl")):
         graph.parse(file)
     names = {term: graph.qname(term) for term in graph.subjects(RDF.type) if isinstance(term, URIRef)}
-    page = ["# Vocabulary", "The platform's ontologies, in `ontologies/`. A workspace adds its own."]
-    groups = (
-        ("Classes", OWL.Class, RDFS.subClassOf), ("Relations", OWL.ObjectProperty, RDFS.subPropertyOf),
-        ("Properties", OWL.DatatypeProperty, RDFS.subPropertyOf),
-    )  # fmt: skip
-    for title, kind, above in groups:
-        rows = []
-        for term in sorted(set(graph.subjects(RDF.type, kind)) & set(names), key=lambda term: names[term].lower()):
-            comment = str(graph.value(term, RDFS.comment) or "")
-            if not comment and names[term].startswith("skiros:"):
-                problems.append(f"ontologies: {names[term]} has no rdfs:comment")
-            row = [code(names[term]), _terms(graph, names, term, above), comment]
-            if kind != OWL.Class:
-                row[2:2] = [_terms(graph, names, term, RDFS.domain), _terms(graph, names, term, RDFS.range)]
-            rows.append(row)
-        headers = ("name", "under", "of", "value", "meaning") if kind != OWL.Class else ("name", "under", "meaning")
-        page += [f"## {title}", table(headers, rows)]
+    scene, skill, rest = [], [], []
+    for title, kind, above in _KINDS:
+        terms = set(graph.subjects(RDF.type, kind)) & set(names)
+        commented = {term for term in terms if graph.value(term, RDFS.comment)}
+        lacking = sorted(names[term] for term in terms - commented if names[term].startswith("skiros:"))
+        problems += [f"ontologies: {name} has no rdfs:comment" for name in lacking]
+        of_skills = {
+            term for term in commented
+            if {names.get(each) for each in graph.transitive_objects(term, above)} & {f"skiros:{n}" for n in _OF_SKILLS}
+        }  # fmt: skip
+        scene += [f"## {title}", _terms_table(graph, names, commented - of_skills, kind, above)]
+        skill += [f"### {title} of skills", _terms_table(graph, names, of_skills, kind, above)]
+        if others := sorted(code(names[term]) for term in terms - commented):
+            rest.append(f"{title}: {', '.join(others)}.")
+    page = [
+        "# Vocabulary",
+        "The platform's ontologies, in `ontologies/`. A workspace [adds its own](../tutorials/05_ontology.md).",
+        *scene,
+        "## Skills, parameters, conditions",
+        "Skill managers and studies write these into the world model.",
+        *skill,
+        "## More from CORA and SUMO",
+        "Names of the standards that `skiros:` builds on; scenes may use them.",
+        *rest,
+    ]
     return "\n\n".join(page) + "\n"
+
+
+def _terms_table(graph: Graph, names: dict[URIRef, str], terms: set[URIRef], kind: URIRef, above: URIRef) -> str:
+    """A table of terms, those of the platform's own ontology first."""
+    rows = []
+    for term in sorted(terms, key=lambda term: (not names[term].startswith("skiros:"), names[term].lower())):
+        row = [code(names[term]), str(graph.value(term, RDFS.comment)), _terms(graph, names, term, above)]
+        if kind != OWL.Class:
+            row += [_terms(graph, names, term, RDFS.domain), _terms(graph, names, term, RDFS.range)]
+        rows.append(row)
+    headers = ("name", "meaning", "under") if kind == OWL.Class else ("name", "meaning", "under", "of", "value")
+    return table(headers, rows)
 
 
 def _terms(graph: Graph, names: dict[URIRef, str], term: object, relation: URIRef) -> str:
@@ -201,7 +386,7 @@ def ros_interface(problems: list[str]) -> str:
 def _interfaces() -> Iterator[_Interface]:
     for package, source in SOURCES.items():
         for file in sorted(source.rglob("*.py")):
-            for node in ast.walk(ast.parse(file.read_text())):
+            for node in ast.walk(parsed(file)):
                 if isinstance(node, ast.Call) and node.args and (what := _CALLS.get(_name(node.func))):
                     name = _text(node.args[0])
                     kind = ast.unparse(node.args[1]).rpartition(".")[2] if len(node.args) > 1 else ""
@@ -279,7 +464,7 @@ def errors(problems: list[str]) -> str:
     classes: list[_Class] = []
     for package, source in SOURCES.items():
         for file in sorted(source.rglob("*.py")):
-            tree = ast.parse(file.read_text())
+            tree = parsed(file)
             module = ".".join([package, *file.relative_to(source).with_suffix("").parts]).removesuffix(".__init__")
             classes += [_class(node, module) for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     derived = _derived(classes)

@@ -102,6 +102,7 @@ class Task:
 
     @property
     def state(self) -> State:
+        """The state of the tree's root."""
         return self.root.state
 
     @property

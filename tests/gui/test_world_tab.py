@@ -354,6 +354,17 @@ def test_label_with_tags_is_shown_as_it_is(desk: Desk) -> None:
     assert document.toPlainText() == fake
 
 
+def test_marks_in_a_label_that_reverse_text_are_shown(desk: Desk) -> None:
+    box = desk.add("cup\u202e reyaol\u2066\x07")
+    desk.select(box)
+    desk.tab.remove_button.click()
+    dialog = desk.dialog(RemoveDialog)
+    shown = "cup\\u202e reyaol\\u2066\\x07"
+    assert shown in dialog.text.text()
+    assert desk.tab.element.heading.text() == shown
+    dialog.reject()
+
+
 def test_several_elements_are_removed_together(desk: Desk) -> None:
     boxes = [desk.add() for _ in range(3)]
     desk.select(boxes[0])

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from skiros2_common.core.wording import visible
 from skiros2_gateway.core.patch import apply_patch
 from support.source import ROOT
 
@@ -28,11 +29,14 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+def run_in_node(program: str, *arguments: str) -> Any:
+    command = [str(Path(sys.executable).parent / "node"), "--input-type=module", "-e", program, *arguments]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
 def patched(document: Any, patch: Any) -> Any:
     program = PROGRAM % json.dumps(PATCH_JS.as_uri())
-    node = str(Path(sys.executable).parent / "node")
-    command = [node, "--input-type=module", "-e", program, json.dumps([document, patch])]
-    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return run_in_node(program, json.dumps([document, patch]))
 
 
 @pytest.mark.parametrize(
@@ -56,3 +60,14 @@ def test_table_has_no_entry_that_the_gateway_has_not_sent() -> None:
     """A job may be named `constructor`, and its goal be missing."""
     found = patched({"goals": {"a": {}}}, {"goals": {"b": {}}})
     assert found["inherited"] == []
+
+
+def test_page_shows_invisible_characters_as_the_window_does() -> None:
+    texts = ["Blue cup", "a\nb", "Tray\u202e7-yarT", "T\u200bray", "\u2066x\u2069", "\x1b[2J", "\xa0", "äöü☃", "\u2028"]
+    program = f"""
+        import {{ visible }} from {json.dumps(PATCH_JS.with_name("dom.js").as_uri())};
+        process.stdout.write(JSON.stringify(JSON.parse(process.argv[1]).map(visible)));
+    """
+    shown = run_in_node(program, json.dumps(texts))
+    assert all(text.replace("\n", "").isprintable() for text in shown)
+    assert shown[:5] == [visible(text, keep="\n") for text in texts[:5]]

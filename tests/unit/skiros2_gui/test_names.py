@@ -39,6 +39,16 @@ def test_element_is_named_by_its_label_without_prefix(system: LocalSystem) -> No
     assert Names(system).of(bolt) == "bolt"
 
 
+def test_invisible_characters_are_shown(system: LocalSystem) -> None:
+    names = Names(system)
+    bolt = add(system, "bolt\u202eyalo\u200b")
+    shown = "bolt\\u202eyalo\\u200b"
+    assert names.of(bolt) == shown
+    assert names.in_text(f"{bolt} is at\n\u2066the shelf") == f"{shown} is at\n\\u2066the shelf"
+    change = FactChange(bolt, "skiros:at", "\u202e7", True)
+    assert change.line({bolt: "bolt\u202eyalo\u200b"}) == f'+ {bolt} "{shown}" skiros:at \\u202e7'
+
+
 def test_elements_with_the_same_label_are_named_with_their_ids(system: LocalSystem) -> None:
     first, second = add(system, "bolt"), add(system, "bolt")
     names = Names(system)

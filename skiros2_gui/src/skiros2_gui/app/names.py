@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skiros2_common.core.names import local_name
-from skiros2_common.core.wording import in_words, label_text, with_names
+from skiros2_common.core.wording import in_words, label_text, visible, with_names
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.system import System
 
@@ -36,7 +36,7 @@ class Names:
 
     def in_text(self, text: str) -> str:
         """Returns a text with the names of the elements whose ids are in it as `id`, `id-label` or `id "label"`."""
-        return with_names(text, self._label, self.of)
+        return visible(with_names(text, self._label, self.of), keep="\n")
 
     def readable(self, text: str) -> str:
         """Returns a text with names instead of ids, and words instead of the names of ontologies."""

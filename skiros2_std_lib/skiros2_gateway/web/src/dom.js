@@ -6,15 +6,22 @@ export function h(tag, attributes = {}, ...children) {
   for (const [name, value] of Object.entries(attributes)) {
     if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
     else if (value === true) element.setAttribute(name, "");
-    else if (value !== false && value != null) element.setAttribute(name, value);
+    else if (value !== false && value != null) element.setAttribute(name, name === "title" ? visible(value) : value);
   }
-  element.append(...children.flat(Infinity).filter((child) => child != null && child !== false));
+  const shown = children.flat(Infinity).filter((child) => child != null && child !== false);
+  element.append(...shown.map((child) => (child instanceof Node ? child : visible(child))));
   return element;
 }
 
+// A text with control characters, direction marks and other invisible characters as codes, such as \u202e: they could
+// make a text look like another one. Line breaks stay.
+export const visible = (text) => String(text ?? "").replace(/[^\P{C}\n]|[\p{Zl}\p{Zp}]|(?! )\p{Zs}/gu,
+  (found) => `\\u${found.codePointAt(0).toString(16).padStart(4, "0")}`);
+
 // Changes a text only if it differs: a change costs a layout.
 export function setText(element, text) {
-  if (element.textContent !== text) element.textContent = text;
+  const shown = visible(text);
+  if (element.textContent !== shown) element.textContent = shown;
 }
 
 // Keeps one element for each item of a list: `make(item)` makes it, `update(element, item)` refreshes it.

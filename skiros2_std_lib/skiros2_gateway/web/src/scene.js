@@ -6,7 +6,7 @@ import { ColladaLoader } from "three/addons/loaders/ColladaLoader.js";
 import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 
-import { clock, h, setText } from "./dom.js";
+import { clock, h, setText, visible } from "./dom.js";
 
 const LABEL_HEIGHT = 20; // pixels, at any distance
 const TEXT_HEIGHT = 60; // pixels of a label's texture
@@ -356,7 +356,8 @@ const widthOf = (text) => Math.ceil(measure.measureText(text).width) + 24;
 
 // Draws the text of a label in the colour of the theme.
 function paint(sprite, text) {
-  const canvas = h("canvas", { width: widthOf(text), height: TEXT_HEIGHT });
+  const shown = visible(text);
+  const canvas = h("canvas", { width: widthOf(shown), height: TEXT_HEIGHT });
   const context = canvas.getContext("2d");
   const style = getComputedStyle(document.querySelector(".label-style"));
   context.font = FONT;
@@ -366,7 +367,7 @@ function paint(sprite, text) {
   context.fill();
   context.fillStyle = style.color;
   context.textBaseline = "middle";
-  context.fillText(text, 12, 31);
+  context.fillText(shown, 12, 31);
   sprite.material.map = new three.CanvasTexture(canvas);
   sprite.material.map.colorSpace = three.SRGBColorSpace;
   sprite.material.needsUpdate = true;

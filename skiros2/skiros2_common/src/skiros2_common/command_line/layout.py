@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TextIO
 
+from skiros2_common.core.wording import visible
+
 #: The minimum width of a column when a table is shrunk.
 _MIN_WIDTH = 8
 
@@ -112,7 +114,7 @@ def drawn(screen: Screen, roots: Iterable[Branch]) -> Iterator[tuple[Branch, str
 
 def plain(text: str) -> str:
     """The text on one line, with control characters escaped."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    return visible(text)
 
 
 def columns_of(text: str) -> int:

@@ -27,9 +27,25 @@ _VERBS = {
 _UNITS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
 
 
+def visible(text: str, keep: str = "") -> str:
+    """Returns a text with control characters, direction marks and other invisible characters as codes, such as
+    `\\u202e`: they could make a text look like another one.
+
+    :param keep: characters that stay, such as line breaks.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else repr(c)[1:-1] for c in text)
+
+
+def short_name(text: str) -> str:
+    """Returns a name from a request for a log line or an error text: on one line, at most 100 characters."""
+    return visible(text if len(text) <= 100 else f"{text[:100]}...")
+
+
 def label_text(label: str) -> str:
-    """Returns a label for people: without the prefix of a template."""
-    return _PREFIX.sub("", label)
+    """Returns a label for people: without the prefix of a template, and with invisible characters as codes."""
+    return visible(_PREFIX.sub("", label))
 
 
 def verb(relation: str, state: bool = True, has_ended: bool = False) -> str:

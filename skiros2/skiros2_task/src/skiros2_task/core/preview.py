@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from skiros2_common.core.conditions import ConditionBase, condition_from
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.wording import visible
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
 from skiros2_task.core.actions import ROBOT_KEY
@@ -49,7 +50,7 @@ class FactChange:
         :param labels: of the elements, by id.
         """
         parts = (_named(self.element, labels), self.name, _named(self.value, labels))
-        return f"{'+' if self.state else '-'} {' '.join(part for part in parts if part)}"
+        return visible(f"{'+' if self.state else '-'} {' '.join(part for part in parts if part)}")
 
 
 @dataclass
@@ -119,25 +120,33 @@ def preview(copy: WorldModelPort, plan: Plan) -> Preview:
     return Preview(simulated, simulation.holds(plan.task.goal), simulation.labels)
 
 
-class _Simulation:
-    """Simulates steps on a copy of the scene, one after the other."""
+def preview_skill(copy: WorldModelPort, skill: Skill, manager: str, elements: Mapping[str, str]) -> Preview:
+    """Simulates the start of a skill on a copy of the scene. The copy is changed.
 
-    def __init__(self, copy: WorldModelPort, task: PlanningTask) -> None:
+    :param manager: the node name of the robot's skill manager.
+    :param elements: ids by the key of the parameter.
+    """
+    simulation = _Steps(copy)
+    found = {key: element for key, eid in elements.items() if (element := copy.find_element(eid)) is not None}
+    return Preview([simulation.apply(PreviewStep(1, skill.name, manager), skill, found)], True, simulation.labels)
+
+
+class _Steps:
+    """Applies the effects of skills to a copy of the scene, one after the other."""
+
+    def __init__(self, copy: WorldModelPort) -> None:
         self._copy = copy
-        self._task = task
         self._now = {e.id: e for e in copy.resolve_elements(Element())}
         self._created: dict[str, str] = {}  # the ids of created elements, by their names in the task
         self.labels: dict[str, str] = {}  # of the elements of the simulated steps, by id
 
-    def run(self, step: Step, planned: PlanStep) -> PreviewStep:
-        """Simulates a step.
+    def apply(
+        self, result: PreviewStep, skill: Skill, elements: Mapping[str, Element], named: Mapping[str, str] | None = None
+    ) -> PreviewStep:
+        """Simulates a step. Returns `result` with all fields.
 
-        :param planned: the same step in the planning task.
+        :param named: the names of the elements in the planning task.
         """
-        skill, variables = step.skill, self._task.action(planned.action).variables
-        named = {v.key or ROBOT_KEY: name for v, name in zip(variables, planned.arguments, strict=True)}
-        result = PreviewStep(step.number, skill.name, step.call.manager)
-        elements = self._elements(named, step.call, result)
         result.arguments = {key: e.id or f"a new {e.type}" for key, e in elements.items()}
         self._note_labels(elements.values())
         params = ParamHandler({p.key: _param(p, elements.get(p.key), self._copy) for p in skill.parameters})
@@ -161,7 +170,7 @@ class _Simulation:
         for effect in sorted(skill.post, key=lambda c: c.state):
             result.assumed += self._apply(effect, params)
         self._copy.remove_listener(record)
-        for key, name in named.items():
+        for key, name in (named or {}).items():
             if not elements[key].id and params.hasParam(key) and params.is_bound(key):
                 self._created[name] = params.getParamValue(key).id
         for eid, old in before.items():
@@ -173,6 +182,48 @@ class _Simulation:
 
     def _note_labels(self, elements: Iterable[Element]) -> None:
         self.labels.update((e.id, e.label) for e in elements if e.id and e.label)
+
+    def _preconditions(self, skill: Skill) -> list[ConditionBase]:
+        """Returns the conditions that must hold when a skill starts."""
+        holds = [c for c in skill.hold if not any(c.contradicts(pre) for pre in skill.pre)]
+        conditions = (condition_from(condition) for condition in dict.fromkeys((*skill.pre, *holds)))
+        return [condition for condition in conditions if condition is not None]
+
+    def _apply(self, effect: SkillCondition, params: ParamHandler) -> list[str]:
+        """Applies an effect. Returns messages about chosen values and effects without a value."""
+        condition = condition_from(effect)
+        if condition is None:
+            return [f"{effect.kind} {effect.label!r} has no effect: planning cannot read it"]
+        for key in condition.getKeys():
+            if params.is_bound(key):  # the current element
+                params.specify(key, self._copy.get_element(params.getParamValue(key).id))
+        if condition.setTrue(params, self._copy):
+            return []
+        value = condition.example_value(self._copy)
+        if value is None or not params.is_bound(effect.subject):
+            return [f"[{effect.label}] is unchanged"]
+        element = self._copy.get_element(params.getParamValue(effect.subject).id)
+        element.setProperty(effect.name, value)
+        self._copy.update_element_properties(element)
+        return [f"{_name(element)} {effect.name} {value}, an example for: {condition.expected()}"]
+
+
+class _Simulation(_Steps):
+    """Simulates the steps of a plan."""
+
+    def __init__(self, copy: WorldModelPort, task: PlanningTask) -> None:
+        super().__init__(copy)
+        self._task = task
+
+    def run(self, step: Step, planned: PlanStep) -> PreviewStep:
+        """Simulates a step.
+
+        :param planned: the same step in the planning task.
+        """
+        variables = self._task.action(planned.action).variables
+        named = {v.key or ROBOT_KEY: name for v, name in zip(variables, planned.arguments, strict=True)}
+        result = PreviewStep(step.number, step.skill.name, step.call.manager)
+        return self.apply(result, step.skill, self._elements(named, step.call, result), named)
 
     def holds(self, formula: Formula) -> bool:
         """Whether a ground formula without quantifiers holds now, by the conditions that managers evaluate."""
@@ -203,30 +254,6 @@ class _Simulation:
                 result.assumed.append(f"an instance of {given[key].label} is found, here {element.id}")
             found[key] = element if element is not None else Element(self._task.objects[name])
         return found
-
-    def _preconditions(self, skill: Skill) -> list[ConditionBase]:
-        """Returns the conditions that must hold when a skill starts."""
-        holds = [c for c in skill.hold if not any(c.contradicts(pre) for pre in skill.pre)]
-        conditions = (condition_from(condition) for condition in dict.fromkeys((*skill.pre, *holds)))
-        return [condition for condition in conditions if condition is not None]
-
-    def _apply(self, effect: SkillCondition, params: ParamHandler) -> list[str]:
-        """Applies an effect. Returns messages about chosen values and effects without a value."""
-        condition = condition_from(effect)
-        if condition is None:
-            return [f"{effect.kind} {effect.label!r} has no effect: planning cannot read it"]
-        for key in condition.getKeys():
-            if params.is_bound(key):  # the current element
-                params.specify(key, self._copy.get_element(params.getParamValue(key).id))
-        if condition.setTrue(params, self._copy):
-            return []
-        value = condition.example_value(self._copy)
-        if value is None or not params.is_bound(effect.subject):
-            return [f"[{effect.label}] is unchanged"]
-        element = self._copy.get_element(params.getParamValue(effect.subject).id)
-        element.setProperty(effect.name, value)
-        self._copy.update_element_properties(element)
-        return [f"{_name(element)} {effect.name} {value}, an example for: {condition.expected()}"]
 
 
 def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelPort) -> Param:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import nearest
 from skiros2_common.core.property import Property
+from skiros2_common.core.wording import visible
 from skiros2_common.core.world_element import ElementChanges
 from skiros2_gateway.core.job import Value
 from skiros2_gateway.core.problems import Problem, Rejected
@@ -91,7 +92,8 @@ def preview_edits(wm: WorldModelAbstractInterface, edits: Edits) -> EditPreview:
         problems.append(Problem("wrong_value", "properties", "the world model has these values already", "a change"))
     if problems:
         raise Rejected(problems)
-    return EditPreview(tuple(lines), {element.id: element.version for element in found if element is not None})
+    versions = {element.id: element.version for element in found if element is not None}
+    return EditPreview(tuple(map(visible, lines)), versions)
 
 
 def apply_edits(wm: WorldModelAbstractInterface, edits: Edits, preview: EditPreview) -> None:

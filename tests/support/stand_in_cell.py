@@ -40,6 +40,7 @@ class StandInCell:
         self.edits: list[Edits] = []
         #: The elements with which skills would start.
         self.inferred: dict[str, str] = {}
+        self.started: list[dict[str, Any]] = []
         self.forms: GoalForms | None = None
 
     def accept(self, goal_id: str) -> None:
@@ -99,9 +100,15 @@ class StandInCell:
             raise UnknownName(f"{skill} has no parameter {', '.join(unknown)}")
         is_ok = skill == "place" or parameters.get("Tray") == "Tray-1"
         why = None if is_ok else Explanation("pre", skill, skill, 1, -1, "the tray is unknown").to_dict()
-        return {"ok": is_ok, "implementation": skill, "elements": dict(self.inferred), "why": why}
+        values = {"Speed": 1.0, **self.inferred, **parameters}
+        changes = [f"+ {value} skiros:at {robot}" for value in self.inferred.values()]
+        found = {"ok": is_ok, "implementation": skill, "elements": dict(self.inferred), "why": why}
+        return {**found, "values": values, "changes": changes}
 
-    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> int:
+    async def run_skill(
+        self, robot: str, skill: str, parameters: Mapping[str, Any], values: Mapping[str, Any]
+    ) -> int:
+        self.started.append(dict(values))
         found = {"skill": skill, "parameters": dict(parameters), "state": "running", "message": "", "explanations": []}
         self.skill_runs[robot, len(self.skill_runs)] = found
         return len(self.skill_runs) - 1

@@ -174,7 +174,7 @@ def test_proposal_for_a_failed_skill_is_applied_and_retried_after_approval(in_ga
     async def test(gateway: Any) -> None:
         async with connected(gateway, "agent", is_needed=False) as agent:
             cell = gateway.cell
-            run = {"robot": ROBOT, "task": await cell.run_skill(ROBOT, "pick", {})}
+            run = {"robot": ROBOT, "task": await cell.run_skill(ROBOT, "pick", {}, {})}
             edit = {"element": "Tray-1", "property": "skiros:ContainerState", "values": ["Empty"]}
             proposal = {**run, "reason": "the tray was not seen", "properties": [edit], "retry": True}
             proposal["parameters"] = {"Tray": "Tray-1"}

@@ -93,6 +93,25 @@ def test_skill_that_would_start_with_another_element_than_approved_is_refused(in
     in_gateway(test)
 
 
+def test_approval_of_a_skill_shows_values_and_changes_and_starts_with_exactly_these(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            gateway.cell.inferred = {"Object": "Product-2"}
+            execution = asyncio.create_task(agent.call("execute", **SKILL))
+            await waiting(gateway)
+            (shown,) = (await curl(agent.address, "/api/approvals", token=TOKENS["view"]))[1]["approvals"]
+            values = {"Tray": "Tray-1", "Object": "Product-2", "Speed": 1.0}
+            assert shown["what"]["values"] == values
+            assert shown["what"]["changes"] == [f"+ Product-2 skiros:at {ROBOT}"]
+            await answered(agent, gateway)
+            await execution
+            assert gateway.cell.started == [values]
+            run = await agent.call("explain", robot=ROBOT, task=0)
+            assert run["parameters"] == SKILL["parameters"]  # a retry finds the others again
+
+    in_gateway(test)
+
+
 def test_request_whose_client_was_killed_is_withdrawn(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with connected(gateway, "agent") as agent:

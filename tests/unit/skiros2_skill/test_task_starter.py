@@ -105,6 +105,13 @@ def test_preview_returns_the_inferred_elements(starter, bench, hold):
     }
 
 
+def test_preview_returns_all_values_of_the_start(starter, bench, hold):
+    bench.load(primitive(describe("Press", [OBJECT, ("Force", 2.5, ParamTypes.Optional)]), "press"))
+    given = {"key": "Object", "values": bench.product.label or bench.product.id}
+    preview = starter.preview([written("Press", given)])
+    assert preview.values == {"Object": [bench.product.id], "Force": [2.5], "Robot": [bench.robot.id]}
+
+
 def test_preview_starts_nothing(starter, scheduler, history, bench, hold):
     version = bench.wmi.version
     starter.preview([written("Hold")])

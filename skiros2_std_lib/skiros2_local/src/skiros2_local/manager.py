@@ -11,6 +11,7 @@ from skiros2_common.command_line.command import UsageError
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.json_codec import param_texts
 from skiros2_common.core.params import Param
 from skiros2_local.progress import ParamText
 from skiros2_local.system import LocalGoal, LocalRobot, LocalSystem, TaskRequest
@@ -20,7 +21,7 @@ from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.runtime.diagnosis import add_authors
 from skiros2_skill.core.runtime.history import REFUSED, Record
 from skiros2_skill.core.runtime.request import SkillRequest, TaskRefused
-from skiros2_skill.core.runtime.request_json import param_texts, read_request
+from skiros2_skill.core.runtime.request_json import read_request
 from skiros2_skill.core.start_preview import StartPreview
 from skiros2_task.core.engines import Limits
 from skiros2_task.core.goal_execution import Goal

@@ -19,6 +19,10 @@ Each error text names the request, the object concerned and the expectation.
 """
 
 
+#: The most characters of an error text: it may repeat names of a request, which have any length.
+_MAX_TEXT = 100_000
+
+
 class SkirosError(Exception):
     """Base of all errors that the platform raises on purpose. `str(error)` is plain text for a user."""
 
@@ -29,7 +33,8 @@ class SkirosError(Exception):
 
     def __str__(self) -> str:
         # `KeyError.__str__` would return the repr of its argument.
-        return " ".join(str(a) for a in self.args)
+        text = " ".join(str(a) for a in self.args)
+        return text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]} ... ({len(text)} characters)"
 
 
 class UnknownName(SkirosError, KeyError):

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_data import read_json
 from skiros2_common.core.limits import Limits
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param
@@ -237,3 +237,14 @@ def decoded_values(name: str, values: list[Any]) -> list[Any]:
     """The values of a type, given by name, from their JSON forms."""
     decoder = _decoders.get(name)
     return [decoder(v) for v in values] if decoder is not None else values
+
+
+def param_texts(params: Mapping[str, Param]) -> list[str]:
+    """Encodes parameters; those with values that have no JSON form are left out."""
+    texts = []
+    for param in params.values():
+        try:
+            texts.append(json.dumps(param, cls=ParamsEncoder))
+        except (SkirosError, TypeError, ValueError, RecursionError) as error:
+            log.debug("parameter %r has no JSON form: %s", param.key, error)
+    return texts

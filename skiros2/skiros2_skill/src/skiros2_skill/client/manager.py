@@ -10,6 +10,7 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -127,7 +128,9 @@ class ManagerClient:
         if not answer.ok:
             return StartPreview(refusal=Explanation.from_dict(json.loads(answer.explanation)))
         found = utils.deserializeParamMap(answer.params)
-        return StartPreview(answer.label, {key: param.value for key, param in found.items()})
+        elements = {key: param.value for key, param in found.items() if isinstance(param.value, Element)}
+        values = {key: [elements[key].id] if key in elements else param.values for key, param in found.items()}
+        return StartPreview(answer.label, elements, values)
 
     def run(
         self,

@@ -10,12 +10,13 @@ import rospy
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.json_codec import param_texts
 from skiros2_common.core.params import Param
 from skiros2_msgs import msg as msgs
 from skiros2_runs.core.progress import status_text
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.request import SkillRequest
-from skiros2_skill.core.runtime.request_json import param_texts, read_request
+from skiros2_skill.core.runtime.request_json import read_request
 from skiros2_skill.core.runtime.task import NodeProgress, Task
 
 WIRE_STATES = {

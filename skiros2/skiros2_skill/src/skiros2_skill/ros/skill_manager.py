@@ -15,6 +15,7 @@ from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.wording import short_name
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.ros.signals import RosSignals
 from skiros2_msgs import msg as msgs
@@ -224,16 +225,15 @@ class SkillManager(DiscoverableNode):
             request.TICK_ONCE: lambda r: self._on_start(r, ticks=1),
         }
         try:
-            if request.action not in commands:
-                raise UnknownName(f"unknown action {request.action!r}, expected one of: {', '.join(commands)}")
+            command = _command_of(request.action, commands)
             if request.execution_id < ALL:
                 raise UnknownName(f"no task {request.execution_id} is here; ids begin at 0, and -1 means new or all")
-            task_id = commands[request.action](request)
+            task_id = command(request)
         except SkirosError as error:
-            text = f"{request.action} by {request.author or 'unknown'} refused: {error}"
+            text = f"{short_name(request.action)} by {short_name(request.author or 'unknown')} refused: {error}"
             log.warning("%s", text)
             raise rospy.ServiceException(text) from error
-        log.info("%s by %s: task %s", request.action, request.author or "unknown", task_id)
+        log.info("%s by %s: task %s", request.action, short_name(request.author or "unknown"), task_id)
         return srvs.SkillCommandResponse(True, task_id)
 
     def _running(self) -> Scheduler:
@@ -291,6 +291,8 @@ class SkillManager(DiscoverableNode):
         if preview.refusal is not None:
             return srvs.SkillPreviewResponse(False, "", [], json.dumps(preview.refusal.to_dict()))
         params = {key: Param(key, "", element, ParamTypes.Inferred) for key, element in preview.elements.items()}
+        for key in preview.values.keys() - params.keys():
+            params[key] = Param(key, "", preview.values[key], ParamTypes.Optional)
         return srvs.SkillPreviewResponse(True, preview.label, param_messages(params), "")
 
     def _on_breakpoint(self, request: Any) -> Any:
@@ -300,12 +302,12 @@ class SkillManager(DiscoverableNode):
             request.LIST: lambda _: 0,
         }
         try:
-            if request.action not in commands:
-                raise UnknownName(f"unknown action {request.action!r}, expected one of: {', '.join(commands)}")
-            number = commands[request.action](request)
+            command = _command_of(request.action, commands)
+            number = command(request)
         except SkirosError as error:
-            log.warning("breakpoint: %s refused: %s", request.action, error)
-            raise rospy.ServiceException(f"{request.action} refused: {error}") from error
+            text = f"{short_name(request.action)} refused: {error}"
+            log.warning("breakpoint: %s", text)
+            raise rospy.ServiceException(text) from error
         return srvs.SkillBreakpointResponse(True, number, _breakpoints_json(self._running().breakpoints.all()))
 
     def _add_breakpoint(self, request: Any) -> int:
@@ -379,6 +381,12 @@ def _catch_up(wmi: WorldModelPort) -> None:
 
 def _breakpoints_json(known: Mapping[int, Breakpoint]) -> str:
     return json.dumps([{"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when} for n, b in known.items()])
+
+
+def _command_of(action: str, commands: Mapping[str, Callable[[Any], int]]) -> Callable[[Any], int]:
+    if action not in commands:
+        raise UnknownName(f"unknown action {short_name(action)!r}, expected one of: {', '.join(commands)}")
+    return commands[action]
 
 
 def _for_tasks(execution_id: int, one: Callable[[int], None], all_tasks: Callable[[], None]) -> int:

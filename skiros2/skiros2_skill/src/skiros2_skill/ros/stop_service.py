@@ -11,6 +11,7 @@ from typing import Any
 import rospy
 
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut, UnknownName
+from skiros2_common.core.wording import short_name
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.runtime.scheduler import Scheduler
 
@@ -45,11 +46,11 @@ class StopService:
 
     def handle(self, request: Any) -> Any:
         """Carries out a request."""
-        author = request.author or "unknown"
+        author = short_name(request.author or "unknown")
         try:
             tasks = self._apply(request)
         except SkirosError as error:
-            text = f"{request.action} by {author} refused: {error}"
+            text = f"{short_name(request.action)} by {author} refused: {error}"
             log.warning("%s", text)
             return srvs.SkillStopResponse(False, error.code, text, [], self._clock())
         if request.action:
@@ -64,7 +65,7 @@ class StopService:
         if request.action == request.CLOCK:
             return []
         if request.action not in _ACTIONS:
-            raise UnknownName(f"unknown action {request.action!r}, expected one of: {', '.join(_ACTIONS)}")
+            raise UnknownName(f"unknown action {short_name(request.action)!r}, expected one of: {', '.join(_ACTIONS)}")
         if request.task_id < ALL:
             raise UnknownName(f"no task {request.task_id} is here; ids begin at 0, and -1 means all")
         self._check(request.deadline)

@@ -10,6 +10,7 @@ from skiros2_common.core.explanation import Explanation
 from skiros2_gateway.core.approvals import Request
 from skiros2_gateway.core.job import Order
 from skiros2_gateway.core.job_control import JobControl
+from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.preview import Preview
 
 #: The states of a plan that may be executed.
@@ -39,7 +40,7 @@ async def valid_plan(control: JobControl, order: Order, reason: str = "") -> Req
 async def valid_start(
     control: JobControl, robot: str, skill: str, parameters: Mapping[str, Any], reason: str = ""
 ) -> Request:
-    """Returns the request for a skill: the implementation and the elements with which it will start.
+    """Returns the request for a skill: the implementation and the values with which it will start.
 
     :raises Refused: it would not start.
     """
@@ -48,9 +49,9 @@ async def valid_start(
         raise Refused(f"{skill} would not start on {robot}: {Explanation.from_dict(check['why'])}")
     runs = {
         "robot": robot, "skill": skill, "parameters": dict(parameters), "implementation": check["implementation"],
-        "elements": check["elements"],
+        "elements": check["elements"], "values": check["values"],
     }  # fmt: skip
-    return Request(runs, {"preview": check}, (robot,), reason)
+    return Request(runs, {"preview": check, "changes": check["changes"]}, (robot,), reason)
 
 
 async def start_approved(control: JobControl, request: Request) -> int:
@@ -62,13 +63,14 @@ async def start_approved(control: JobControl, request: Request) -> int:
     now = await valid_start(control, runs["robot"], runs["skill"], runs["parameters"])
     if changes := list(_differences(runs, now.runs)):
         raise Refused(f"it would not run as approved: {'; '.join(changes)}")
-    return await control.cell.run_skill(runs["robot"], runs["implementation"], runs["parameters"])
+    values = {key: value for key, value in runs["values"].items() if key != ROBOT_KEY}
+    return await control.cell.run_skill(runs["robot"], runs["implementation"], runs["parameters"], values)
 
 
 def _differences(approved: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
     if approved["implementation"] != now["implementation"]:
         yield f"the implementation is {now['implementation']}, approved is {approved['implementation']}"
-    for key in sorted({*approved["elements"], *now["elements"]}):
-        before, after = approved["elements"].get(key, "none"), now["elements"].get(key, "none")
+    for key in sorted({*approved["values"], *now["values"]}):
+        before, after = approved["values"].get(key, "none"), now["values"].get(key, "none")
         if before != after:
             yield f"{key} is {after}, approved is {before}"

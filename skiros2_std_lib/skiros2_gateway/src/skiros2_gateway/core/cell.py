@@ -169,11 +169,19 @@ class Cell(Protocol):
         """Returns the skills of each robot as JSON data."""
 
     async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Returns whether a skill would start now: {ok, implementation, elements, why}; nothing moves."""
+        """Returns whether a skill would start now; nothing moves.
 
-    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> int:
+        :returns: {ok, implementation, elements, values, changes, why}: `values` of all parameters, elements by
+            their ids; `changes`: what is expected to change, a line each.
+        """
+
+    async def run_skill(
+        self, robot: str, skill: str, parameters: Mapping[str, Any], values: Mapping[str, Any]
+    ) -> int:
         """Starts a skill. Returns the number of its task.
 
+        :param parameters: that were given, as `skill_run` returns them.
+        :param values: of all parameters, with which it starts; see `check_start`.
         :raises Refused: it does not start.
         """
 

@@ -270,9 +270,9 @@ class RosCell:
     async def check_start(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
         return await self.in_thread(check_start, self._client(robot), self._world_model, skill, parameters)
 
-    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any]) -> int:
+    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any], values: Mapping[str, Any]) -> int:
         client = self._client(robot)
-        return await self.in_thread(self._skill_runs.start, client, self._world_model, skill, parameters)
+        return await self.in_thread(self._skill_runs.start, client, self._world_model, skill, parameters, values)
 
     async def skill_run(self, robot: str, task: int) -> dict[str, Any]:
         return await self.in_thread(self._skill_runs.describe, robot, task)

@@ -11,6 +11,7 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused, TimedOut, UnknownName
 from skiros2_common.core.manager_names import matching_name
+from skiros2_common.core.world_element import Element
 from skiros2_gateway.core.deadline import remaining
 from skiros2_msgs.msg import SkillProgress
 from skiros2_skill.client.description import Step
@@ -18,6 +19,10 @@ from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.client.skill_run import SkillRun
 from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.queries import World
+from skiros2_skill.core.start_preview import StartPreview
+from skiros2_task.core.preview import preview_skill
+from skiros2_task.core.skills import read_robots
+from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 #: How many of the newest runs are kept.
@@ -41,15 +46,20 @@ class SkillRuns:
         self._runs: dict[tuple[str, int], _Started] = {}
 
     def start(
-        self, client: ManagerClient, wm: WorldModelAbstractInterface, skill: str, parameters: Mapping[str, Any]
+        self,
+        client: ManagerClient,
+        wm: WorldModelAbstractInterface,
+        skill: str,
+        parameters: Mapping[str, Any],
+        values: Mapping[str, Any],
     ) -> int:
         """Starts a skill. Returns the number of its task.
 
-        :param skill, parameters: see `check_start`.
+        :param skill, parameters, values: see `Cell.run_skill`.
         :raises Refused: the manager refuses it.
         :raises SkirosError: skill or parameters are wrong, or the manager does not answer.
         """
-        run = client.run(_steps(client, wm, skill, parameters))
+        run = client.run(_steps(client, wm, skill, values))
         limit = remaining()
         task = run.wait_for_task(max(0.0, limit - _MARGIN) if limit < math.inf else None)
         if task < 0 and not run.done:
@@ -86,7 +96,7 @@ class SkillRuns:
 def check_start(
     client: ManagerClient, wm: WorldModelAbstractInterface, skill: str, parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Returns what a start would do now: {ok, implementation, elements, why}; blocks.
+    """Returns what a start would do now, as of `Cell.check_start`; blocks.
 
     :param skill: type, or label of an implementation.
     :param parameters: values by key; elements by id or label.
@@ -97,6 +107,8 @@ def check_start(
         "ok": preview.refusal is None,
         "implementation": preview.label,
         "elements": {key: element.id for key, element in preview.elements.items()},
+        "values": {key: _argument(values) for key, values in sorted(preview.values.items())},
+        "changes": _expected_changes(client.name, wm, preview) if preview.refusal is None else [],
         "why": preview.refusal.to_dict() if preview.refusal is not None else None,
     }
 
@@ -107,6 +119,24 @@ def _steps(
     words = [skill, *(f"{key}={_text(value)}" for key, value in parameters.items())]
     world = World(client.name, client.author, wm)
     return read_steps(words, client.read_skills(), world.find_element, world.has_learned_values)
+
+
+def _expected_changes(manager: str, wm: WorldModelAbstractInterface, preview: StartPreview) -> list[str]:
+    elements = {element.id: element for element in wm.resolve_elements(Element())}
+    robots = read_robots(elements, lambda _: {manager: ""})
+    skills = [skill for robot in robots if robot.manager == manager for skill in robot.skills]
+    skill = next((skill for skill in skills if skill.label == preview.label), None)
+    if skill is None:
+        return ["unknown: the skill is not in the world model"]
+    ids = {key: values[0] for key, values in preview.values.items() if values and values[0] in elements}
+    expected = preview_skill(PreviewCopy(wm), skill, manager, ids)
+    return [change.line(expected.labels) for step in expected.steps for change in step.changes]
+
+
+def _argument(values: list[Any]) -> Any:
+    """Returns values of a parameter such that `read_steps` reads them again."""
+    is_plain = len(values) == 1 and not (isinstance(values[0], str) and values[0].startswith("["))
+    return values[0] if is_plain else values
 
 
 def _text(value: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from skiros2_common.core.errors import (
     WrongValue,
 )
 from skiros2_common.core.explanation import DEFAULT, GIVEN, PARAMETER, START, STOP, Explanation, Provenance
+from skiros2_common.core.json_codec import param_texts
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Origin, Param, ParamTypes
 from skiros2_common.core.world_element import Element
@@ -249,7 +251,7 @@ def _named_element(value: Any, key: str, wmi: WorldModelPort) -> Element:
     """The element that a JSON value refers to: by id, by label, or by an object with id, label or type."""
     if isinstance(value, Mapping):
         parts = [value.get(part, "") for part in ("type", "label", "id")]
-        if not all(isinstance(part, str) for part in parts):
+        if not all(isinstance(part, str) for part in parts) or not any(parts):
             raise WrongType(f"{key}: expected texts as id, label and type of an element, got {value!r}")
         if not parts[2]:
             return Element(*parts)
@@ -411,7 +413,16 @@ class TaskStarter:
             if slot.is_element and slot.param.is_bound()
             if slot.origin is not Origin.GIVEN or slot.shared is not None
         }
-        return StartPreview(first.implementation.label, found)
+        return StartPreview(first.implementation.label, found, _values(first))
+
+
+def _values(node: SkillWrapper) -> dict[str, list[Any]]:
+    """Returns the values of a node's parameters as JSON data, elements by their ids; those without a JSON form are left
+    out."""
+    bound = {slot.key: slot for slot in node.slots if slot.param.is_bound()}
+    elements = {key: [e.id for e in slot.param.values] for key, slot in bound.items() if slot.is_element}
+    others = {key: slot.param for key, slot in bound.items() if not slot.is_element}
+    return {**elements, **{data["key"]: data["values"] for data in map(json.loads, param_texts(others))}}
 
 
 def _allowed_when_stopped(nodes: Sequence[SkillWrapper]) -> bool:

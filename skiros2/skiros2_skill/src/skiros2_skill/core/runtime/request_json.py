@@ -1,26 +1,29 @@
-"""Requests to run skills and the parameters of results as JSON texts, as messages and commands have them."""
+"""Requests to run skills as JSON texts, as messages and commands have them."""
 
 from __future__ import annotations
 
-import json
-import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_common.core.json_codec import ParamsEncoder, decodeParam
+from skiros2_common.core.json_codec import decodeParam
 from skiros2_common.core.json_data import read_json
 from skiros2_common.core.params import Param
 from skiros2_common.core.property import format_value
+from skiros2_common.core.wording import short_name
 from skiros2_skill.core.runtime.request import JsonValues, SkillRequest
 
-log = logging.getLogger(__name__)
+#: The most characters of the type or label of a skill.
+MAX_NAME = 1000
 
 
 def read_request(skill_type: str, label: str, texts: Iterable[str]) -> SkillRequest:
     """Reads a request. A parameter without `specType` and `type` gets them from the skill.
 
     :param texts: a parameter each. Those that cannot be read are problems of the request.
+    :raises WrongValue: the type or the label is too long.
     """
+    if len(skill_type) > MAX_NAME or len(label) > MAX_NAME:
+        raise WrongValue(f"skill {short_name(skill_type)} {short_name(label)}: its name has over {MAX_NAME} characters")
     params: dict[str, Param | JsonValues] = {}
     problems: list[SkirosError] = []
     for index, text in enumerate(texts):
@@ -50,14 +53,3 @@ def _read(text: str) -> tuple[str, Param | JsonValues]:
         raise WrongValue(f'parameter {decoded["key"]!r} has no "values"')
     values = decoded["values"]
     return decoded["key"], JsonValues(values if isinstance(values, list) else [values])
-
-
-def param_texts(params: Mapping[str, Param]) -> list[str]:
-    """Encodes parameters; those with values that have no JSON form are left out."""
-    texts = []
-    for param in params.values():
-        try:
-            texts.append(json.dumps(param, cls=ParamsEncoder))
-        except (SkirosError, TypeError, ValueError, RecursionError) as error:
-            log.debug("parameter %r has no JSON form: %s", param.key, error)
-    return texts

@@ -176,6 +176,16 @@ def test_step_of_a_lost_robot_has_failed() -> None:
     assert _rows(goal.latest)[1] == (1, "pick", FAILURE) and goal.latest.message(1) == "/alpha has disappeared"
 
 
+def test_step_ends_with_its_task_not_before() -> None:
+    cell = Cell()
+    goal = cell.feedback(PLAN, _state(1, "running", task=7), _state(2, "waiting"))
+    cell.task(_task(7, "pick"))
+    cell.feedback(PLAN, _state(1, "succeeded", task=7), _state(2, "running"))  # earlier than the task's last message
+    assert [state for _, _, state in _rows(goal.latest)[1:3]] == [RUNNING, RUNNING]
+    cell.task(_ended(7, "pick"))
+    assert [state for _, _, state in _rows(goal.latest)[1:3]] == [SUCCESS, SUCCESS]
+
+
 def test_unchanged_nodes_stay_the_same_objects() -> None:
     """Also over ROS, where a receiver keeps the nodes that have not changed."""
     cell = Cell()

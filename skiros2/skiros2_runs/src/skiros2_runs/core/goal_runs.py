@@ -219,7 +219,8 @@ def _nodes_of(goal: _Goal, step: _Step, time: float) -> list[_Node]:
         _convert(goal, step, source)
         first = step.nodes[0]
         state, text = step.state.get("state", ""), step.state.get("message", "")
-        if state in _ENDED and first.state in (RUNNING, IDLE):  # its manager has disappeared
+        is_known = step.run is not None and not step.run.is_finished and goal.data["phase"] in ACTIVE_PHASES
+        if state in _ENDED and first.state in (RUNNING, IDLE) and not is_known:  # its manager has disappeared
             return [_ended(first, state, text), *step.nodes[1:]]
         return step.nodes
     data, state = step.data, step.state.get("state", "waiting")

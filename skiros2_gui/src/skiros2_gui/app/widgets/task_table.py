@@ -22,6 +22,7 @@ from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, skills_text
 from skiros2_gui.app.widgets.controls import plain_tip, push_button, timer
 from skiros2_gui.app.widgets.theme import colour_state
 from skiros2_gui.app.window import Window
+from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import TaskState, style_of
 from skiros2_runs.core.task_run import TaskRun
 
@@ -161,7 +162,8 @@ class TaskTable(QWidget):
                 self.list.setCurrentItem(self._items.get(shown) if shown is not None else None)
             for run in runs:
                 self._fill(self._items[run], run)
-        self.list.setColumnHidden(_ROBOT, self._shown is not None and len({run.robot for run in runs}) < 2)
+        robots = {run.robot for run in runs} - {GOALS}
+        self.list.setColumnHidden(_ROBOT, self._shown is not None and len(robots) < 2)
         self.clear.setEnabled(any(run.is_finished and self._is_live(run) for run in runs))
         self._show_buttons()
         if self._shown is None and self.selected is not before:
@@ -187,11 +189,13 @@ class TaskTable(QWidget):
         state = "… silent" if silent else f"{style.symbol} {style.word}"
         skills = skills_text(run)
         message = self._window.tasks.message(run)
-        texts = (skills, state, self._duration(run), str(run.task_id), run.robot.lstrip("/"), message)
+        robot = "" if run.robot == GOALS else run.robot.lstrip("/")
+        texts = (skills, state, self._duration(run), str(run.task_id), robot, message)
         for column, text in enumerate(texts):
             if item.text(column) != text:
                 item.setText(column, text)
-                more = f"\ntask {run.task_id} of {run.robot}" if column == _SKILL else ""
+                task = f"task {run.task_id} of {run.robot}" if robot else f"goal {run.task_id}"
+                more = f"\n{task}" if column == _SKILL else ""
                 item.setToolTip(column, plain_tip(text + more))
         colour_state(item, _STATE, "silent" if silent else run.state, self.list)
 

@@ -20,6 +20,7 @@ from skiros2_gui.app.system import Part, sentence
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.driver import Driver
 from skiros2_msgs.msg import TreeProgress
+from skiros2_runs.core.states import SUCCESS
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import window_monitor
 from support.ros import INSTALL, Ros, RosMaster, wait_until
@@ -115,6 +116,9 @@ def test_goal_is_achieved_from_the_goal_line(window: Driver) -> None:
     window.open_tab("Running")
     window.wait_for_row("taskChoice", "Tray B contains Product A", "succeeded")
     assert not any("place" in row for row in window.rows("taskChoice")), "the steps are in the tree of the goal"
+    goal = window.window.shared.tasks.rows[0].latest
+    assert [goal.shape.name(index) for index in goal.shape.children[0]] == ["drive", "pick", "drive", "place"]
+    assert goal.state(0) == SUCCESS and not goal.running() and not goal.failed()
 
 
 def test_edit_changes_the_world_model(window: Driver) -> None:

@@ -128,7 +128,7 @@ def _screenshots(ros: PrivateSystem) -> Generator[tuple[str, QImage], None, None
         window.set_theme(DARK)
         driver.write("nodeSearch", "")
         driver.open_tab("Messages")
-        driver.wait_until(lambda: _has_message(driver, "Driving to Workstation 2"), "the messages of drive")
+        driver.wait_until(lambda: _has_message(driver, "open_gripper"), "the messages of place")
         yield "dark", screenshot(driver)
         window.set_theme(LIGHT)
         driver.open_tab("Skills")

@@ -162,6 +162,7 @@ def test_goal_is_one_run_with_the_trees_of_its_steps(in_gateway: Run) -> None:
             live.view.put_goal("job-1", _goal(start, ("running", 7), ("waiting", 8)))
             document = (await live.get("/api/live"))[1]["document"]
             assert document["runs"]["run-1"]["goal"] == "run-2" and document["trees"].keys() == {"run-2"}
+            assert document["goals"]["job-1"]["title"] == "Tray B contains Product-2"
             goal, tree = document["runs"]["run-2"], document["trees"]["run-2"]
             assert (goal["robot"], goal["name"], goal["state"]) == ("goals", "Tray B contains Product-2", "running")
             assert tree["shape"]["names"] == ["Tray B contains Product-2", "pick_1", "pick_2", "pick"]

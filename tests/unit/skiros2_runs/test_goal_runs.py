@@ -182,8 +182,10 @@ def test_step_ends_with_its_task_not_before() -> None:
     cell.task(_task(7, "pick"))
     cell.feedback(PLAN, _state(1, "succeeded", task=7), _state(2, "running"))  # earlier than the task's last message
     assert [state for _, _, state in _rows(goal.latest)[1:3]] == [RUNNING, RUNNING]
+    cell.time -= 1.5  # it is received later, and was sent earlier
     cell.task(_ended(7, "pick"))
     assert [state for _, _, state in _rows(goal.latest)[1:3]] == [SUCCESS, SUCCESS]
+    assert goal.times == sorted(goal.times)
 
 
 def test_unchanged_nodes_stay_the_same_objects() -> None:

@@ -91,7 +91,7 @@ export class CellPanel {
     const hasFailed = state === "Aborted" || !REACHED.has(response.outcome);
     const role = hasFailed ? "failure" : (JOB_ROLES[state] ?? "idle");
     const values = Object.values(order.parameters).map((value) => this.cell.label(value)).join(", ");
-    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : this.cell.withLabels(job.goal));
+    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : (goal?.title ?? this.cell.withLabels(job.goal)));
     const word = state === "Ended" && hasFailed ? response.outcome.replaceAll("_", " ") : JOB_WORDS[state];
     const steps = Object.values(goal?.steps ?? {});
     const done = steps.filter((step) => step.state === "succeeded").length;

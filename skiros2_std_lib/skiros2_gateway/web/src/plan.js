@@ -47,7 +47,8 @@ export class PlanView {
 
   #title(id) {
     const job = this.run.bagName ? null : this.cell.document.jobs[id];
-    if (!job?.order.work_master) return this.cell.withLabels(this.run.goals[id].goal, this.run.shownScene.elements) || id;
+    const { goal, title } = this.run.goals[id];
+    if (!job?.order.work_master) return title || this.cell.withLabels(goal, this.run.shownScene.elements) || id;
     const values = Object.values(job.order.parameters).map((value) => this.cell.label(value)).join(", ");
     return `${job.order.work_master.replaceAll("_", " ")}: ${values}`;
   }

@@ -184,6 +184,8 @@ class GoalRuns:
         self._steps = {run: known for run, known in self._steps.items() if run in kept or known[0].run in kept}
 
     def _record(self, goal: _Goal, time: float) -> Recorded:
+        if goal.run is not None:
+            time = max(time, goal.run.latest.time)  # messages of robots and the task manager may overtake each other
         nodes = [self._root(goal, time)]
         for step in goal.steps.values():
             nodes += _nodes_of(goal, step, time)

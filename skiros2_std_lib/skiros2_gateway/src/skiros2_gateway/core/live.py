@@ -3,8 +3,8 @@
 The document is JSON data; its members are tables, objects by key:
 
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
-- `goals`: {goal, phase, message, start, plan, steps}; see `skiros2_runs.core.goal_progress`. A goal is a run too, of
-  the robot `goals`; `goal` of a step's run is its key, and `trees` has the goal's.
+- `goals`: {goal, title, phase, message, start, plan, steps}; see `skiros2_runs.core.goal_progress`. A goal is a run
+  too, of the robot `goals`; `goal` of a step's run is its key, and `trees` has the goal's.
 - `jobs` as in the event `job`, without plan, steps and changes.
 - `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
@@ -205,8 +205,8 @@ class LiveView:
 
     def put_goal(self, goal_id: str, goal: Mapping[str, Any]) -> None:
         """Updates a goal, see `goal_progress`, and its run."""
-        self.put("goals", goal_id, goal)
         text = goal_sentence(goal["goal"], self._label) or "goal"
+        self.put("goals", goal_id, {**goal, "title": text})
         recorded = self.goal_runs.update(goal_id, text, goal, self._clock())
         self._note(recorded)
         for task in self.goal_runs.tasks(recorded.run):

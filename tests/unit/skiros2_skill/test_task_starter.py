@@ -136,6 +136,11 @@ def test_preview_explains_a_failed_inference(starter, bench, hold):
     assert [c.key for c in refusal.candidates] == ["Container"]
 
 
+def test_object_that_names_no_element_is_refused(starter, bench, hold):
+    refusal = starter.preview([written("Hold", {"key": "Object", "values": [{"a": 1}]})]).refusal
+    assert "expected texts as id, label and type of an element, got {'a': 1}" in refusal.message
+
+
 def test_preview_explains_a_wrong_request(starter):
     assert starter.preview([written("Note", {"key": "Text", "values": 7})]).refusal.stage == PARAMETER
     assert "no skill of type skiros:Nothing" in starter.preview([written("Nothing")]).refusal.message

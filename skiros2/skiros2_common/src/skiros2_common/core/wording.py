@@ -23,6 +23,9 @@ _VERBS = {
     "at": ("is at", "is not at", "is no longer at"),
 }
 
+#: The most characters of a name that are shown: Qt lays out a longer one in seconds, or crashes.
+_MAX_NAME = 200
+
 #: Units of time: the number of seconds, and the name.
 _UNITS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
 
@@ -39,13 +42,14 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def short_name(text: str) -> str:
-    """Returns a name from a request for a log line or an error text: on one line, at most 100 characters."""
-    return visible(text if len(text) <= 100 else f"{text[:100]}...")
+    """Returns a name from outside for people: on one line, its first 200 characters, invisible ones as codes."""
+    shown = visible(text[: _MAX_NAME + 1])
+    return shown if len(shown) <= _MAX_NAME else f"{shown[:_MAX_NAME]}..."
 
 
 def label_text(label: str) -> str:
-    """Returns a label for people: without the prefix of a template, and with invisible characters as codes."""
-    return visible(_PREFIX.sub("", label))
+    """Returns a label for people, as `short_name`, without the prefix of a template."""
+    return short_name(_PREFIX.sub("", label))
 
 
 def verb(relation: str, state: bool = True, has_ended: bool = False) -> str:

@@ -12,21 +12,23 @@ from skiros2_common.core.property import format_value
 from skiros2_common.core.wording import short_name
 from skiros2_skill.core.runtime.request import JsonValues, SkillRequest
 
-#: The most characters of the type or label of a skill.
-MAX_NAME = 1000
+#: The most characters of the type or label of a skill, and the most parameters: errors name each.
+MAX_NAME, MAX_PARAMS = 1000, 1000
 
 
 def read_request(skill_type: str, label: str, texts: Iterable[str]) -> SkillRequest:
     """Reads a request. A parameter without `specType` and `type` gets them from the skill.
 
     :param texts: a parameter each. Those that cannot be read are problems of the request.
-    :raises WrongValue: the type or the label is too long.
+    :raises WrongValue: the type or the label is too long, or it has too many parameters.
     """
     if len(skill_type) > MAX_NAME or len(label) > MAX_NAME:
         raise WrongValue(f"skill {short_name(skill_type)} {short_name(label)}: its name has over {MAX_NAME} characters")
     params: dict[str, Param | JsonValues] = {}
     problems: list[SkirosError] = []
     for index, text in enumerate(texts):
+        if index == MAX_PARAMS:
+            raise WrongValue(f"skill {skill_type} {label}: it has over {MAX_PARAMS} parameters")
         try:
             key, param = _read(text)
         except SkirosError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skiros2_common.core.names import local_name
-from skiros2_common.core.wording import in_words, label_text, visible, with_names
+from skiros2_common.core.wording import in_words, label_text, short_name, visible, with_names
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.system import System
 
@@ -23,9 +23,9 @@ class Names:
         """
         label = self._label(eid)
         if not label:
-            return local_name(eid)
+            return short_name(local_name(eid))
         name = label_text(label)
-        return name if self.is_unique(label) else f"{name} ({local_name(eid)})"
+        return name if self.is_unique(label) else f"{name} ({short_name(local_name(eid))})"
 
     def is_unique(self, label: str) -> bool:
         """Returns whether at most one element has a label. Parameters of skills, such as `Arm`, do not count."""

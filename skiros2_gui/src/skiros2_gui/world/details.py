@@ -10,7 +10,7 @@ from typing import Any
 
 from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.property import Property
-from skiros2_common.core.wording import visible
+from skiros2_common.core.wording import short_name
 from skiros2_gui.world.scene import UNPLACED, SceneHierarchy
 from skiros2_motion.core.geometry import to_euler
 from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, ORIENTATION, POSITION, pose_of, text
@@ -179,12 +179,12 @@ def display_name(hierarchy: SceneHierarchy, eid: str) -> str:
     if eid == UNPLACED:
         return "Not placed"
     record = hierarchy.scene.record(eid)
-    short = local_name(eid)
+    short = short_name(local_name(eid))
     if record is None:
         return short
     if eid == ROOT:
         return "Scene"
-    label = visible(local_name(record.label))
+    label = short_name(local_name(record.label))
     if not label:
         return short
     same = map(hierarchy.scene.record, hierarchy.scene.of_label(record.label))

@@ -13,6 +13,10 @@ from python_qt_binding.QtWidgets import QLabel, QPushButton, QToolButton
 SPACE_TOGGLES = "spaceToggles"
 
 
+#: The most characters of a label: Qt crashes when it paints a line of some 100 000 letters.
+_MAX_TEXT = 10_000
+
+
 class PlainLabel(QLabel):
     """A label that shows its text as it is: names and messages come from anywhere, and could pose as something else."""
 
@@ -20,6 +24,9 @@ class PlainLabel(QLabel):
         super().__init__()
         self.setTextFormat(Qt.PlainText)
         self.setText(text)
+
+    def setText(self, text: str) -> None:
+        super().setText(text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]}...")
 
 
 def plain_tip(text: str) -> str:

@@ -22,7 +22,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_common.core.wording import visible
+from skiros2_common.core.wording import short_name
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, timer
 from skiros2_gui.app.widgets.tables import Row, RowsModel, RowsView
 from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, RelationRow
@@ -149,6 +149,7 @@ class ElementPanel(QWidget):
         self._presenter = presenter
         self._shown: Details | None = None
         self.heading = PlainLabel()
+        self.heading.setMinimumWidth(1)  # a long name does not widen the window
         self.heading.setTextInteractionFlags(Qt.TextSelectableByMouse)
         self._set_fonts()
         self.about = PlainLabel()
@@ -258,7 +259,7 @@ class ElementPanel(QWidget):
             self.relations.rows.show_rows(())
             self.pose.hide()
             return
-        self.heading.setText(visible(local_name(details.label)) or local_name(details.id))
+        self.heading.setText(short_name(local_name(details.label) or local_name(details.id)))
         self.about.setText(_about(details, self._presenter.author()))
         self.about.setToolTip(plain_tip(details.type_description))
         if is_different or not self.label_edit.isModified():  # not while it is being edited

@@ -13,8 +13,8 @@ from typing import Any
 
 from skiros2_gateway.core.json_text import json_text
 
-#: How many events are kept for viewers that resume.
-_KEPT = 10_000
+#: How many events are kept for viewers that resume: some 4 MB, and more than a minute of a busy cell.
+_KEPT = 2_000
 #: How many events a viewer may be behind before its queue is dropped and it is told to read the state again.
 _BEHIND = 2_000
 

@@ -190,7 +190,7 @@ class GoalRuns:
         for step in goal.steps.values():
             nodes += _nodes_of(goal, step, time)
         for index, (old, new) in enumerate(zip(goal.nodes, nodes, strict=False)):
-            if old == new:
+            if old is not new and old == new:
                 nodes[index] = old  # counts as unchanged
         goal.nodes = nodes
         recorded = self._runs.record(GOALS, nodes, time)

@@ -164,7 +164,7 @@ def test_goal_is_built_from_lists_and_reached(page: Any, cell: JobCell, tmp_path
     value = page.locator(".goal-row").nth(1).locator("[data-box=value]")
     expect(value.locator("option")).to_have_text(["value", "true", "false"])
     _choose(page, 1, predicate="Weight")
-    value.fill("-1")
+    page.locator(".goal-row").nth(1).locator("input[data-box=value]").fill("-1")
     expect(page.locator("#goal-problem")).to_have_text("Weight: expected at least 0 kg, got -1")
     expect(page.locator("#start-job")).to_be_disabled()
     page.screenshot(path=str(tmp_path / "goal.png"))

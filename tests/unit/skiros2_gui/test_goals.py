@@ -180,6 +180,14 @@ def test_syntax_error_has_line_and_column(lab: Lab) -> None:
     assert not lab.goals.can_plan
 
 
+def test_goal_of_a_megabyte_is_refused_at_once(lab: Lab) -> None:
+    lab.goals.write("(a b)\n" * 150_000)
+    mistake = lab.goals.diagnostic
+    assert mistake is not None
+    assert mistake.reason == "expected at most 20000 characters, got 900000"
+    assert lab.goals.lines is None and not lab.goals.can_plan
+
+
 def test_unknown_name_is_reported(lab: Lab) -> None:
     lab.goals.write("(skiros:at alpha shlef)")
     assert lab.goals.diagnostic is not None

@@ -9,7 +9,7 @@ from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.goal_choices import GoalChoices
 from skiros2_task.core.goal_completion import GoalVocabulary, read_goal_vocabulary
 from skiros2_task.core.goal_reader import GoalReader
-from skiros2_task.core.goal_text import GoalError, parse_goals
+from skiros2_task.core.goal_text import MAX_GOAL, GoalError, parse_goals
 from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.vocabulary import Vocabulary, read_vocabulary
 
@@ -33,6 +33,8 @@ class Diagnostic:
 
 def check_syntax(text: str) -> Diagnostic | None:
     """Returns the first syntax error of a goal, or None. Does not block."""
+    if len(text) > MAX_GOAL:
+        return Diagnostic(1, 1, f"expected at most {MAX_GOAL} characters, got {len(text)}")
     try:
         parse_goals(text)
     except GoalError as error:

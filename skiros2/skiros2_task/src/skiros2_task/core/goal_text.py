@@ -20,6 +20,8 @@ from dataclasses import dataclass, field
 
 from skiros2_common.core.errors import WrongValue
 
+#: The longest goal text that people and clients of the gateway may write (characters).
+MAX_GOAL = 20_000
 #: The operators that compare a property with a number.
 COMPARATORS = ("=", ">", "<", ">=", "<=")
 

@@ -21,11 +21,11 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_gateway.core.job import MAX_GOAL
 from skiros2_task.core.goal_checker import GoalChecker, check_syntax
 from skiros2_task.core.goal_choices import Choice, GoalChoices
 from skiros2_task.core.goal_lines import HOLDS, Line, Term, read_lines, write_lines
 from skiros2_task.core.goal_sentence import lines_sentence
+from skiros2_task.core.goal_text import MAX_GOAL
 from skiros2_world_model.core.vocabulary import Vocabulary
 
 #: The most lines of a form.

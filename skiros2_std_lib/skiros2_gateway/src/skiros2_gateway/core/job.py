@@ -21,6 +21,7 @@ from pydantic import (
 
 from skiros2_common.core.errors import Refused
 from skiros2_gateway.core.problems import Rejected, problems_of
+from skiros2_task.core.goal_text import MAX_GOAL
 
 if TYPE_CHECKING:
     from skiros2_gateway.core.cell import Ending
@@ -40,9 +41,6 @@ def _carried(value: bool | int | float | str, info: ValidationInfo) -> bool | in
 
 #: A value of a parameter of a work master.
 Value = Annotated[bool | int | float | str, AfterValidator(_carried)]
-
-#: The longest goal text (characters).
-MAX_GOAL = 20_000
 
 JobId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._:\-]{0,127}$")]
 

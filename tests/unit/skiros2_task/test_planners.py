@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -191,6 +193,21 @@ def test_crashed_search_does_not_stop_others(processes: EngineProcesses, own_fol
     thread.join()
     assert [a.outcome for a in answers] == [Outcome.SOLVED], answers[0].reason
     assert "lama-first, after" not in answers[0].log
+
+
+def test_killed_process_leaves_no_search_and_no_folder(own_folder: Path) -> None:
+    code = (
+        "from support.transport_task import transport_task\n"
+        "from skiros2_task.core.engines import EngineProcesses, Limits\n"
+        "from skiros2_task.core.planners import planner_named\n"
+        "planner_named(EngineProcesses(), 'first').solve(transport_task(4, 40, 60), Limits(60.0))\n"
+    )
+    env = {**os.environ, "TMPDIR": str(own_folder / "tmp"), "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen([sys.executable, "-c", code], env=env) as process:
+        wait_until(lambda: search_process(own_folder / "tmp", "lama-first"), 60.0, "a search")
+        process.kill()
+    wait_until(lambda: not list((own_folder / "tmp").iterdir()), 60.0, "that the folder is removed")
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
 
 
 def search_process(folder: Path, name: str) -> int | None:

@@ -2,7 +2,8 @@
 
 Loading unified-planning takes a second. This process loads it once, and forks a child for each request on the socket
 FD. A request is a working folder, with a socket on which the child receives a pickled job and sends a pickled answer.
-When FD is closed, this process and all its descendants end immediately.
+When FD is closed, this process and all its descendants end immediately, and what is left of the working folders is
+removed: whoever made them may have been killed.
 
 A portfolio of Fast Downward searches runs on one translation of the task: translation takes as long as search.
 """
@@ -16,6 +17,7 @@ import importlib
 import os
 import resource
 import select
+import shutil
 import signal
 import socket
 import subprocess
@@ -87,14 +89,18 @@ def main() -> None:
     loading.join()
     gc.freeze()  # excludes the loaded modules from garbage collection in children
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children become no zombies
+    folders: list[str] = []
     while True:
         message, descriptors, _, _ = socket.recv_fds(requests, 4096, 1)
         if not message:
             kill_tree(os.getpid(), itself=False)
+            for folder in folders:
+                shutil.rmtree(folder, ignore_errors=True)
             return
+        folders = [*filter(os.path.isdir, folders), os.fsdecode(message)]
         if os.fork() == 0:
             requests.close()
-            _serve(os.fsdecode(message), Connection(descriptors[0]))
+            _serve(folders[-1], Connection(descriptors[0]))
         os.close(descriptors[0])
 
 

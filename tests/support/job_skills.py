@@ -34,6 +34,7 @@ class carry_at_once(carry):
 
     def describe(self, description: SkillDescription) -> None:
         self.setDescription(description, type(self).__name__)
+        self.addParam("Options", {"gentle": True}, ParamTypes.Optional)
 
     def onStart(self) -> bool:
         return True

@@ -137,7 +137,10 @@ def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
     required = {skill["label"]: skill["parameters"]["required"] for skill in skills["skills"]}
     assert required["carry_at_once"] == ["To", "Object"]
     assert (check["ok"], check["implementation"], check["elements"]["From"]) == (True, "carry_at_once", cell.shelf)
-    assert {"Object": cell.products[1], "To": cell.stores[0], "From": cell.shelf}.items() <= check["values"].items()
+    assert check["values"] == {
+        "Object": cell.products[1], "To": cell.stores[0], "From": cell.shelf, "Robot": check["elements"]["Robot"],
+        "Options": {"gentle": True},
+    }  # fmt: skip
     for begin in (f"- {cell.shelf}", f"+ {cell.stores[0]}"):
         assert any(change.startswith(begin) for change in check["changes"]), check["changes"]
     assert "skiros:Product-999" in wrong["detail"]

@@ -128,7 +128,8 @@ def _expected_changes(manager: str, wm: WorldModelAbstractInterface, preview: St
     skill = next((skill for skill in skills if skill.label == preview.label), None)
     if skill is None:
         return ["unknown: the skill is not in the world model"]
-    ids = {key: values[0] for key, values in preview.values.items() if values and values[0] in elements}
+    first = {key: values[0] for key, values in preview.values.items() if values}
+    ids = {key: value for key, value in first.items() if isinstance(value, str) and value in elements}
     expected = preview_skill(PreviewCopy(wm), skill, manager, ids)
     return [change.line(expected.labels) for step in expected.steps for change in step.changes]
 

@@ -197,6 +197,37 @@ def test_several_assigned_elements_are_passed_on_whole(doors):
     assert message(task, "Tell") == str([doors.element(label).id for label in ("pantry", "fridge")])
 
 
+@rule("blackboard", "Of several elements that a skill has assigned, the next skill has those that are left",
+      better="if none is left, a Required parameter fails, and for an Inferred one another element is searched")  # fmt: skip
+@pytest.mark.parametrize("kind", [ParamTypes.Required, ParamTypes.Inferred])
+@pytest.mark.parametrize("gone", [("pantry",), ("pantry", "fridge")])
+def test_assigned_elements_that_are_gone_are_left_out(doors, kind, gone):
+    oven = doors.add("skiros:Product", "oven")
+    both = [doors.element(label) for label in ("pantry", "fridge")]
+
+    def find(skill):
+        skill.params["Object"].values = list(both)
+        return skill.success()
+
+    def lose(skill):
+        for label in gone:
+            doors.wmi.remove_element(doors.element(label).id)
+        return skill.success()
+
+    doors.load(
+        primitive("FindBoth", product(kind=ParamTypes.Optional), execute=find),
+        primitive("Lose", execute=lose),
+        primitive("Tell", product(kind=kind), execute=tells("Object")),
+    )
+    task = doors.run(doors.node("FindBoth"), doors.node("Lose"), doors.node("Tell"))
+    if len(gone) == 1:
+        assert message(task, "Tell") == str([both[1].id])
+    elif kind is ParamTypes.Required:
+        assert task.state is State.Failure and both[0].id in task.why
+    else:
+        assert message(task, "Tell") == str([oven.id])
+
+
 @rule("blackboard", "An element that `specify` or a default gives only names the one to use: it is read at the start",
       better="also when its holder has changed it and has not written that")  # fmt: skip
 @pytest.mark.parametrize("way", ["specify", "default"])

@@ -209,7 +209,8 @@ class Model:
                 candidates[own] = entry.items
             else:
                 param.bind(entry.items, entry.origin)
-                if self._drop_missing(param) and not param.items and param.kind != OPTIONAL:
+                is_needed = param.kind == REQUIRED or (param.kind != OPTIONAL and entry.origin == GIVEN)
+                if self._drop_missing(param) and not param.items and is_needed:
                     raise Failed(node.name)
         for own in list(candidates):
             if candidates[own][0].number not in self.world.weight:

@@ -148,11 +148,11 @@ def _find_params(
     if node.suggested_values:
         _suggest(node, elements, wmi)
     blackboard.pull(node, slots, is_start=True)
-    given = [(slot, slot.param.current) for slot in elements if slot.shared is None or _is_needed(slot)]
+    needed = [(slot, slot.param.current, _is_own(slot)) for slot in elements if _is_own(slot) or _is_needed(slot)]
     if refresh_elements(elements, wmi, revisions):
-        for slot, values in given:
+        for slot, values, is_own in needed:
             missing = [v for v in values if v not in slot.param.current]
-            if missing and (slot.shared is None or not slot.param.current):
+            if missing and (is_own or not slot.param.current):
                 raise Rejected(PARAMETER, f"parameter {slot.param.key!r} {missing_text(missing[0], wmi)}")
     for slot in elements:
         if slot.candidate is not None and read_again(slot.candidate, wmi, revisions):
@@ -256,12 +256,16 @@ def _suggest(node: SkillWrapper, slots: Sequence[Slot], wmi: WorldModelPort) -> 
             slot.provenance = SPECIFIED
 
 
-def _is_needed(slot: Slot) -> bool:
-    """Whether a skill cannot start without the value of a slot that was pulled from the blackboard.
+def _is_own(slot: Slot) -> bool:
+    """Whether a slot has the elements that it was given itself. It may share them with the blackboard."""
+    return slot.shared is None or bool(slot.default_ids)
 
-    An Optional parameter needs the elements that it was given itself, and shares them with the blackboard.
-    """
-    return slot.origin is Origin.GIVEN and (bool(slot.default_ids) or not slot.param.paramTypeIs(ParamTypes.Optional))
+
+def _is_needed(slot: Slot) -> bool:
+    """Whether a skill cannot start if all elements are gone that a slot has pulled from the blackboard."""
+    return slot.param.paramTypeIs(ParamTypes.Required) or (
+        slot.origin is Origin.GIVEN and not slot.param.paramTypeIs(ParamTypes.Optional)
+    )
 
 
 def _class_mismatches(

@@ -198,7 +198,7 @@ def test_several_assigned_elements_are_passed_on_whole(doors):
 
 
 @rule("blackboard", "Of several elements that a skill has assigned, the next skill has those that are left",
-      better="if none is left, a Required parameter fails, and for an Inferred one another element is searched")  # fmt: skip
+      better="if none is left, a Required parameter fails, and for an Inferred one another is searched")  # fmt: skip
 @pytest.mark.parametrize("kind", [ParamTypes.Required, ParamTypes.Inferred])
 @pytest.mark.parametrize("gone", [("pantry",), ("pantry", "fridge")])
 def test_assigned_elements_that_are_gone_are_left_out(doors, kind, gone):

@@ -228,6 +228,26 @@ def test_assigned_elements_that_are_gone_are_left_out(doors, kind, gone):
         assert message(task, "Tell") == str([oven.id])
 
 
+@rule("blackboard", "A skill that has started without an element that is gone does not get it later",
+      better="a change of something else does not make it fail")  # fmt: skip
+def test_an_element_that_was_gone_at_the_start_is_not_taken_up_later(skill_bench):
+    bolt = skill_bench.add("skiros:Product", "bolt")
+
+    def look(skill):
+        return skill.success() if skill.progress_code else skill.step("looked")
+
+    skill_bench.load(
+        primitive("Find", product(), execute=lambda skill: skill.success()),
+        primitive("Lose", execute=lambda skill: skill.success(str(skill_bench.wmi.remove_element(bolt.id)))),
+        primitive("Look", product(), execute=look),
+    )
+    task = skill_bench.task(*map(skill_bench.node, ("Find", "Lose", "Look")))
+    while not any(node.progress_msg == "looked" for node in task.nodes()):
+        task.tick()
+    skill_bench.add("skiros:Location", "shelf")
+    assert task.run().state is State.Success, task.why
+
+
 @rule("blackboard", "An element that `specify` or a default gives only names the one to use: it is read at the start",
       better="also when its holder has changed it and has not written that")  # fmt: skip
 @pytest.mark.parametrize("way", ["specify", "default"])

@@ -216,7 +216,7 @@ class Model:
             if candidates[own][0].number not in self.world.weight:
                 if held[own].kind == REQUIRED:
                     raise Failed(node.name)
-                del candidates[own]
+                held[own].ignored = candidates.pop(own)
         for own, param in held.items():
             if not param.items and param.kind != OPTIONAL:
                 self._infer(node, own, param, suggested.get(own), candidates.get(own))

@@ -158,7 +158,7 @@ def _find_params(
         if slot.candidate is not None and read_again(slot.candidate, wmi, revisions):
             if slot.param.paramTypeIs(ParamTypes.Required):
                 raise Rejected(PARAMETER, f"parameter {slot.param.key!r} {missing_text(slot.candidate[0], wmi)}")
-            slot.candidate = None
+            slot.ignored, slot.candidate = slot.candidate, None
     unset = [s for s in elements if s.param.paramType is not ParamTypes.Optional and not s.param.is_bound()]
     if unset:
         _infer(node, unset, params, conditions, wmi, blackboard)

@@ -11,7 +11,7 @@ from compatibility.rules import rule
 from compatibility.test_blackboard import compound, message, primitive, tells
 from libraries.value_skills import use
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeElement
 from skiros2_skill.core.runtime.request import JsonValues, SkillRequest, make_nodes
@@ -226,6 +226,28 @@ def test_assigned_elements_that_are_gone_are_left_out(doors, kind, gone):
         assert task.state is State.Failure and both[0].id in task.why
     else:
         assert message(task, "Tell") == str([oven.id])
+
+
+@rule("blackboard", "A compound whose inferred element is gone at its end leaves the element that a child has found since")
+def test_a_compound_whose_element_is_gone_keeps_what_a_child_has_found(doors):
+    fridge, pantry = doors.element("fridge"), doors.element("pantry")
+
+    def expand(self, skill):
+        look = self.skill("Look")
+        suggested = Param("Object", "", pantry, ParamTypes.Inferred)
+        look.specifyParamsDefault(ParamHandler({"Object": suggested}))
+        skill(look, self.skill("Lose"))
+
+    doors.load(
+        primitive("Look", product(), execute=lambda skill: skill.success()),
+        primitive("Lose", execute=lambda skill: skill.success(str(doors.wmi.remove_element(fridge.id)))),
+        compound("Around", expand, product()),
+        primitive("Tell", product(kind=ParamTypes.Optional), execute=tells("Object")),
+    )
+    around = doors.node("Around")
+    around.specifyParamsDefault(ParamHandler({"Object": Param("Object", "", fridge, ParamTypes.Inferred)}))
+    task = doors.run(around, doors.node("Tell"))
+    assert message(task, "Tell") == str([pantry.id])
 
 
 @rule("blackboard", "A skill that has started without an element that is gone does not get it later",

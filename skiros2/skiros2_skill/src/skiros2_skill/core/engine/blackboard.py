@@ -205,7 +205,9 @@ class Blackboard:
                 continue
             entry = entries.get(slot.key)
             if not values:
-                if removes and entry is not None:
+                # Where its elements are gone, and another skill has set the key since, that value stays.
+                is_own = changed or slot.ignored is None or (entry is not None and entry.current is slot.ignored)
+                if removes and entry is not None and is_own:
                     del entries[slot.key]
                     pushed.append(slot.key)
             elif entry is not None and entry.current is values:

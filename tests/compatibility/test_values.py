@@ -228,7 +228,7 @@ def test_assigned_elements_that_are_gone_are_left_out(doors, kind, gone):
         assert message(task, "Tell") == str([oven.id])
 
 
-@rule("blackboard", "A compound whose inferred element is gone at its end leaves the element that a child has found since")
+@rule("blackboard", "A compound whose inferred element is gone at its end leaves what a child has found since")
 def test_a_compound_whose_element_is_gone_keeps_what_a_child_has_found(doors):
     fridge, pantry = doors.element("fridge"), doors.element("pantry")
 

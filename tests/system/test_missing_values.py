@@ -45,10 +45,10 @@ def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: R
     assert {p.source for p in why.params} == {UNSET}
     assert "learn scenario --goal '(skiros:at Block Goal)' --libraries skiros2_learning.demo_skills" in refused.message
 
-    told: list[str] = []
+    texts: list[str] = []
 
     def plan() -> Any:
-        tasks.plan(GOAL, feedback_cb=lambda feedback: told.append(feedback.progress_message))
+        tasks.plan(GOAL, feedback_cb=lambda feedback: texts.append(feedback.progress_message))
         return tasks.wait_for_result()
 
     left_open = plan()
@@ -57,7 +57,7 @@ def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: R
     assert [push.ph.getParamValues(name.partition(".")[2]) for name in NAMES] == [[]] * 4
     warning = f"warning: the plan lacks values, to be specified when its skills start: {', '.join(NAMES)}"
     # Each topic has its own connection: a result may overtake the feedback before it.
-    wait_until(lambda: warning in told or not plan(), 60.0, "the warning")
+    wait_until(lambda: warning in texts or not plan(), 60.0, "the warning")
     task_manager.wait_for_line("the plan lacks values")
 
     scenario = load_scenario(ROOT / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml")

@@ -2,7 +2,7 @@
 
 Loading unified-planning takes a second. This process loads it once, and forks a child for each request on the socket
 FD. A request is a working folder, with a socket on which the child receives a pickled job and sends a pickled answer.
-When FD is closed, this process and all its descendants end immediately, and what is left of the working folders is
+When FD is closed, this process and all its descendants end immediately, and the remaining working folders are
 removed: whoever made them may have been killed.
 
 A portfolio of Fast Downward searches runs on one translation of the task: translation takes as long as search.

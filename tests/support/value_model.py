@@ -322,7 +322,9 @@ class Model:
             if param.items is None:
                 continue
             if not param.items:
-                if ends or own in changed:
+                # where its elements are gone, what another skill has set since stays
+                is_own = param.ignored is None or entry is None or entry.items is param.ignored
+                if own in changed or (ends and is_own):
                     self.board.pop(param.key, None)
             elif entry is None or entry.items is not param.items:
                 self.board[param.key] = _Entry(param.items, param.origin)

@@ -56,6 +56,16 @@ def robot(shared: SharedSystem):
     shared.restore()
 
 
+def connected_client(shared: SharedSystem) -> actionlib.SimpleActionClient:
+    """An action client to which the robot sends results: `wait_for_server` returns before its publisher does so."""
+    client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
+    assert client.wait_for_server(rospy.Duration(30))
+    reader = (rospy.get_name(), f"{ROBOT}/execute/result")
+    master = shared.use().master
+    wait_until(lambda: reader in master.readers(ROBOT), what="the connection for results")
+    return client
+
+
 @pytest.fixture
 def own_robot(ros: Ros, shared: SharedSystem):
     """The client of the robot of a system that the test may break."""
@@ -172,9 +182,8 @@ def test_cancelling_one_of_several_goals_keeps_the_others(robot):
     assert [run.result(30).message for run in (runs[0], runs[2])] == ["Preempted", "Preempted"]
 
 
-def test_an_actionlib_client_sees_the_states_of_the_protocol(robot):
-    client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
-    assert client.wait_for_server(rospy.Duration(30))
+def test_an_actionlib_client_sees_the_states_of_the_protocol(robot, shared):
+    client = connected_client(shared)
 
     def end_of(*skills):
         client.send_goal(msgs.ExecuteSkillsGoal("tests", [s.toMsg() for s in skills]))
@@ -243,9 +252,8 @@ REFUSED = [
 ]
 
 
-def test_invalid_goals_are_rejected_with_the_reason(robot):
-    client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
-    assert client.wait_for_server(rospy.Duration(30))
+def test_invalid_goals_are_rejected_with_the_reason(robot, shared):
+    client = connected_client(shared)
     for skills, named in REFUSED:
         client.send_goal(msgs.ExecuteSkillsGoal("tests", skills))
         assert client.wait_for_result(rospy.Duration(30))

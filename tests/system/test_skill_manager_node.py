@@ -38,11 +38,14 @@ def launch(ros: Ros) -> None:
 def robot(shared: SharedSystem):
     """The client of the robot of a system that the tests share."""
     master = shared.use().master
-    earlier = master.connections(ROBOT)
+    topic = f"{ROBOT}/monitor"
+    # all subscribers of a process share one connection: with another one there is no new connection
+    is_shared = rospy.topics.get_topic_manager().has_subscription(topic)
+    earlier = {} if is_shared else master.connections(ROBOT)
     client = SkillManagerInterface(ROBOT, "tests")
     wait_until(client._monitor_sub.get_num_connections, what="the connection to the manager")
     # rospy counts a connection before its publisher sends to it, and that of the test before may still be listed
-    reader = (rospy.get_name(), f"{ROBOT}/monitor")
+    reader = (rospy.get_name(), topic)
 
     def is_connected() -> bool:
         return any(number not in earlier and other == reader for number, other in master.connections(ROBOT).items())

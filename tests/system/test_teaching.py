@@ -111,7 +111,7 @@ def test_path_that_a_hand_shows_is_replayed_at_the_moved_block(ros: Ros) -> None
     followed = [cell.tool_on_block()]
     while not replay.done:
         followed.append(cell.tool_on_block())
-    assert replay.succeeded(WAIT), replay.explanations(WAIT)
+    assert replay.succeeded(WAIT), [why.message for why in replay.explanations(WAIT)]
     start = space.pose_of(element)
     assert start is not None
     assert distances(cell.tool_on_block(), composed(start, path.pose(path.duration)))[0] < 0.004

@@ -133,6 +133,8 @@ class Model:
             if node.children:
                 with closing(self._group(node, keys)) as ticks:
                     for _ in ticks:
+                        for param in held.values():
+                            self._drop_missing(param)  # what a node below has removed in this tick
                         yield
                         self._refresh(held)  # each tick begins with the nodes above
             else:

@@ -57,7 +57,10 @@ def robot(shared: SharedSystem):
 
 
 def connected_client(shared: SharedSystem) -> actionlib.SimpleActionClient:
-    """An action client to which the robot sends results: `wait_for_server` returns before its publisher does so."""
+    """An action client to which the robot sends results: `wait_for_server` returns before its publisher does so.
+
+    Its `wait_for_result` and callbacks miss what arrives before `send_goal` has returned; `get_result` does not.
+    """
     client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
     assert client.wait_for_server(rospy.Duration(30))
     reader = (rospy.get_name(), f"{ROBOT}/execute/result")
@@ -187,14 +190,13 @@ def test_an_actionlib_client_sees_the_states_of_the_protocol(robot, shared):
 
     def end_of(*skills):
         client.send_goal(msgs.ExecuteSkillsGoal("tests", [s.toMsg() for s in skills]))
-        assert client.wait_for_result(rospy.Duration(30))
+        wait_until(client.get_result, what="the result")
         return client.get_state(), client.get_goal_status_text()
 
     assert end_of(skill(robot, "add", B=1.0)) == (GoalStatus.SUCCEEDED, "End")
     assert end_of(skill(robot, "give_up")) == (GoalStatus.ABORTED, "skiros:Give-give_up(Failure): too heavy")
     assert end_of() == (GoalStatus.REJECTED, "a task needs at least one skill, the list is empty")
 
-    # Not by a callback: this client ignores what arrives before its `send_goal` has returned.
     client.send_goal(msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()]))
     wait_until(lambda: client.get_state() == GoalStatus.ACTIVE, what="the start")
     client.cancel_goal()
@@ -256,9 +258,8 @@ def test_invalid_goals_are_rejected_with_the_reason(robot, shared):
     client = connected_client(shared)
     for skills, named in REFUSED:
         client.send_goal(msgs.ExecuteSkillsGoal("tests", skills))
-        assert client.wait_for_result(rospy.Duration(30))
+        result = wait_until(client.get_result, what="the result")
         assert client.get_state() == GoalStatus.REJECTED
-        result = client.get_result()
         assert named in result.message
         assert "\n" not in result.message
         assert (result.task_id, result.state, result.code) == (-1, msgs.SkillProgress.FAILURE, -1)

@@ -291,13 +291,15 @@ class Model:
                     items[0] = Item(number)
                 else:
                     held[where].items = [Item(number)]
-        self._write(
-            node, held, [i for own in held if own in written for i in held[own].items or [] if i.note is not None]
-        )
         for own in changed | written:
             if _numbers(held[own].items) != held[own].bound:
                 held[own].origin, held[own].bound = ASSIGNED, _numbers(held[own].items)
-        self._push(held, changed | written)
+        try:
+            self._write(
+                node, held, [i for own in held if own in written for i in held[own].items or [] if i.note is not None]
+            )
+        finally:  # also when the world refuses what the skill has written
+            self._push(held, changed | written)
 
     def _act_of_others(self, what: str, number: int, value: int) -> None:
         if number not in self.world.weight:

@@ -167,12 +167,42 @@ def test_used_command_is_refused_after_a_restart_too(in_gateway: Run, port: int)
     in_gateway(test)
 
 
+@pytest.mark.parametrize("key", ["", "k"])
+def test_stop_does_not_wait_for_the_disk(in_gateway: Run, port: int, key: str) -> None:
+    async def test(gateway: Any) -> None:
+        await gateway.put("a")
+        gateway.cell.run("a")
+        stopped: list[list[str]] = []
+
+        def noted(write: Any) -> Any:
+            def slow(*arguments: Any) -> None:
+                stopped.append(list(gateway.cell.stopped))
+                write(*arguments)
+
+            return slow
+
+        for name in ("put_signature", "put_key", "save"):
+            setattr(gateway.store, name, noted(getattr(gateway.store, name)))
+        async with connected(gateway, port, "disk") as (_, subscriber):
+            used = message("stop", {"id": "a", "key": key})
+            await publish(port, "disk/job/in/stop", used)
+            assert (await subscriber.until("disk/job/answer"))["ok"]
+            assert stopped and all(each == ["a"] for each in stopped)
+        gateway.restart()
+        async with connected(gateway, port, "disk") as (_, subscriber):
+            await publish(port, "disk/job/in/stop", used)
+            assert (await subscriber.until("disk/job/answer"))["error"]["code"] == "unauthenticated"
+
+    in_gateway(test)
+
+
 def test_signatures_are_kept_for_their_minute_only(tmp_path: Path) -> None:
     now = 1000.0
     store = JobStore(tmp_path / "jobs.db")
     freshness = Freshness(store, lambda: now)
     for number in range(5):
         freshness.check(f"{number}", now)
+        freshness.write()
         now += 70.0
     assert set(store.signatures()) == {"3", "4"}  # the clocks may differ by a minute
     with pytest.raises(Unauthenticated, match="received before"):

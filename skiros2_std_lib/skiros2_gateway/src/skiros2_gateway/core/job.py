@@ -104,6 +104,9 @@ class Method(StrEnum):
     CLEAR = "Clear"
 
 
+#: The names of the methods that end a job's motion, in lower case.
+STOPS = (Method.STOP.name.lower(), Method.ABORT.name.lower())
+
 _BEFORE = (State.NOT_ALLOWED_TO_START, State.ALLOWED_TO_START)
 _STARTED = (State.RUNNING, State.INTERRUPTED)
 

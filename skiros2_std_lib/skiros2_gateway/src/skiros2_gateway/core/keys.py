@@ -66,7 +66,7 @@ class Keys:
     """The keys of all users. To be used in the thread of the gateway's loop.
 
     A key is written before its command is carried out, and its answer afterwards: a command is not repeated after a
-    restart of the gateway either.
+    restart of the gateway either. The key of a stop is written afterwards too: a stop does not wait for the disk.
     """
 
     def __init__(self, store: KeyStore) -> None:
@@ -74,7 +74,14 @@ class Keys:
         self._running: dict[tuple[str, str], _Running] = {}
 
     async def once(
-        self, user: str, key: str, command: Any, do: Callable[[], Awaitable[Any]], *, is_kept: bool = True
+        self,
+        user: str,
+        key: str,
+        command: Any,
+        do: Callable[[], Awaitable[Any]],
+        *,
+        is_kept: bool = True,
+        is_stop: bool = False,
     ) -> Any:
         """Carries out a command, unless the user has sent it before with this key. Returns the answer.
 
@@ -103,7 +110,7 @@ class Keys:
                 raise Conflict(f"it is unknown how the command with the key {key!r} has ended; read the state")
             return json.loads(known[1])
         if running is None:
-            work = self._carry_out(user, key, digest, do) if is_kept else do()
+            work = self._carry_out(user, key, digest, do, is_stop) if is_kept else do()
             running = self._running[user, key] = _Running(digest, asyncio.ensure_future(work))
             running.task.add_done_callback(lambda _: self._running.pop((user, key), None))
         running.waiting += 1
@@ -116,8 +123,11 @@ class Keys:
         finally:
             running.waiting -= 1
 
-    async def _carry_out(self, user: str, key: str, digest: str, do: Callable[[], Awaitable[Any]]) -> Any:
-        self._write(self._store.put_key, user, key, digest)
+    async def _carry_out(
+        self, user: str, key: str, digest: str, do: Callable[[], Awaitable[Any]], is_stop: bool
+    ) -> Any:
+        if not is_stop:
+            self._write(self._store.put_key, user, key, digest)
         try:
             answer = await do()
         except TimedOut:  # it may be carried out yet
@@ -125,6 +135,8 @@ class Keys:
         except (SkirosError, asyncio.CancelledError):
             self._write(self._store.delete_key, user, key)
             raise
+        if is_stop:
+            self._write(self._store.put_key, user, key, digest)
         self._write(self._store.answer_key, user, key, json.dumps(answer, default=str))
         return answer
 

@@ -87,7 +87,14 @@ class Service:
         return by
 
     async def once(
-        self, caller: Caller, key: str, command: Any, do: Callable[[], Awaitable[T]], *, is_kept: bool = True
+        self,
+        caller: Caller,
+        key: str,
+        command: Any,
+        do: Callable[[], Awaitable[T]],
+        *,
+        is_kept: bool = True,
+        is_stop: bool = False,
     ) -> T:
         """Carries out a command once for each idempotency key of a user, and counts repeated ones; see `Keys.once`.
 
@@ -101,7 +108,7 @@ class Service:
             return await do()
 
         try:
-            answer: T = await self.keys.once(caller.user, key, command, carry_out, is_kept=is_kept)
+            answer: T = await self.keys.once(caller.user, key, command, carry_out, is_kept=is_kept, is_stop=is_stop)
         finally:
             if not is_first:
                 self.access.count(caller)

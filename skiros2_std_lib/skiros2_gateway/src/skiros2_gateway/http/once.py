@@ -13,6 +13,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from skiros2_common.core.errors import SkirosError, TimedOut
+from skiros2_gateway.core.job import STOPS
 from skiros2_gateway.http.callers import caller_of, service_of
 
 HEADER = "idempotency-key"
@@ -52,7 +53,8 @@ class Once:
             command = [scope["method"], scope["path"], query, hashlib.sha256(body).hexdigest()]
             is_kept = scope["path"] not in _QUESTIONS
             carry_out = partial(_answer_of, self._app, scope, body)
-            response = _response(await service.once(caller, key, command, carry_out, is_kept=is_kept))
+            is_stop = scope["path"].rpartition("/")[2] in STOPS
+            response = _response(await service.once(caller, key, command, carry_out, is_kept=is_kept, is_stop=is_stop))
         except _Refused as error:
             response = _response(error.answer)
         except _Unknown as error:

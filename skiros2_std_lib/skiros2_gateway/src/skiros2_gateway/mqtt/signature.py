@@ -52,6 +52,9 @@ def signature_of(key: str, method: str, command: str) -> str:
 class Freshness:
     """Refuses commands that are old or come again, also after a restart. To be used in the thread of the store.
 
+    What `check` has accepted is known after a restart once `write` was called: before the command is carried out, but
+    after a stop, which does not wait for the disk.
+
     :param clock: s since the epoch.
     :raises StoreFailed: the store cannot be read.
     """
@@ -60,6 +63,7 @@ class Freshness:
         self._store = store
         self._clock = clock
         self._seen = store.signatures()
+        self._unwritten: dict[str, float] = {}
 
     def check(self, signature: str, sent: Any) -> None:
         """Checks a command whose signature is right.
@@ -73,14 +77,20 @@ class Freshness:
             raise Unauthenticated(f"the command's time is {sent!r}, expected {now:.0f} within {_TOLERANCE:g} s")
         if signature in self._seen:
             raise Unauthenticated("the command was received before")
-        expired = [key for key, at in self._seen.items() if abs(now - at) > 2 * _TOLERANCE]
-        for key in expired:
-            del self._seen[key]
-        self._seen[signature] = sent
-        try:
-            self._store.put_signature(signature, sent, expired)
-        except StoreFailed as error:  # robots stop, whatever the disk does
-            log.error("a signature is not written: after a restart its command could come again: %s", error)
+        self._seen[signature] = self._unwritten[signature] = sent
+
+    def write(self) -> None:
+        """Writes the signatures of commands that were accepted, and deletes old ones."""
+        now = self._clock()
+        while self._unwritten:
+            signature, sent = self._unwritten.popitem()
+            expired = [key for key, at in self._seen.items() if abs(now - at) > 2 * _TOLERANCE]
+            for key in expired:
+                del self._seen[key]
+            try:
+                self._store.put_signature(signature, sent, expired)
+            except StoreFailed as error:  # robots stop, whatever the disk does
+                log.error("a signature is not written: after a restart its command could come again: %s", error)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,15 @@
-"""Entities of RDF/XML files: those that ontologies use are read, those that grow without end are refused."""
+"""Entities of RDF/XML files: ontologies use them; those that grow without end are refused, in URDFs too."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_live.core.markers import read_robot
+from skiros2_motion.core.urdf_chain import read_chain
+from skiros2_sim.core.urdf import read_urdf
 from skiros2_world_model.core.rdf import parse_triples
 
 
@@ -41,3 +46,16 @@ def test_entities_of_ontologies_are_read() -> None:
 def test_entities_that_stand_for_too_much_are_refused(entities: str, text: str) -> None:
     with pytest.raises(WrongValue, match=r"bomb\.owl: .*(entities)"):
         parse_triples(_file(entities, text), "bomb.owl")
+
+
+def test_urdfs_with_entities_that_grow_are_refused(tmp_path: Path) -> None:
+    text = f'<!DOCTYPE robot [ {_growing(9, 10)} ]><robot name="arm"><link name="&e8;"/></robot>'
+    with pytest.raises(WrongValue, match="amplification"):
+        read_robot(text)
+    with pytest.raises(ConfigurationError, match="amplification"):
+        read_chain(text, "base", "tip")
+    for encoding in ("utf-8", "utf-16"):
+        file = tmp_path / "arm.urdf"
+        file.write_bytes(text.encode(encoding))
+        with pytest.raises(ConfigurationError, match="amplification"):
+            read_urdf(file)

@@ -19,6 +19,7 @@ from skiros2_gateway.http.callers import caller_of, service_of
 HEADER = "idempotency-key"
 #: Questions: their answers, which may be large, are not kept.
 _QUESTIONS = ("/api/plan", "/api/world/query")
+_JOBS, _STOPS = "/api/jobs/", tuple(f"/{method}" for method in STOPS)
 #: Answered commands with these status codes may have been carried out, or are yet.
 _UNKNOWN = (500, 503, 504)
 
@@ -53,7 +54,7 @@ class Once:
             command = [scope["method"], scope["path"], query, hashlib.sha256(body).hexdigest()]
             is_kept = scope["path"] not in _QUESTIONS
             carry_out = partial(_answer_of, self._app, scope, body)
-            is_stop = scope["path"].rpartition("/")[2] in STOPS
+            is_stop = scope["path"].startswith(_JOBS) and scope["path"].endswith(_STOPS)
             response = _response(await service.once(caller, key, command, carry_out, is_kept=is_kept, is_stop=is_stop))
         except _Refused as error:
             response = _response(error.answer)

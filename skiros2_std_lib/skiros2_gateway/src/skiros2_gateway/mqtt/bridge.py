@@ -144,7 +144,8 @@ class MqttBridge:
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             answer = {"ok": False, "error": {"code": error.code, "detail": str(error), "problems": problems}}
-        self._freshness.write()
+        finally:
+            self._freshness.write()
         self._publish("job/answer", {"request": data.get("request", ""), **answer}, retain=False)
 
     def _read(self, payload: bytes, is_retained: bool) -> dict[str, Any]:

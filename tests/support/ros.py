@@ -161,6 +161,17 @@ class RosMaster:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.stop()
 
+    def forget(self, nodes: set[str]) -> None:
+        """Takes back what these nodes have registered, whether or not something answers at their addresses."""
+        publishers, subscribers, services = self._state()
+        for call, known in (("unregisterPublisher", publishers), ("unregisterSubscriber", subscribers)):
+            for topic, who in known:
+                for node in nodes & set(who):
+                    self._ask(call, topic, self._ask("lookupNode", node), caller=node)
+        for service, who in services:
+            for node in nodes & set(who):
+                self._ask("unregisterService", service, self._ask("lookupService", service), caller=node)
+
     # -- what the master knows ------------------------------------------------------------------------------------
 
     def nodes(self) -> set[str]:
@@ -218,9 +229,9 @@ class RosMaster:
     def _state(self) -> Any:
         return self._ask("getSystemState")
 
-    def _ask(self, call: str, *arguments: Any) -> Any:
+    def _ask(self, call: str, *arguments: Any, caller: str = "/tests") -> Any:
         with xmlrpc.client.ServerProxy(self.uri) as master:
-            code, text, value = getattr(master, call)("/tests", *arguments)
+            code, text, value = getattr(master, call)(caller, *arguments)
         if code != 1:
             raise LookupError(f"{call}{arguments}: {text}")
         return value
@@ -328,7 +339,10 @@ class Ros:
         for name in self.master.parameters() - before:
             self.master.delete_parameter(name)
         remaining = {name for name in self.master.nodes() if not name.startswith(_TEST_NODES)}
-        if remaining - (set() if alone else self._nodes_before):  # killed ones have not said goodbye to the master
+        left = remaining - (set() if alone else self._nodes_before)  # killed ones have not said goodbye to the master
+        if left and alone:  # another node may have the address of a killed one by now, and would answer for it
+            self.master.forget(left)
+        elif left:
             subprocess.run(["rosnode", "cleanup"], env=self.master.env, input=b"y\n", capture_output=True, check=True)
 
     def _start(self, command: list[str], namespace: str, env: Mapping[str, str] | None) -> Program:

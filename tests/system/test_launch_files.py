@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rosgraph
 
 from skiros2_common.core.world_element import Element
 from skiros2_gui.display import Display
@@ -104,6 +105,17 @@ def test_kill_of_the_named_process_loses_no_acknowledged_edit(ros: Ros) -> None:
     program.wait_for_line("the world model has recovered from its journal")
     assert WorldModelInterface("tester").get_element(part.id).label == "kept"
     assert not Path(f"/proc/{pid}").exists()
+
+
+def test_launch_is_not_stopped_by_another_node_at_the_address_of_a_killed_one(ros: Ros) -> None:
+    ros.run("skiros2_world_model", "world_model_server_node", name="other")
+    ros.wait_for_node("/other")
+    host, port = ros.master.service_address("/other/get_loggers")
+    address = rosgraph.Master("/tests").lookupNode("/other")
+    rosgraph.Master("/wm").registerService("/wm/get_loggers", f"rosrpc://{host}:{port}", address)
+    program = ros.launch("skiros2", "world_model_server.launch", gui=False)
+    program.wait_for_line("the world model is ready")
+    assert "is already running" not in program.output
 
 
 def test_second_launch_ends_with_one_sentence_and_disturbs_nothing(ros: Ros) -> None:

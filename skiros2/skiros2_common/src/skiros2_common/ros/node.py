@@ -13,13 +13,10 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from http.client import HTTPConnection, HTTPException
 from queue import SimpleQueue
-from typing import Any
-from xmlrpc.client import Error as XmlRpcError
-from xmlrpc.client import ServerProxy, Transport
 
 import rosgraph
+import rosgraph.network
 import rospy
 import rospy.impl.tcpros_base as tcpros
 
@@ -133,22 +130,17 @@ def _end_second_launch(name: str) -> None:
 
 
 def _answers(node: str) -> bool:
-    """Whether a node of this name answers; False if its process was killed."""
+    """Whether a node answers by this name: another one may have the address of a killed one by now."""
+    service = f"{node}/get_loggers"  # which every node has; the other calls of a node do not tell its name
+    header = {"service": service, "md5sum": "*", "callerid": "/skiros2_start", "probe": "1"}
     try:
-        address = rosgraph.Master("/skiros2_start").lookupNode(node)
-        with ServerProxy(address, transport=_QuickTransport()) as proxy:
-            return bool(proxy.getPid("/skiros2_start"))
-    except (rosgraph.MasterException, OSError, XmlRpcError, HTTPException):
+        address = rospy.core.parse_rosrpc_uri(rosgraph.Master("/skiros2_start").lookupService(service))
+        with socket.create_connection(address, _HANDOVER_TIMEOUT) as connection:
+            rosgraph.network.write_ros_handshake_header(connection, header)
+            answer = rosgraph.network.read_ros_handshake_header(connection, io.BytesIO(), 4096)
+    except (rosgraph.MasterException, OSError, rosgraph.network.ROSHandshakeException):
         return False
-
-
-class _QuickTransport(Transport):
-    """A connection with a timeout."""
-
-    def make_connection(self, host: Any) -> HTTPConnection:
-        connection = super().make_connection(host)
-        connection.timeout = _HANDOVER_TIMEOUT
-        return connection
+    return bool(answer.get("callerid") == node)
 
 
 def _die(line: str, status: int) -> None:

@@ -25,6 +25,7 @@ class Newcomer:
         self.home = home
         self._master = master
         self._ros = Ros(master)
+        self._followed: set[Path] = set()
         (home / "skiros2").symlink_to(ROOT)
         disabled = "genlisp:gencpp:geneus:gennodejs"
         env = {**master.env, "HOME": str(home), "TERM": "dumb", "ROS_LANG_DISABLE": disabled}
@@ -37,10 +38,19 @@ class Newcomer:
         self.close()
 
     def follow(self, page: Path) -> None:
-        """Follows a tutorial, with the Python packages of the set-up that it needs.
+        """Follows a tutorial, after those that it needs and that were not followed yet.
 
-        :raises Wrong: it does not show what happens.
+        Each is followed with the Python packages of the set-up that it needs. One that was wrong is not repeated: the
+        later ones are about its effects, not about its text.
+
+        :raises Wrong: one does not show what happens.
         """
+        for each in [*needs(page).all_pages(), page]:
+            if each == page or each not in self._followed:
+                self._followed.add(each)
+                self._follow(each)
+
+    def _follow(self, page: Path) -> None:
         setup = needs(page).setup
         folder = self.home / ".setups" / setup.replace(" ", "_")
         env = environment_of(setup, folder)

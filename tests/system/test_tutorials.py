@@ -1,8 +1,8 @@
 """Each tutorial shows what happens: its commands are typed, its files written and its outputs compared.
 
 The tutorials are followed in order, in one home folder, as a newcomer does; each with the Python packages of the set-up
-that it names, and no others. `tests/long/test_tutorials.py` follows each after only those that it needs, and in other
-orders; `tests/install/newcomer` on a clean Debian.
+that it names, and no others. Those that a selected one needs are followed before it. `tests/long/test_tutorials.py`
+follows each after only those that it needs, and in other orders; `tests/long/test_clean_debian.py` on a clean Debian.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 from support.newcomers import PAGES, Newcomer
 from support.ros import RosMaster
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = pytest.mark.timeout(600)  # alone, a page is followed after four others
 
 
 @pytest.fixture(scope="module")

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from skiros2_common.core.wording import visible
 from skiros2_gateway.core.patch import apply_patch
-from support.source import ROOT
+from support.page import NODE, SOURCES
 
-PATCH_JS = ROOT / "skiros2_std_lib/skiros2_gateway/web/src/patch.js"
+PATCH_JS = SOURCES / "patch.js"
 PROGRAM = """
 import { applyPatch, withoutPrototypes } from %s;
 const [document, patch] = JSON.parse(process.argv[1]);
@@ -24,13 +22,11 @@ const inherited = ["constructor", "toString"].filter((name) => document.goals?.[
 process.stdout.write(JSON.stringify({ inherited, document, polluted: ({}).admin ?? ({}).a ?? null }));
 """
 
-pytestmark = pytest.mark.skipif(
-    not (Path(sys.executable).parent / "node").exists(), reason="needs node: .ci/setup run gateway"
-)
+pytestmark = pytest.mark.skipif(not NODE.exists(), reason="needs node: .ci/setup run gateway")
 
 
 def run_in_node(program: str, *arguments: str) -> Any:
-    command = [str(Path(sys.executable).parent / "node"), "--input-type=module", "-e", program, *arguments]
+    command = [str(NODE), "--input-type=module", "-e", program, *arguments]
     return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 

@@ -38,6 +38,7 @@ from skiros2_task.core.planning import PlanningResult, TaskPlanner, report_of
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
+from support.page import NODE, PageModule
 from support.planning_world import (
     DRIVE,
     INFERRED,
@@ -88,6 +89,16 @@ class Cell:
     def move_cup(self) -> None:
         self.take_cup()
         self.operator.set_relation(self.shelf, "skiros:contain", self.cup)
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[PageModule | None]:
+    """The page's code for causes; None without node, which comes with the gateway's packages."""
+    if not NODE.exists():
+        yield None
+        return
+    with PageModule("causes.js") as module:
+        yield module
 
 
 @pytest.fixture
@@ -246,26 +257,30 @@ NO_PLAN: dict[str, tuple[Callable[[Cell], None], str, str]] = {
 
 
 @pytest.mark.parametrize("name", NO_PLAN)
-def test_goal_without_a_plan_is_explained_in_one_sentence(cell: Cell, name: str) -> None:
+def test_goal_without_a_plan_is_explained_in_one_sentence(cell: Cell, page: PageModule | None, name: str) -> None:
     scene, goal, sentence = NO_PLAN[name]
     scene(cell)
     planner = SimpleNamespace(name="exhaustive", solve=lambda *_: PlannerAnswer(Outcome.IMPOSSIBLE))
     result = TaskPlanner(cell.operator, planner, Limits()).plan(goal.format(**vars(cell)))  # type: ignore[arg-type]
-    assert first_lines_of_plan(result) == dict.fromkeys(("plan", "achieve", "window", "page"), sentence)
+    places = ("plan", "achieve", "window", *(("page", "page: job") if page else ()))
+    assert first_lines_of_plan(result, page) == dict.fromkeys(places, sentence)
     assert result.why is not None
     assert NoPlan.from_json(result.why.to_json()).headline == result.why.headline
 
 
-def first_lines_of_plan(result: PlanningResult) -> dict[str, str]:
+def first_lines_of_plan(result: PlanningResult, page: PageModule | None) -> dict[str, str]:
     """Returns the first line at each place that shows why there is no plan."""
     answer = SimpleNamespace(**report_of(result, lambda plan: pytest.fail("there is a plan")))
     achieved = SimpleNamespace(state=answer.state, message=answer.message, done="[]", explanations="[]")
-    return {
-        "plan": stable(_without_plan(result).lines[0]),
-        "achieve": stable(format_result(achieved, 0.1)[0][0]),
-        "window": stable(read_plan("", answer, str).head),
-        "page": stable(answer.message.splitlines()[0]),
+    lines = {
+        "plan": _without_plan(result).lines[0],
+        "achieve": format_result(achieved, 0.1)[0][0],
+        "window": read_plan("", answer, str).head,
     }
+    if page:
+        lines["page"] = page.call("causeOfNoPlan", {"message": answer.message})["sentence"]
+        lines["page: job"] = page.call("causeOfJob", {"message": achieved.message})["sentence"]
+    return {place: stable(line) for place, line in lines.items()}
 
 
 def stable(line: str) -> str:
@@ -439,24 +454,28 @@ FAILED: dict[str, tuple[Run, str]] = {
 
 
 @pytest.mark.parametrize("name", FAILED)
-def test_failed_skill_is_explained_in_one_sentence(cell: Cell, name: str) -> None:
+def test_failed_skill_is_explained_in_one_sentence(cell: Cell, page: PageModule | None, name: str) -> None:
     run, sentence = FAILED[name]
     record = record_of_run(cell, run)
     add_authors(record.explanations, cell.world.wm)
-    assert first_lines_of_failure(record) == dict.fromkeys(("run", "why", "achieve", "window", "page"), sentence)
+    places = ("run", "why", "achieve", "window", *(("page", "page: job") if page else ()))
+    assert first_lines_of_failure(record, page) == dict.fromkeys(places, sentence)
 
 
-def first_lines_of_failure(record: Record) -> dict[str, str]:
+def first_lines_of_failure(record: Record, page: PageModule | None) -> dict[str, str]:
     """Returns the first line at each place that shows why a skill failed."""
     why = Why(str(record), [Explanation.from_json(each.to_json()) for each in record.explanations])
     result = SimpleNamespace(state=2, task_id=7, code=record.code, message=record.message, params=[])
-    explanations = json.dumps([each.to_dict() for each in why.explanations])
+    explanations = json.dumps(why.to_dict()["explanations"])
     message = cause_of(why.explanations, record.message)
     achieved = SimpleNamespace(state="failed", message=message, done="[]", explanations=explanations)
-    return {
-        "run": stable(_summary(result, why.explanations, "/alpha", 0.1, set())[0][0]),
-        "why": stable(why.text.splitlines()[0]),
-        "achieve": stable(format_result(achieved, 0.1)[0][0]),
-        "window": stable(failure_lines(why)[0]),
-        "page": stable(why.text.splitlines()[0]),
+    lines = {
+        "run": _summary(result, why.explanations, "/alpha", 0.1, set())[0][0],
+        "why": why.text.splitlines()[0],
+        "achieve": format_result(achieved, 0.1)[0][0],
+        "window": failure_lines(why)[0],
     }
+    if page:
+        lines["page"] = page.call("causeOfRun", why.to_dict())
+        lines["page: job"] = page.call("causeOfJob", {"message": message})["sentence"]
+    return {place: stable(line) for place, line in lines.items()}

@@ -1,9 +1,10 @@
 // Robots, jobs, runs and recorded runs, with the commands for those with the role.
 
+import { causeOfJob } from "./causes.js";
 import { notify, request } from "./cell.js";
 import { commandRobots } from "./commands.js";
 import { openJobDialog } from "./job_dialog.js";
-import { clock, duration, firstLine, h, keyed, localName, setText } from "./dom.js";
+import { clock, duration, h, keyed, localName, setText } from "./dom.js";
 
 const ROBOT_ROLES = { busy: "running", idle: "idle", paused: "paused" };
 const JOB_ROLES = { Running: "running", Interrupted: "paused", Ended: "success", Aborted: "failure" };
@@ -97,8 +98,9 @@ export class CellPanel {
     const done = steps.filter((step) => step.state === "succeeded").length;
     const progress = goal?.plan.length ? `step ${Math.min(done + 1, goal.plan.length)} of ${goal.plan.length}` : (goal?.phase ?? "");
     const took = response.started ? `took ${duration(response.ended - response.started)}` : "";
-    const message = hasFailed ? this.cell.withLabels(response.message) : state === "Running" ? progress : took || job.id;
-    fill(element, role, title, word, firstLine(message), message);
+    const doing = state === "Running" ? progress : took || job.id;
+    const { sentence, details } = hasFailed ? causeOfJob(response, (text) => this.cell.withLabels(text)) : { sentence: doing, details: doing };
+    fill(element, role, title, word, sentence, details);
     const allowed = JOB_METHODS[state];
     this.#showButtons(element, Object.fromEntries(["start", "pause", "resume", "stop", "cancel", "clear"]
       .map((method) => [method, allowed.includes(method)])));

@@ -1,10 +1,11 @@
 // The bar of the shown run with its history, the details of a node, and the log.
 
+import { causeOfRun } from "./causes.js";
 import { GOALS, button, robotOf } from "./cell_panel.js";
 import { notify, request } from "./cell.js";
 import { runPath } from "./run.js";
 import { commandRobots } from "./commands.js";
-import { clock, duration, firstLine, h, keyed, setText } from "./dom.js";
+import { clock, duration, h, keyed, setText } from "./dom.js";
 
 // The states of ended tasks with a cause.
 const CAUSED = ["failed", "preempted"];
@@ -67,8 +68,7 @@ export class RunBar {
   async #readCause(key) {
     this.#causes.set(key, "");
     try {
-      const { text, explanations } = await request(`${runPath(key)}/why`);
-      if (explanations.length) this.#causes.set(key, firstLine(text));
+      this.#causes.set(key, causeOfRun(await request(`${runPath(key)}/why`)));
     } catch {
       return; // the manager does not run any more; the tree has the messages
     }

@@ -1,7 +1,8 @@
 // The dialog that starts a job: a work master with its parameters, or a goal.
 
+import { causeOfNoPlan } from "./causes.js";
 import { notify, request } from "./cell.js";
-import { duration, firstLine, h, notice } from "./dom.js";
+import { duration, h, notice } from "./dom.js";
 import { GoalEditor } from "./goal_editor.js";
 
 const OWN_GOAL = "";
@@ -65,9 +66,9 @@ export async function openJobDialog(cell) {
     try {
       const answer = await request("/api/plan", { goal }, "POST", PLAN_LIMIT);
       const count = answer.plan.length;
-      const details = count ? "" : answer.message.slice(firstLine(answer.message).length + 1);
+      const { sentence, details } = count ? {} : causeOfNoPlan(answer);
       preview.replaceChildren(
-        h("p", {}, count ? `${count} step${count > 1 ? "s" : ""}, ${duration(answer.makespan)}` : firstLine(answer.message)),
+        h("p", {}, count ? `${count} step${count > 1 ? "s" : ""}, ${duration(answer.makespan)}` : sentence),
         ...(details ? [h("details", {}, h("summary", {}, "Details"), h("pre", {}, details))] : []),
         h("ol", {}, answer.plan.map((step) => h("li", {}, h("b", {}, step.label), " ",
           Object.values(step.arguments).map((id) => cell.label(id)).join(", ")))));

@@ -168,3 +168,7 @@ class Why:
 
     text: str
     explanations: list[Explanation]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns {text, explanations} as JSON data."""
+        return {"text": self.text, "explanations": [each.to_dict() for each in self.explanations]}

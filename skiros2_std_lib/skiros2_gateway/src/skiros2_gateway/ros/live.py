@@ -50,7 +50,6 @@ _RETRY_DELAY = 1.0
 _MESH_FILES = (".stl", ".obj", ".dae", ".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga")
 
 
-
 class LiveRos:
     """Implements `LiveCell`. Made and used in the thread of the loop; call `close` at the end."""
 
@@ -92,7 +91,7 @@ class LiveRos:
 
     async def why(self, robot: str, task: int) -> dict[str, Any]:
         why = await self._cell.in_thread(self._client(robot).why, task)
-        return {"text": why.text, "explanations": [each.to_dict() for each in why.explanations]}
+        return why.to_dict()
 
     async def command(self, action: str, robot: str, task: int) -> None:
         if action == "step":

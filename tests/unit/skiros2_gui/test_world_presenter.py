@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import ConnectionChanged, ElementSelected, WorldChanged
+from skiros2_gui.app.events import ConnectionChanged, ElementSelected, EventQueue, WorldChanged
 from skiros2_gui.app.window import Window
-from skiros2_gui.world.presenter import HIGHLIGHT_SECONDS, WorldPresenter
+from skiros2_gui.world.editor import TIMEOUT
+from skiros2_gui.world.presenter import HIGHLIGHT_SECONDS, RETRY_PERIOD, WorldPresenter
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, UNPLACED
-from skiros2_world_model.core.changes import RESET, Add, Change
-from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.changes import RESET, Change, Outcome
+from skiros2_world_model.core.journal import Journal
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from support.window.local_system import LocalSystem
 from support.window.synchronous import SynchronousJobs, make_window
@@ -31,12 +38,24 @@ class Clock:
 class Cell:
     """A window on a world model of this process, and another author."""
 
-    def __init__(self) -> None:
-        self.wm = LocalWorldModel("window")
+    def __init__(self, wm: LocalWorldModel | None = None) -> None:
+        self.wm = wm or LocalWorldModel("window")
         self.other = LocalWorldModel("vision", self.wm.model)
         self.clock = Clock()
-        self.window: Window = make_window(lambda event_queue: LocalSystem(event_queue, self.wm))
+        self.window: Window = make_window(self._connect)
         self.tab = WorldPresenter(self.window, self.clock)
+
+    def _connect(self, event_queue: EventQueue) -> LocalSystem:
+        self.event_queue = event_queue
+        return LocalSystem(event_queue, self.wm)
+
+    def lose_messages(self) -> None:
+        """Discards the published changes that the window has not processed."""
+        self.event_queue.take()
+
+    def read(self) -> None:
+        """The window reads the scene, before it processes published changes."""
+        self.window.publish(WorldChanged((), is_reset=True))
 
     def add(self, etype: str = BOX, label: str = "", parent: str = ROOT) -> str:
         """The user adds an element; returns its id."""
@@ -331,15 +350,106 @@ def test_failed_read_is_retried_when_the_world_model_is_back(
     assert cell.tab.hierarchy is not None and box.id in cell.tab.hierarchy.scene
 
 
-def test_change_contained_in_the_read_scene_does_not_block_undo(cell: Cell) -> None:
-    missed = cell.wm.transact([Add(Element(BOX))])
-    cell.window.process_events()
-    cell.tab.undo_stack.clear()  # as when the scene was read anew meanwhile
-    cell.tab.undo_stack.push("missed", missed)
+def test_edit_that_the_scene_was_read_with_can_be_undone(cell: Cell) -> None:
     box = cell.add()
-    assert cell.tab.undo_stack.undo_text == "add"
+    cell.tab.change("rename", lambda r: r.set_label(box, "skiros:renamed"))
+    cell.read()  # the read scene has the change, which arrives afterwards
+    cell.window.process_events()
+    assert cell.tab.undo_stack.undo_text == "rename"
+    second = cell.add(label="skiros:second")
+    for _ in range(2):
+        cell.undo()
+    assert cell.wm.find_element(second) is None and cell.wm.get_element(box).label == ""
+    cell.redo()
+    assert cell.wm.get_element(box).label == "skiros:renamed" and cell.problem == ""
+
+
+def test_removal_that_the_scene_was_read_without_can_be_undone(cell: Cell) -> None:
+    box = cell.add(label="skiros:box")
+    cell.tab.change("remove", lambda r: r.remove([box]))
+    cell.read()
+    cell.window.process_events()
     cell.undo()
-    assert cell.wm.find_element(box) is None and cell.tab.undo_stack.undo_text == ""
+    assert cell.wm.get_element(box).label == "skiros:box" and cell.problem == ""
+    assert cell.shown() == [[ROOT, [box]], UNPLACED]
+
+
+def test_edit_that_is_answered_after_the_scene_was_read_can_be_undone(cell: Cell) -> None:
+    box = cell.add()
+    jobs = cell.window.jobs
+    assert isinstance(jobs, SynchronousJobs)
+    jobs.deferred = True
+    cell.tab.change("rename", lambda r: r.set_label(box, "skiros:renamed"))
+    transact = cell.wm.transact
+
+    def transact_and_read(*arguments: Any) -> Outcome:
+        outcome = transact(*arguments)
+        jobs.deferred = False
+        cell.read()
+        return outcome
+
+    cell.wm.transact = transact_and_read  # type: ignore[method-assign]
+    jobs.release()
+    cell.wm.transact = transact  # type: ignore[method-assign]
+    cell.window.process_events()
+    assert cell.tab.undo_stack.undo_text == "rename"
+    cell.undo()
+    assert cell.wm.get_element(box).label == "" and cell.problem == ""
+
+
+def test_edit_whose_published_change_is_lost_can_be_undone(cell: Cell) -> None:
+    box = cell.add()
+    cell.tab.change("rename", lambda r: r.set_label(box, "skiros:renamed"))
+    cell.lose_messages()
+    cell.tab.check()
+    assert cell.tab.undo_stack.undo_text == "add"
+    cell.clock.now += TIMEOUT + 0.1
+    cell.tab.check()
+    assert cell.tab.undo_stack.undo_text == "rename"
+    assert cell.tab.hierarchy is not None and cell.tab.hierarchy.scene.record(box).label == "skiros:renamed"
+    cell.undo()
+    assert cell.wm.get_element(box).label == "" and cell.problem == ""
+
+
+def test_undo_of_an_edit_among_lost_changes_keeps_those_of_others(tmp_path: Path) -> None:
+    with closing(Journal(tmp_path / "wm.journal")) as journal:
+        cell = Cell(LocalWorldModel("window", WorldModel(source_ontologies(), journal=journal)))
+        box = cell.add()
+        element = cell.other.get_element(box)
+        element.setProperty("skiros:Weight", 2.0)
+        cell.other.update_element(element)
+        cell.tab.change("rename", lambda r: r.set_label(box, "skiros:renamed"))
+        cell.lose_messages()
+        cell.read()
+        cell.undo()
+        assert cell.wm.get_element(box).label == "" and cell.problem == ""
+        assert cell.wm.get_element(box).value_of("skiros:Weight") == 2.0
+
+
+def test_added_element_that_the_scene_was_read_with_is_selected(cell: Cell) -> None:
+    assert not cell.tab.add("add", lambda r: r.add(BOX, "", ROOT))
+    cell.lose_messages()
+    cell.read()
+    assert cell.tab.selected.startswith(BOX)
+
+
+def test_scene_is_read_again_after_a_failure_that_nothing_reports(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: object) -> list[Element]:
+        raise WmException("the response was lost")
+
+    with monkeypatch.context() as once:
+        once.setattr(cell.wm, "resolve_elements", fail)
+        cell.read()
+    box = Element(BOX)
+    cell.other.add_element(box)
+    cell.lose_messages()
+    cell.tab.check()
+    assert cell.tab.hierarchy is not None and box.id not in cell.tab.hierarchy.scene
+    cell.clock.now += RETRY_PERIOD + 0.1
+    cell.tab.check()
+    assert box.id in cell.tab.hierarchy.scene
 
 
 def test_fast_undo_and_redo_are_queued(cell: Cell) -> None:

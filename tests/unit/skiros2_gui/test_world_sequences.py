@@ -10,6 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
+from skiros2_gui.app.events import EventQueue, WorldChanged
 from skiros2_gui.app.window import Window
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.requests import Requests
@@ -30,10 +31,28 @@ class UndoStack(RuleBasedStateMachine):
         super().__init__()
         self.wm = LocalWorldModel("window")
         self.other = LocalWorldModel("vision", self.wm.model)
-        self.window: Window = make_window(lambda event_queue: LocalSystem(event_queue, self.wm))
+        self.window: Window = make_window(self.connect)
+        self.delivery = "published"
         self.tab = WorldPresenter(self.window)
         self.history: list[dict[str, Any]] = []
         self.future: list[dict[str, Any]] = []
+
+    def connect(self, event_queue: EventQueue) -> LocalSystem:
+        self.event_queue = event_queue
+        return LocalSystem(event_queue, self.wm)
+
+    def deliver(self) -> None:
+        """The window gets the change of its request."""
+        if self.delivery == "lost":
+            self.event_queue.take()
+        if self.delivery != "published":
+            self.window.publish(WorldChanged((), is_reset=True))
+        self.window.process_events()
+
+    @rule(how=st.sampled_from(["published", "read", "lost"]))
+    def change_delivery(self, how: str) -> None:
+        """From now on published changes come at once, after the scene was read with them, or not at all."""
+        self.delivery = how
 
     def content(self) -> dict[str, Any]:
         return {
@@ -48,7 +67,7 @@ class UndoStack(RuleBasedStateMachine):
     def edit(self, make: Any) -> None:
         before, number = self.content(), self.wm.model.number
         self.tab.change("edit", make)
-        self.window.process_events()
+        self.deliver()
         if self.wm.model.number != number and self.content() != before:
             self.history.append(before)
             self.future.clear()
@@ -100,7 +119,7 @@ class UndoStack(RuleBasedStateMachine):
         before = self.content()
         self.window.problems.clear()
         self.tab.undo()
-        self.window.process_events()
+        self.deliver()
         if self.with_others:
             assert self.window.problems.newest is None or self.content() == before
             return
@@ -114,7 +133,7 @@ class UndoStack(RuleBasedStateMachine):
         before = self.content()
         self.window.problems.clear()
         self.tab.redo()
-        self.window.process_events()
+        self.deliver()
         if self.with_others:
             assert self.window.problems.newest is None or self.content() == before
             return

@@ -24,6 +24,8 @@ from skiros2_world_model.core.world_model_client import WorldModelAbstractInterf
 
 #: The duration of highlights (s).
 HIGHLIGHT_SECONDS = 8.0
+#: The time between attempts to read the scene, if one has failed while the world model is up (s).
+RETRY_PERIOD = 10.0
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class WorldPresenter:
         self.window = window
         self.hierarchy: SceneHierarchy | None = None
         self.vocabulary: Vocabulary | None = None
-        self._editor = SceneEditor(window, lambda: self.on_change(Redraw.UNDO))
+        self._editor = SceneEditor(window, lambda: self.on_change(Redraw.UNDO), clock)
         self.undo_stack = self._editor.undo_stack
         self.selected = ""
         self.highlights: dict[str, Highlight] = {}
@@ -72,6 +74,7 @@ class WorldPresenter:
         self._is_stale = False
         self._is_replaced = False  # another scene was loaded: discard the undo stack
         self._is_missing = True  # reading the scene failed, or has not been tried
+        self._failed_at = 0.0
         self._element_to_select = ""  # added, but not received yet
         window.subscribe(WorldChanged, self._on_changed)
         window.subscribe(ElementSelected, self._on_selected)
@@ -90,6 +93,7 @@ class WorldPresenter:
             self._is_stale = True  # the read in progress may be out of date
             return
         self._waiting = []
+        self._editor.begin_read()
         self.window.jobs.run(
             lambda: read_scene(world), self._scene_read, self._read_failed, activity="reading the scene"
         )
@@ -100,6 +104,7 @@ class WorldPresenter:
             self._is_stale = False
             self.read()
             return
+        before = self.hierarchy
         self.hierarchy, self.vocabulary = found
         self._is_missing = False
         if self._is_replaced:
@@ -107,18 +112,30 @@ class WorldPresenter:
             self._editor.clear()
         self.highlights.clear()
         self.on_change(Redraw.SCENE | Redraw.DETAILS)
+        self._editor.end_read(before.scene if before is not None else None, self.hierarchy.newest)
+        if self._element_to_select:
+            self._select_when_added(self._element_to_select)
         if self.selected and self.selected not in self.hierarchy.scene:
             self.select("")
         self._follow(changes)
 
     def _read_failed(self, error: Exception) -> None:
         self._waiting, self._is_stale, self._is_missing = None, False, True
+        self._failed_at = self._clock()
         self.window.problems.report("reading the scene", error)
 
     def _read_if_missing(self) -> None:
         """Reads the scene when the world model is back, if reading it failed."""
         part = part_of(self.window.system, WORLD_MODEL)
         if self._is_missing and self._waiting is None and part is not None and part.is_up:
+            self.read()
+
+    def check(self) -> None:
+        """Reads the scene if a change is overdue, or reading it failed. To be called periodically."""
+        if self._is_missing:
+            if self._clock() - self._failed_at > RETRY_PERIOD:
+                self._read_if_missing()
+        elif self._waiting is None and self.undo_stack.is_overdue:
             self.read()
 
     def _on_changed(self, event: WorldChanged) -> None:

@@ -60,6 +60,7 @@ class SceneHierarchy:
     :param elements: all elements, with their outgoing relations.
     :param spatial: the relations from a parent to a child.
     :param parts: the relations from a skill to its parts.
+    :ivar newest: the number of the last change of any of the elements; removals are not known.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class SceneHierarchy:
             for relation in element._rels:
                 if relation["src"] == "-1":
                     self.scene.relate(element.id, relation["type"], relation["dst"])
-        self._newest = max((element.version for element in elements), default=0)
+        self.newest = max((element.version for element in elements), default=0)
         self._unplaced = {record.id for record in self.scene if self._find_parent(record.id) == UNPLACED}
 
     def __len__(self) -> int:
@@ -156,7 +157,7 @@ class SceneHierarchy:
         """
         update, is_moved = SceneUpdate(), False
         for change in changes:
-            if not self._snapshot and change.number <= self._newest:
+            if not self._snapshot and change.number <= self.newest:
                 continue  # contained in the elements read
             if change.action == RESET or (self._snapshot and change.prev_snapshot_id != self._snapshot):
                 return None

@@ -33,7 +33,7 @@ from skiros2_gui.world.widgets.scene_tree import ElementFinder, SceneModel, Scen
 from skiros2_world_model.core.scene import ROOT
 
 #: The period of checks for old highlights (ms).
-_HIGHLIGHT_PERIOD = 1000
+_HIGHLIGHT_PERIOD = _CHECK_PERIOD = 1000
 
 
 class WorldTab(QWidget):
@@ -73,6 +73,8 @@ class WorldTab(QWidget):
             self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
         self._lay_out()
         self._highlight_timer = timer(self, _HIGHLIGHT_PERIOD, self._expire_highlights, repeats=True)
+        self._check_timer = timer(self, _CHECK_PERIOD, self.presenter.check, repeats=True)
+        self._check_timer.start()
         self.presenter.on_change = self._on_change
         self._on_change(Redraw.SCENE | Redraw.UNDO)
 
@@ -154,6 +156,7 @@ class WorldTab(QWidget):
         self.finder.close_finder()
         self.teach.close_timers()
         self._highlight_timer.stop()
+        self._check_timer.stop()
 
     # -- showing ----------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler
 from skiros2_sim.core import load_test
 from skiros2_sim.core.robot_model import merge_models
 from skiros2_sim.core.scene_spec import ArmSpec, BaseSpec, BodySpec, GripperSpec, RobotSpec, SceneSpec
-from skiros2_sim.core.urdf import find_model, read_urdf
+from skiros2_sim.core.urdf import find_model, mesh_of, read_urdf
 from skiros2_sim.core.world import World
 from support.simulated_cell import ARM, BASE, GRIPPER, PANDA, ROBOT, at, fixed_panda, mobile_manipulator, product
 
@@ -143,7 +143,61 @@ def test_crashing_model_ends_a_separate_process_only(tmp_path: Path, monkeypatch
     program.write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     (tmp_path / "m.obj").write_text(TRIANGLE)
     monkeypatch.setattr(load_test, "__file__", str(program))
-    assert load_test.load_error(tmp_path / "m.obj") == "PyBullet crashes on it (signal 11)"
+    assert "PyBullet crashes on it" in load_test.load_error(tmp_path / "m.obj")
+
+
+def collada(corner: int = 2, copies: int = 1, triangles: int = 1) -> str:
+    """A file with `copies` of triangles of the corners 0, 1 and `corner`."""
+
+    def source(name: str, numbers: str) -> str:
+        params = "".join(f'<param name="{axis}" type="float"/>' for axis in "XYZ")
+        accessor = f'<accessor source="#{name}s" count="3" stride="3">{params}</accessor>'
+        array = f'<float_array id="{name}s" count="9">{numbers}</float_array>'
+        return f'<source id="{name}">{array}<technique_common>{accessor}</technique_common></source>'
+
+    inputs = '<input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL" source="#n" offset="1"/>'
+    faces = f'<triangles count="{triangles}">{inputs}<p>{f"0 0 1 1 {corner} 2 " * triangles}</p></triangles>'
+    vertices = '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
+    mesh = f"<mesh>{source('p', '0 0 0 1 0 0 0 1 0')}{source('n', '0 0 1 ' * 3)}{vertices}{faces}</mesh>"
+    nodes = '<instance_geometry url="#g"/>' * copies
+    return (
+        '<COLLADA version="1.4.1"><asset><unit meter="1"/></asset>'
+        f'<library_geometries><geometry id="g">{mesh}</geometry></library_geometries>'
+        f'<library_visual_scenes><visual_scene id="s"><node>{nodes}</node></visual_scene></library_visual_scenes>'
+        '<scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "limit", "reason"),
+    [
+        ("m.dae", collada(corner=2_000_000_000), {}, "PyBullet crashes on it"),
+        ("m.dae", collada(copies=10_000, triangles=10_000), {"_TIMEOUT": 2.0}, "does not load it within 2 s"),
+        ("m.obj", TRIANGLE + "f 1 2 2000000000\n", {}, "PyBullet crashes on it"),
+        ("m.obj", TRIANGLE + "f 1 2 3\n" * 200_000, {"_MEMORY": 256}, "it takes more than 256 MB"),
+        ("m.dae", collada(), {}, ""),
+    ],
+    ids=["missing corner", "copies", "missing corner of an obj", "memory", "good"],
+)
+def test_hostile_mesh_harms_a_separate_process_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, limit: dict[str, float], reason: str
+) -> None:
+    for key, value in limit.items():
+        monkeypatch.setattr(load_test, key, value)
+    (tmp_path / name).write_text(content)
+    text = urdf(LINK.replace("m.obj", str(tmp_path / name)))
+    error = load_test.load_error(tmp_path / "m.urdf", text, [tmp_path / name])
+    assert reason in error and bool(reason) == bool(error)
+
+
+def test_large_model_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    for name in ("m.obj", "m.urdf"):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(10 << 40)
+        with pytest.raises(ConfigurationError, match=rf"{name} has more than 100 MB"):
+            find_model(str(tmp_path / name))
+    with pytest.raises(ConfigurationError, match=r"m\.obj has more than 100 MB"):
+        mesh_of(tmp_path / "m.urdf", "m.obj", lambda _: [])
 
 
 def test_invalid_models_become_boxes(tmp_path: Path) -> None:

@@ -1,12 +1,14 @@
 """Test-loads models in a separate process, since PyBullet may end the process on an invalid one.
 
-As a program, this file loads models, fixed and free, and makes some steps; it imports only PyBullet. Its exit status
-is 0 on success; otherwise the last line of stderr is the reason.
+As a program, this file loads models, fixed and free, and makes some steps; it imports only PyBullet. Its arguments are
+the memory that it may use (MB) and the files. Its exit status is 0 on success; otherwise the last line of stderr is the
+reason.
 """
 
 from __future__ import annotations
 
 import hashlib
+import resource
 import subprocess
 import sys
 import tempfile
@@ -18,6 +20,7 @@ import pybullet_data
 
 _STEPS = 10
 _TIMEOUT = 30.0  # s
+_MEMORY = 2048  # MB
 _MAX_SIZE = 1e5  # m
 _DATA = Path(pybullet_data.getDataPath()).resolve()
 _known: dict[tuple[str, str], str] = {}
@@ -48,7 +51,7 @@ def _load_in_process(file: Path, text: str | None, meshes: Sequence[Path]) -> st
             tried = Path(folder, "model.urdf")
             tried.write_text(text, encoding="utf-8")
         # -P: modules beside this file have names that others use too. Collada is only read within a URDF.
-        command = [sys.executable, "-P", str(Path(__file__).resolve())]
+        command = [sys.executable, "-P", str(Path(__file__).resolve()), str(_MEMORY)]
         command += [str(mesh) for mesh in meshes if mesh.suffix.lower() != ".dae"]
         try:
             ended = subprocess.run([*command, str(tried)], capture_output=True, timeout=_TIMEOUT, check=False)
@@ -57,12 +60,13 @@ def _load_in_process(file: Path, text: str | None, meshes: Sequence[Path]) -> st
     if ended.returncode == 0:
         return ""
     if ended.returncode < 0:
-        return f"PyBullet crashes on it (signal {-ended.returncode})"
+        return f"PyBullet crashes on it, or it takes more than {_MEMORY} MB (signal {-ended.returncode})"
     errors = ended.stderr.decode(errors="replace").strip().splitlines()
     return f"PyBullet does not load {errors[-1].replace(str(tried), 'it') if errors else 'it'}"
 
 
-def _main(files: Sequence[str]) -> int:
+def _main(memory: str, files: Sequence[str]) -> int:
+    resource.setrlimit(resource.RLIMIT_AS, (int(memory) << 20,) * 2)
     client = pybullet.connect(pybullet.DIRECT)
     pybullet.setGravity(0, 0, -9.81)
     for file in files:
@@ -101,4 +105,4 @@ def _load(file: str, is_fixed: bool) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(_main(sys.argv[1:]))
+    sys.exit(_main(sys.argv[1], sys.argv[2:]))

@@ -24,6 +24,8 @@ from skiros2_sim.core.load_test import load_error
 #: Types of meshes of bodies, and of links in a URDF.
 MESHES = (".obj", ".stl")
 URDF_MESHES = (*MESHES, ".dae")
+#: The largest file (MB).
+_MAX_SIZE = 100
 
 _PACKAGE = "package://"
 
@@ -32,7 +34,7 @@ def find_model(name: str, folders: Sequence[str | Path] = ()) -> Path:
     """Returns the file that `skiros:CadModel` names.
 
     :param name: relative to a folder or to PyBullet's data, absolute, or `package://PACKAGE/...`.
-    :raises ConfigurationError: there is no such file; the text lists the searched locations.
+    :raises ConfigurationError: there is no such file, the text lists the searched locations; or it is too large.
     """
     if "\0" in name or not name.strip():
         raise ConfigurationError(f"{name!r} cannot be the name of a model")
@@ -44,7 +46,7 @@ def find_model(name: str, folders: Sequence[str | Path] = ()) -> Path:
         places = [Path(folder) / path for folder in (*folders, pybullet_data.getDataPath())]
     for place in places:
         if place.is_file():
-            return place.resolve()
+            return _of_bounded_size(place)
     searched = ", ".join(dict.fromkeys(str(place) for place in places)) or "no such package"
     raise ConfigurationError(f"model {name} does not exist (searched: {searched})")
 
@@ -53,7 +55,7 @@ def mesh_of(urdf: Path, name: str, folders: Callable[[str], list[Path]]) -> Path
     """Returns the file of a mesh that a URDF names.
 
     :param folders: returns the folders of a ROS package.
-    :raises ConfigurationError: it does not exist, or is of another type than `URDF_MESHES`.
+    :raises ConfigurationError: it does not exist, is of another type than `URDF_MESHES`, or is too large.
     """
     plain = name.removeprefix("file://")
     places: Iterable[Path] = [urdf.parent / plain]
@@ -65,8 +67,14 @@ def mesh_of(urdf: Path, name: str, folders: Callable[[str], list[Path]]) -> Path
         if place.is_file():
             if place.suffix.lower() not in URDF_MESHES:
                 raise ConfigurationError(f"mesh {place}: expected one of {', '.join(URDF_MESHES)}")
-            return place.resolve()
+            return _of_bounded_size(place)
     raise ConfigurationError(f"{urdf}: its mesh {name} does not exist")
+
+
+def _of_bounded_size(file: Path) -> Path:
+    if file.stat().st_size > _MAX_SIZE << 20:
+        raise ConfigurationError(f"{file} has more than {_MAX_SIZE} MB")
+    return file.resolve()
 
 
 def _package_folders(package: str) -> list[Path]:

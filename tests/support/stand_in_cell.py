@@ -40,6 +40,7 @@ class StandInCell:
         self.edits: list[Edits] = []
         #: The elements with which skills would start.
         self.inferred: dict[str, str] = {}
+        self.place = ROBOT
         self.started: list[dict[str, Any]] = []
         self.forms: GoalForms | None = None
 
@@ -101,7 +102,7 @@ class StandInCell:
         is_ok = skill == "place" or parameters.get("Tray") == "Tray-1"
         why = None if is_ok else Explanation("pre", skill, skill, 1, -1, "the tray is unknown").to_dict()
         values = {"Speed": 1.0, **self.inferred, **parameters}
-        changes = [f"+ {value} skiros:at {robot}" for value in self.inferred.values()]
+        changes = [f"+ {value} skiros:at {self.place}" for value in self.inferred.values()]
         found = {"ok": is_ok, "implementation": skill, "elements": dict(self.inferred), "why": why}
         return {**found, "values": values, "changes": changes}
 

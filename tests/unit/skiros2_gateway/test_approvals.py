@@ -93,6 +93,28 @@ def test_skill_that_would_start_with_another_element_than_approved_is_refused(in
     in_gateway(test)
 
 
+def test_skill_that_would_change_something_else_than_approved_is_refused(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            gateway.cell.inferred = {"Object": "Product-2"}
+            execution = asyncio.create_task(agent.call("execute", **SKILL))
+            (approval,) = await waiting(gateway)
+            gateway.cell.place = "Tray-1"
+            await answered(agent, gateway)
+            result = await execution
+            assert result["code"] == "refused"
+            assert "+ Product-2 skiros:at Tray-1: not approved" in result["detail"]
+            assert f"+ Product-2 skiros:at {ROBOT}: approved, not expected any more" in result["detail"]
+            assert not gateway.cell.skill_runs
+            other = asyncio.create_task(agent.call("execute", **SKILL))
+            (changed,) = await waiting(gateway)
+            assert changed.request.digest != approval.request.digest
+            await answered(agent, gateway)
+            assert (await other)["task"] == 0
+
+    in_gateway(test)
+
+
 def test_approval_of_a_skill_shows_values_and_changes_and_starts_with_exactly_these(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with connected(gateway, "agent") as agent:

@@ -40,7 +40,7 @@ async def valid_plan(control: JobControl, order: Order, reason: str = "") -> Req
 async def valid_start(
     control: JobControl, robot: str, skill: str, parameters: Mapping[str, Any], reason: str = ""
 ) -> Request:
-    """Returns the request for a skill: the implementation and the values with which it will start.
+    """Returns the request for a skill: implementation and values with which it will start, and the expected changes.
 
     :raises Refused: it would not start.
     """
@@ -50,8 +50,9 @@ async def valid_start(
     runs = {
         "robot": robot, "skill": skill, "parameters": dict(parameters), "implementation": check["implementation"],
         "elements": check["elements"], "values": check["values"],
+        "changes": check["changes"],
     }  # fmt: skip
-    return Request(runs, {"preview": check, "changes": check["changes"]}, (robot,), reason)
+    return Request(runs, {"preview": check}, (robot,), reason)
 
 
 async def start_approved(control: JobControl, request: Request) -> int:
@@ -74,3 +75,9 @@ def _differences(approved: Mapping[str, Any], now: Mapping[str, Any]) -> Iterato
         before, after = approved["values"].get(key, "none"), now["values"].get(key, "none")
         if before != after:
             yield f"{key} is {after}, approved is {before}"
+    for line in now["changes"]:
+        if line not in approved["changes"]:
+            yield f"{line}: not approved"
+    for line in approved["changes"]:
+        if line not in now["changes"]:
+            yield f"{line}: approved, not expected any more"

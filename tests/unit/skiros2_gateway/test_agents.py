@@ -91,6 +91,34 @@ def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
     in_gateway(test)
 
 
+def test_text_shows_invisible_characters_as_codes_and_ids_in_data_are_exact(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        tray = "Tray\u202e-7\u200b\x1b[2J"
+        gateway.cell.elements[tray] = "demo:Tray"
+        shown = gateway.path.parent / "shown"
+        async with connected(gateway, "agent") as agent:
+            found = (await agent.call("query_world", type="demo:Tray"))["elements"]
+            assert [element["id"] for element in found] == ["Tray-1", tray]
+            result = await agent.client.call_tool("query_world", {"id": tray})  # as an id it is usable
+            assert [element["id"] for element in result.structured_content["elements"]] == [tray]
+            texts = [content.text for content in result.content]
+            wrong = await agent.client.call_tool("query_world", {"id": f"{tray}x"})
+            texts += [content.text for content in wrong.content]
+            skill = {"robot": ROBOT, "skill": "place", "parameters": {"Tray": tray}}
+            execution = asyncio.create_task(agent.call("execute", **skill))
+            await waiting(gateway)
+            for path in ("/api/world", "/api/approvals", "/api/jobs"):  # people read them in terminals
+                assert (await curl(agent.address, path, "-o", str(shown), token=TOKENS["view"]))[0] == 200
+                texts.append(shown.read_text())
+            await answered(agent, gateway)
+            await execution
+            assert gateway.cell.started[0]["Tray"] == tray
+        assert all(text.isprintable() for text in texts), texts
+        assert ["\\u202e-7\\u200b\\u001b[2J" in text for text in texts] == [True, True, True, True, False]
+
+    in_gateway(test)
+
+
 def test_job_of_an_agent_starts_when_another_user_approves(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with connected(gateway, "agent") as agent:

@@ -49,6 +49,7 @@ from skiros2_gateway.core.job import Method, Order
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
 from skiros2_gateway.http import models
+from skiros2_gateway.http.ascii_answers import AsciiAnswers
 from skiros2_gateway.http.body_limit import MAX_BODY, BodyLimit
 from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
 from skiros2_gateway.http.deadlines import Deadlines
@@ -56,6 +57,7 @@ from skiros2_gateway.http.errors import EVENTS, add_error_handlers, answers, des
 from skiros2_gateway.http.once import Once
 
 log = logging.getLogger(__name__)
+
 
 def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: int = MAX_BODY) -> FastAPI:
     """Returns the application.
@@ -73,6 +75,7 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     app.add_middleware(Once, on_error=on_skiros_error)
     app.add_middleware(Deadlines, on_error=on_skiros_error)
     app.add_middleware(BodyLimit, max_body=max_body)
+    app.add_middleware(AsciiAnswers)
     return app
 
 

@@ -28,7 +28,7 @@ from skiros2_gateway.agents.proposals import Proposals, job_summary
 from skiros2_gateway.agents.start_checks import start_approved, valid_plan, valid_start
 from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.job import Method
-from skiros2_gateway.core.keys import uninterrupted
+from skiros2_gateway.core.keys import Keep, uninterrupted
 from skiros2_gateway.core.problems import Rejected, problems_of
 from skiros2_gateway.core.service import Service
 
@@ -179,7 +179,7 @@ class Tools:
             return await self._service.command(caller, "execute", order.id, execute)
 
         # a client that repeats a lost call shares the approval that waits, by the job's id
-        return await self._service.once(caller, f"job {order.id}", order.digest, command, is_kept=False)
+        return await self._service.once(caller, f"job {order.id}", order.digest, command, Keep.NOT)
 
     async def _run_skill(self, caller: Caller, arguments: Execute) -> Any:
         robot, skill, parameters = arguments.robot, arguments.skill, arguments.parameters

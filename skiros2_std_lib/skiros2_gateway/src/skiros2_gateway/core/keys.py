@@ -7,10 +7,12 @@ import json
 import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Any, Protocol
 
 from skiros2_common.core.errors import Conflict, SkirosError, TimedOut
 from skiros2_gateway.core.approvals import digest_of
+from skiros2_gateway.core.job import STOPS
 from skiros2_gateway.core.problems import Problem, Rejected, StoreFailed
 
 log = logging.getLogger(__name__)
@@ -19,6 +21,19 @@ log = logging.getLogger(__name__)
 MAX_KEY = 200
 #: How many keys a `KeyMemory` has.
 MAX_IN_MEMORY = 2000
+
+
+class Keep(Enum):
+    """When a key is written. One that is not kept is shared only by clients that wait at the same time."""
+
+    BEFORE = auto()  # the command is not repeated after a restart of the gateway either
+    AFTER = auto()  # a stop does not wait for the disk
+    NOT = auto()
+
+
+def keep_of(method: str) -> Keep:
+    """Returns when the key of a method of jobs, in small letters, is written."""
+    return Keep.AFTER if method in STOPS else Keep.BEFORE
 
 
 @dataclass
@@ -65,8 +80,7 @@ class KeyMemory:
 class Keys:
     """The keys of all users. To be used in the thread of the gateway's loop.
 
-    A key is written before its command is carried out, and its answer afterwards: a command is not repeated after a
-    restart of the gateway either. The key of a stop is written afterwards too: a stop does not wait for the disk.
+    An answer is written when its command has been carried out.
     """
 
     def __init__(self, store: KeyStore) -> None:
@@ -74,14 +88,7 @@ class Keys:
         self._running: dict[tuple[str, str], _Running] = {}
 
     async def once(
-        self,
-        user: str,
-        key: str,
-        command: Any,
-        do: Callable[[], Awaitable[Any]],
-        *,
-        is_kept: bool = True,
-        is_stop: bool = False,
+        self, user: str, key: str, command: Any, do: Callable[[], Awaitable[Any]], keep: Keep = Keep.BEFORE
     ) -> Any:
         """Carries out a command, unless the user has sent it before with this key. Returns the answer.
 
@@ -91,7 +98,6 @@ class Keys:
         :param key: chosen by the client; "": the command is carried out.
         :param command: identifies it, as JSON data.
         :param do: carries it out. Returns JSON data.
-        :param is_kept: whether the answer is kept; otherwise only clients that wait at the same time share it.
         :raises Conflict: the key belongs to another command, or it is unknown how the command has ended.
         :raises SkirosError: what `do` raises.
         """
@@ -102,7 +108,7 @@ class Keys:
             raise Rejected([Problem("wrong_value", "key", "the idempotency key is invalid", expected)])
         digest = digest_of(command)
         running = self._running.get((user, key))
-        known = self._find(user, key) if running is None and is_kept else None
+        known = self._find(user, key) if running is None and keep is not Keep.NOT else None
         if (running.digest if running else known[0] if known else digest) != digest:
             raise Conflict(f"the key {key!r} was sent with another command before")
         if known is not None:
@@ -110,7 +116,7 @@ class Keys:
                 raise Conflict(f"it is unknown how the command with the key {key!r} has ended; read the state")
             return json.loads(known[1])
         if running is None:
-            work = self._carry_out(user, key, digest, do, is_stop) if is_kept else do()
+            work = do() if keep is Keep.NOT else self._carry_out(user, key, digest, do, keep)
             running = self._running[user, key] = _Running(digest, asyncio.ensure_future(work))
             running.task.add_done_callback(lambda _: self._running.pop((user, key), None))
         running.waiting += 1
@@ -123,10 +129,8 @@ class Keys:
         finally:
             running.waiting -= 1
 
-    async def _carry_out(
-        self, user: str, key: str, digest: str, do: Callable[[], Awaitable[Any]], is_stop: bool
-    ) -> Any:
-        if not is_stop:
+    async def _carry_out(self, user: str, key: str, digest: str, do: Callable[[], Awaitable[Any]], keep: Keep) -> Any:
+        if keep is Keep.BEFORE:
             self._write(self._store.put_key, user, key, digest)
         try:
             answer = await do()
@@ -135,7 +139,7 @@ class Keys:
         except (SkirosError, asyncio.CancelledError):
             self._write(self._store.delete_key, user, key)
             raise
-        if is_stop:
+        if keep is Keep.AFTER:
             self._write(self._store.put_key, user, key, digest)
         self._write(self._store.answer_key, user, key, json.dumps(answer, default=str))
         return answer

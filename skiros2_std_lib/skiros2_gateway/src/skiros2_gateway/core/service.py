@@ -14,7 +14,7 @@ from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Job, Method, read_order
 from skiros2_gateway.core.job_control import JobControl
-from skiros2_gateway.core.keys import Keys
+from skiros2_gateway.core.keys import Keep, Keys
 from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.sessions import Sessions
 from skiros2_gateway.core.store import JobStore
@@ -87,14 +87,7 @@ class Service:
         return by
 
     async def once(
-        self,
-        caller: Caller,
-        key: str,
-        command: Any,
-        do: Callable[[], Awaitable[T]],
-        *,
-        is_kept: bool = True,
-        is_stop: bool = False,
+        self, caller: Caller, key: str, command: Any, do: Callable[[], Awaitable[T]], keep: Keep = Keep.BEFORE
     ) -> T:
         """Carries out a command once for each idempotency key of a user, and counts repeated ones; see `Keys.once`.
 
@@ -108,7 +101,7 @@ class Service:
             return await do()
 
         try:
-            answer: T = await self.keys.once(caller.user, key, command, carry_out, is_kept=is_kept, is_stop=is_stop)
+            answer: T = await self.keys.once(caller.user, key, command, carry_out, keep)
         finally:
             if not is_first:
                 self.access.count(caller)

@@ -13,13 +13,12 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from skiros2_common.core.errors import SkirosError, TimedOut
-from skiros2_gateway.core.job import STOPS
+from skiros2_gateway.core.keys import Keep, keep_of
 from skiros2_gateway.http.callers import caller_of, service_of
 
 HEADER = "idempotency-key"
 #: Questions: their answers, which may be large, are not kept.
 _QUESTIONS = ("/api/plan", "/api/world/query")
-_JOBS, _STOPS = "/api/jobs/", tuple(f"/{method}" for method in STOPS)
 #: Answered commands with these status codes may have been carried out, or are yet.
 _UNKNOWN = (500, 503, 504)
 
@@ -52,10 +51,8 @@ class Once:
             caller, service = caller_of(request), service_of(request)
             query = scope["query_string"].decode("latin-1")
             command = [scope["method"], scope["path"], query, hashlib.sha256(body).hexdigest()]
-            is_kept = scope["path"] not in _QUESTIONS
             carry_out = partial(_answer_of, self._app, scope, body)
-            is_stop = scope["path"].startswith(_JOBS) and scope["path"].endswith(_STOPS)
-            response = _response(await service.once(caller, key, command, carry_out, is_kept=is_kept, is_stop=is_stop))
+            response = _response(await service.once(caller, key, command, carry_out, _keep(scope["path"])))
         except _Refused as error:
             response = _response(error.answer)
         except _Unknown as error:
@@ -63,6 +60,12 @@ class Once:
         except SkirosError as error:
             response = await self._on_error(request, error)
         await response(scope, receive, send)
+
+
+def _keep(path: str) -> Keep:
+    if path in _QUESTIONS:
+        return Keep.NOT
+    return keep_of(path.rpartition("/")[2]) if path.startswith("/api/jobs/") else Keep.BEFORE
 
 
 class _Refused(SkirosError):

@@ -38,8 +38,9 @@ from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownN
 from skiros2_common.core.json_data import read_json
 from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.events import Event
-from skiros2_gateway.core.job import STOPS, Method
+from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.json_text import json_text
+from skiros2_gateway.core.keys import Keep, keep_of
 from skiros2_gateway.core.problems import Problem, Rejected, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
@@ -137,10 +138,10 @@ class MqttBridge:
             caller = self._authenticate(method, message, data)
             key, wanted = str(data.get("key", "")), [method, *(data.get(field) for field in _FIELDS)]
             work = partial(self._apply, caller, method, data)
-            is_stop = method in STOPS
-            if not is_stop:
+            keep = keep_of(method)
+            if keep is Keep.BEFORE:
                 self._freshness.write()
-            answer: dict[str, Any] = await self._service.once(caller, key, wanted, work, is_stop=is_stop)
+            answer: dict[str, Any] = await self._service.once(caller, key, wanted, work, keep)
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             answer = {"ok": False, "error": {"code": error.code, "detail": str(error), "problems": problems}}

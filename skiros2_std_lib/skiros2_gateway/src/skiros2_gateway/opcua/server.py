@@ -20,7 +20,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
 from skiros2_gateway.core.access import Caller
-from skiros2_gateway.core.job import STOPS, Method
+from skiros2_gateway.core.job import Method
+from skiros2_gateway.core.keys import keep_of
 from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
@@ -247,8 +248,7 @@ class OpcuaServer:
         :raises SkirosError: see `Keys.once`.
         """
         key = next((text.Text or "" for text in comment or [] if text.Locale == KEY_LOCALE), "")
-        is_stop = method.name.lower() in STOPS
-        await self._service.once(caller, key, [method, command], carry_out, is_stop=is_stop)
+        await self._service.once(caller, key, [method, command], carry_out, keep_of(method.name.lower()))
         return [ua.Variant(0, ua.VariantType.UInt64)]
 
     async def _response_by_id(self, job_id: str) -> list[ua.Variant]:

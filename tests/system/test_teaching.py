@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -76,6 +78,15 @@ class Cell:
             poses.append(self.tool_on_block())
         return poses
 
+    def hold_up(self, pid: int, seconds: float) -> None:
+        """A process does not run for a time (s), as on a busy machine. The simulation continues."""
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            end = rospy.get_time() + seconds
+            wait_until(lambda: rospy.get_time() > end, WAIT, "simulated time")
+        finally:
+            os.kill(pid, signal.SIGCONT)
+
     def move_block(self, pose: Pose) -> None:
         assert self._set_pose(BLOCK, PoseStamped(Header(), pose_message(pose))).ok
         block = self.wm.get_element(BLOCK)
@@ -119,7 +130,11 @@ def test_path_that_a_hand_shows_is_replayed_at_the_moved_block(ros: Ros) -> None
     # The block has moved by 5 cm and 20 degrees.
     assert deviation(shown, followed) < 0.015
 
-    cell.do("move_to_taught_pose", Pose=taught.find_taught(cell.wm, block, "first"))
+    moving = cell.start("move_to_taught_pose", Pose=taught.find_taught(cell.wm, block, "first"))
+    before = cell.tool_on_block()
+    wait_until(lambda: distances(cell.tool_on_block(), before)[0] > 0.01, WAIT, "a motion")
+    cell.hold_up(ros.master.node_pid("/panda"), 1.0)
+    assert moving.succeeded(WAIT), [why.message for why in moving.explanations(WAIT)]
     assert distances(cell.tool_on_block(), shown[0])[0] < 0.02
 
 

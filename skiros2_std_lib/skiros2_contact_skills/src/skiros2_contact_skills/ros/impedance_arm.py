@@ -21,10 +21,11 @@ from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
-from skiros2_motion.core.compliant_arm import STALE, ArmState, checked_limits, checked_reference, turned_wrench
+from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
 from skiros2_motion.core.spiral import SpiralGoal
+from skiros2_motion.core.state_age import StateAge
 from skiros2_sim_msgs.msg import ImpedanceState
 from skiros2_sim_msgs.srv import OverlayMotion, OverlayMotionRequest, SetWrenchLimits, SetWrenchLimitsRequest
 
@@ -59,7 +60,7 @@ class ImpedanceArm:
         self._wrench_at = 0.0
         self._lock = threading.Lock()
         self._last: ImpedanceState | None = None
-        self._received, self._received_at = 0, 0.0
+        self._received, self._age = 0, StateAge(rospy.get_time)
         #: Requests that are not answered, and the number of the state that will show the effect of the last answer.
         self._pending, self._effect = 0, 1
         self._commands: queue.SimpleQueue[tuple[Callable[[], None], bool]] = queue.SimpleQueue()
@@ -84,8 +85,9 @@ class ImpedanceArm:
 
     def now(self) -> float:
         with self._lock:
-            age = rospy.get_time() - self._received_at
-            return float(self._last.header.stamp.to_sec() + age if self._last is not None else rospy.get_time())
+            if self._last is None:
+                return float(rospy.get_time())
+            return float(self._last.header.stamp.to_sec() + self._age.seconds)
 
     def state(self) -> ArmState | None:
         with self._lock:
@@ -250,11 +252,12 @@ class ImpedanceArm:
 
     def _on_state(self, message: ImpedanceState) -> None:
         with self._lock:
-            self._last, self._received_at = message, rospy.get_time()
+            self._last = message
+            self._age.receive()
             self._received += 1
 
     def _why_stopped(self, message: ImpedanceState) -> str:
-        late = rospy.get_time() - self._received_at
+        late = self._age.overdue()
         if not message.active:
             return f"controller {self._controllers[0]} of arm {self._name} is not active"
         if message.stopped_by:
@@ -263,7 +266,7 @@ class ImpedanceArm:
                 return f"the wrench is limited, but was not measured for {value:.3f} s"
             unit = "N" if message.stopped_by == "force" else "Nm"
             return f"{message.stopped_by} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
-        if late > STALE:
+        if late:
             return f"no state on {self._space}/state for {late:.1f} s"
         if not all(map(math.isfinite, (message.pose.position.x, message.measured_wrench.force.x))):
             return f"the state on {self._space}/state is not finite"

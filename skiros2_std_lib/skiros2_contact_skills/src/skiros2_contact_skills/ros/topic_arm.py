@@ -23,7 +23,6 @@ from controller_manager_msgs.srv import ListControllers, SwitchController, Switc
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName
 from skiros2_contact_skills.ros.profiles import Profile, Reading
 from skiros2_motion.core.compliant_arm import (
-    STALE,
     ArmState,
     Wrench,
     checked_limits,
@@ -33,6 +32,7 @@ from skiros2_motion.core.compliant_arm import (
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
 from skiros2_motion.core.spiral import Spiral, SpiralGoal
+from skiros2_motion.core.state_age import StateAge
 from skiros2_std_reasoners.ros.transforms import Transforms
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ class TopicArm:
         self._transforms = Transforms()
         self._transforms.listen()
         self._reading: Reading | None = None
-        self._read_at, self._messages, self._stamp = 0.0, 0, 0.0
+        self._age, self._messages, self._stamp = StateAge(self.now), 0, 0.0
         self._problem = self._refused = self._stop = ""
         self._pending, self._needed = 0, 0
         self._limits = (0.0, 0.0)
@@ -113,8 +113,8 @@ class TopicArm:
             if reading is None:
                 return ArmState(IDENTITY, _ZERO, now, refused or self._problem) if refused or self._problem else None
             stopped = refused or self._stop or reading.stopped or self._problem
-            if now - self._read_at > STALE:
-                stopped = stopped or f"no {self._topic} for {now - self._read_at:.1f} s"
+            if late := self._age.overdue():
+                stopped = stopped or f"no {self._topic} for {late:.1f} s"
             pose, wrench = self._measured(reading)
             stamp = self._stamp
         if not stopped:
@@ -199,8 +199,8 @@ class TopicArm:
             return
         with self._lock:
             self._reading, self._problem = reading, ""
-            self._read_at = self.now()
-            self._stamp = message.header.stamp.to_sec() or self._read_at
+            self._age.receive()
+            self._stamp = message.header.stamp.to_sec() or self.now()
             self._messages += 1
             exceeded = "" if self._stop else exceeded_limit(self._measured(reading)[1], self._limits)
             if exceeded:

@@ -17,6 +17,8 @@ BLOCKED, NOT_REACHED, GRIPPER_FAILED = -130, -131, -132
 _MAX_LAG, _MAX_TURN_LAG = 0.05, 0.4
 #: Times after the end of a motion at which the tool counts as at rest, and by which it must have arrived (s).
 _RESTING, _SETTLING = 0.3, 2.0
+#: Time by which a motion advances at most between two updates (s): a late one delays it, the reference does not jump.
+_MAX_PERIOD = 0.1
 #: Time in which a gripper has to end a command (s).
 _GRIPPING = 15.0
 
@@ -49,6 +51,7 @@ class Player:
         self._tolerances = tolerance, angular_tolerance
         self._index = 0
         self._began: float | None = None
+        self._updated = 0.0
         self._gripping_since: float | None = None
         self.duration = sum(part.duration for part in self._parts if not isinstance(part, GripperEvent))
         self._done = 0.0
@@ -70,7 +73,9 @@ class Player:
         """Sets the next reference, or advances the gripper. To be called at each tick until the player has ended."""
         now = self._arm.now()
         if self._began is None:
-            self._began = now
+            self._began = self._updated = now
+        self._began += max(0.0, now - self._updated - _MAX_PERIOD)
+        self._updated = now
         while not self.has_ended and self.failure is None:
             part = self._parts[self._index]
             if isinstance(part, GripperEvent):

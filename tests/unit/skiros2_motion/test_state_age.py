@@ -1,0 +1,46 @@
+"""The age of a driver's state, by a simulated and a wall clock."""
+
+from __future__ import annotations
+
+import pytest
+
+from skiros2_motion.core.compliant_arm import STALE
+from skiros2_motion.core.state_age import CONFIRMATION, StateAge
+
+
+class Clocks:
+    """Two clocks and an age that uses them."""
+
+    def __init__(self) -> None:
+        self.arm = self.wall = 10.0
+        self.age = StateAge(lambda: self.arm, lambda: self.wall)
+
+    def overdue_after(self, arm: float, wall: float) -> float:
+        self.arm += arm
+        self.wall += wall
+        return self.age.overdue()
+
+
+@pytest.fixture
+def clocks() -> Clocks:
+    return Clocks()
+
+
+def test_driver_that_stays_silent_is_reported_with_the_time(clocks: Clocks) -> None:
+    assert clocks.overdue_after(STALE - 0.1, 0.4) == 0.0
+    assert clocks.overdue_after(0.2, 0.2) == 0.0
+    assert clocks.overdue_after(0.3, CONFIRMATION + 0.01) == pytest.approx(STALE + 0.4)
+    clocks.age.receive()
+    assert clocks.overdue_after(0.1, 0.1) == 0.0
+
+
+def test_process_that_was_held_up_reads_the_waiting_states_first(clocks: Clocks) -> None:
+    assert clocks.overdue_after(3.0, 3.0) == 0.0
+    clocks.age.receive()
+    assert clocks.overdue_after(0.1, CONFIRMATION + 0.1) == 0.0
+    assert clocks.overdue_after(3.0, 3.0) == 0.0, "each time"
+
+
+def test_pause_of_the_simulation_does_not_count(clocks: Clocks) -> None:
+    for _ in range(5):
+        assert clocks.overdue_after(0.0, 1.0) == 0.0

@@ -38,6 +38,8 @@ class StandInCell:
         self.properties: dict[tuple[str, str], Any] = {}
         self.skill_runs: dict[tuple[str, int], dict[str, Any]] = {}
         self.edits: list[Edits] = []
+        #: The users who have sent queries.
+        self.asked: list[str] = []
         #: The elements with which skills would start.
         self.inferred: dict[str, str] = {}
         self.place = ROBOT
@@ -91,6 +93,7 @@ class StandInCell:
         return {"revision": 1, "elements": [{"id": e, "type": cls, **content} for e, cls in self.elements.items()]}
 
     async def query(self, text: str, user: str) -> dict[str, Any]:
+        self.asked.append(user)
         return {"columns": ["x"], "rows": [[eid] for eid in self.elements]}
 
     async def skills(self) -> dict[str, list[dict[str, Any]]]:

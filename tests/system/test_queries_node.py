@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import socket
 import threading
 import time
@@ -10,6 +12,9 @@ from collections.abc import Callable
 import pytest
 import rospy
 
+from skiros2_common.core.errors import TimedOut
+from skiros2_gateway.core.problems import Rejected, TooMany
+from skiros2_gateway.ros.queries import UserQueries
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
@@ -69,6 +74,26 @@ def test_caller_uses_up_its_own_budget_only(ask):
     assert refused(ask, "mallory", "ASK { ?s ?p ?o }") == "budget_used_up"
     assert "boolean" in ask("", "ASK { ?s ?p ?o }")
     assert slowest < 5.0
+
+
+def test_user_of_the_gateway_uses_up_its_own_budget_only(ask):
+    """REST and agents' tools ask by `UserQueries`."""
+
+    async def test() -> None:
+        queries = UserQueries()
+        service = "SELECT * { SERVICE <http://silent.example/> { ?s ?p ?o } }"
+        for query, code in ((NESTED, "wrong_query"), (service, "query_not_allowed")):
+            with pytest.raises(Rejected) as error:
+                await queries.ask("mallory", query)
+            assert [problem.code for problem in error.value.problems] == [code]
+        with pytest.raises(TooMany, match="mallory: its queries have used up 3 s"):
+            while True:
+                with contextlib.suppress(TimedOut):
+                    await queries.ask("mallory", PAIRS)
+        assert (await queries.ask("alice", "SELECT ?s { ?s ?p ?o } LIMIT 1"))["columns"] == ["s"]
+        queries.close()
+
+    asyncio.run(test())
 
 
 def test_query_to_a_silent_host_is_refused_at_once(ask):

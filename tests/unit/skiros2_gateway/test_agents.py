@@ -81,6 +81,9 @@ def test_agent_reads_skills_world_and_plans(in_gateway: Run) -> None:
             found = await agent.call("query_world", type="demo:Tray")
             assert [element["id"] for element in found["elements"]] == ["Tray-1"]
             assert (await agent.call("query_world", sparql="SELECT ?x WHERE {}"))["columns"] == ["x"]
+            query = {"query": "SELECT ?x WHERE {}"}
+            assert (await curl(agent.address, "/api/world/query", token=TOKENS["view"], body=query))[0] == 200
+            assert gateway.cell.asked == ["agent", "view"]  # each has a budget of their own
             assert (await agent.call("check_start", robot=ROBOT, skill="place"))["ok"]
             assert (await agent.call("plan", goal="(at robot home)"))["state"] == "planned"
             place = {"work_master": "place", "parameters": {"Tray": "Tray-1"}}

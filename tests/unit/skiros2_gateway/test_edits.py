@@ -47,7 +47,8 @@ def test_edits_are_previewed_without_a_change_and_applied_as_a_whole(wm: LocalWo
     assert wm.get_element(product).value_of("skiros:Weight") is None
 
 
-def test_wrong_edits_are_rejected_with_all_problems(wm: LocalWorldModel) -> None:
+def test_wrong_edits_are_rejected_with_all_problems(wm: LocalWorldModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LocalWorldModel, "query_table", None)  # agents cannot use up the gateway's budget of queries
     product = add(wm, "skiros:Product")
     edits = Edits(
         (

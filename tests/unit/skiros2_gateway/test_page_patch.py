@@ -58,6 +58,23 @@ def test_table_has_no_entry_that_the_gateway_has_not_sent() -> None:
     assert found["inherited"] == []
 
 
+def test_elements_with_the_same_label_are_named_with_their_ids() -> None:
+    """A person who approves something sees which of them it is."""
+    program = f"""
+        import {{ Cell }} from {json.dumps(PATCH_JS.with_name("cell.js").as_uri())};
+        const cell = Object.create(Cell.prototype, {{ document: {{ value: JSON.parse(process.argv[1]) }} }});
+        const names = ["x:Cup-1", "x:Cup-2", "x:Tray-3", "x:Tray-4", "Cup"].map((id) => cell.name(id));
+        process.stdout.write(JSON.stringify([...names, cell.withNames("+ x:Cup-1 x:in x:Tray-3, x:Nothing-9")]));
+    """
+    labels = {"x:Cup-1": "Cup", "x:Cup-2": "x:Cup", "x:Tray-3": "Tray", "x:Tray-4": ""}
+    elements = {eid: {"label": label, "type": "x:Thing"} for eid, label in labels.items()}
+    elements["x:Key-5"] = {"label": "Tray", "type": "skiros:Parameter"}
+    named = ["Cup (Cup-1)", "Cup (Cup-2)", "Tray", "Tray-4", "Cup"]
+    assert run_in_node(program, json.dumps({"elements": elements})) == [
+        *named, "+ Cup (Cup-1) x:in Tray, x:Nothing-9",
+    ]  # fmt: skip
+
+
 def test_page_shows_invisible_characters_as_the_window_does() -> None:
     texts = ["Blue cup", "a\nb", "Tray\u202e7-yarT", "T\u200bray", "\u2066x\u2069", "\x1b[2J", "\xa0", "äöü☃", "\u2028"]
     program = f"""

@@ -11,7 +11,15 @@ import time
 import pyoxigraph as ox
 import pytest
 
+from skiros2_common.core.conditions import (
+    AbstractConditionRelation,
+    ConditionBase,
+    ConditionOnType,
+    ConditionProperty,
+    ConditionRelation,
+)
 from skiros2_common.core.errors import TimedOut
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -221,6 +229,29 @@ def test_planner_reads_classes_and_properties_from_memory():
     assert {n for n in model.query(query.format("Class"), "ontology") if not n.startswith("_:")} <= found[0]
     assert set(model.query(query.format("ObjectProperty"), "ontology")) <= found[1]
     assert set(model.query("SELECT ?x { ?x rdfs:range xsd:boolean }", "ontology")) <= found[2]
+
+
+def test_conditions_and_reasoners_read_from_memory():
+    model = WorldModel(source_ontologies())
+    wm, store = LocalWorldModel("test", model), model.knowledge_base.store
+    assert isinstance(store, WorkerStore)
+    place, part = Element("skiros:Location", "place"), Element("skiros:Part", "part")
+    for element in (place, part):
+        element.setProperty("skiros:DiscreteReasoner", ["AauSpatialReasoner"])
+        wm.add_element(element)
+    wm.set_relation(place.id, "skiros:contain", part.id, True)
+    params = ParamHandler({key: Param(key, "", e, ParamTypes.Required) for key, e in (("A", place), ("B", part))})
+    conditions: list[ConditionBase] = [
+        ConditionRelation("c", "skiros:contain", "A", "B", True),
+        AbstractConditionRelation("c", "skiros:contain", "A", "B", True),
+        ConditionOnType("c", "A", "skiros:Location"),
+        ConditionProperty("c", "skiros:Weight", "A", "=", 1.0, False),
+    ]
+    for condition in conditions:
+        condition.evaluate(params, wm)
+        condition.satisfied_for_inference(params, wm)
+    assert wm.resolve_elements(Element("skiros:Location"))
+    assert store._holder is None
 
 
 def test_graphs_stay_as_fast_and_small_under_many_changes():

@@ -39,7 +39,8 @@ export class ApprovalsView {
 
   #make(approval) {
     const { what } = approval;
-    const names = (text) => this.cell.withLabels(text);
+    const parameters = what.values ?? what.parameters;
+    const names = (text) => this.cell.withNames(text);
     const answer = (word) => async () => {
       for (const each of element.answers.children) each.disabled = true;
       const body = { digest: approval.digest };
@@ -53,7 +54,7 @@ export class ApprovalsView {
       h("button", { type: "button", class: "small primary", "data-action": "approve", onclick: answer("approve") }, "Approve"));
     const fact = (name, value) => value && h("div", {}, h("dt", {}, name), h("dd", {}, value));
     const list = (title, tag, items) => items?.length > 0 && [h("h3", {}, title), h(tag, {}, items.map((item) => h("li", {}, item)))];
-    const values = (data) => Object.entries(data ?? {}).map(([key, value]) => `${key} ${names(this.cell.label(String(value)))}`).join(", ");
+    const values = (data) => Object.entries(data).map(([key, value]) => `${key} ${this.cell.name(String(value))}`).join(", ");
     element.append(
       // a label may be misleading: the ids are in the tooltip
       h("header", {}, h("b", { title: what.goal ?? what.skill }, title(what, names)), element.left),
@@ -63,10 +64,10 @@ export class ApprovalsView {
         fact("Reason", approval.reason),
         fact("Job", what.order?.id),
         fact("Starts again", what.retry && (what.retry.id ?? what.retry.skill)),
-        fact("Parameters", values(what.values ?? what.parameters)),
+        fact("Parameters", parameters && h("span", { title: JSON.stringify(parameters) }, values(parameters))),
         fact("Digest", approval.digest.slice(0, 16))),
       ...[list("Plan", "ol", what.plan?.map((step) => [h("b", { title: JSON.stringify(step.arguments) }, step.label), " ",
-        Object.values(step.arguments).map((id) => this.cell.label(id)).join(", "), h("span", { class: "dim" }, ` ${step.robot.slice(1)}`)])),
+        Object.values(step.arguments).map((id) => this.cell.name(id)).join(", "), h("span", { class: "dim" }, ` ${step.robot.slice(1)}`)])),
       list("Expected changes", "ul", what.changes?.map((line) => h("span", { title: line }, names(line))))].flat().filter(Boolean),
       element.answers);
     return element;

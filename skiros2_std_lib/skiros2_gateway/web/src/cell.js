@@ -48,6 +48,9 @@ export async function request(path, body, method = body === undefined ? "GET" : 
   return answer;
 }
 
+// Ids of elements in a text.
+const ID = /[\w.]+:[\w.]+-\d+/g;
+
 // A viewer without data for this time (s) is not connected, whatever the browser says: beats come once a second.
 const SILENCE = 3;
 
@@ -96,7 +99,20 @@ export class Cell extends EventTarget {
 
   // A text for people: with the names of the elements in it.
   withLabels(text, elements = this.document?.elements) {
-    return text.replace(/[\w.]+:[\w.]+-\d+/g, (id) => (elements?.[id] ? this.label(id, elements) : id));
+    return text.replace(ID, (id) => (elements?.[id] ? this.label(id, elements) : id));
+  }
+
+  // The name of an element for a decision: with the id if others have the same label.
+  name(id) {
+    const elements = this.document.elements;
+    const label = this.label(id);
+    const isSame = ([other, { type }]) => other !== id && type !== "skiros:Parameter" && this.label(other) === label;
+    return elements[id] && Object.entries(elements).some(isSame) ? `${label} (${localName(id)})` : label;
+  }
+
+  // A text for a decision, with such names.
+  withNames(text) {
+    return text.replace(ID, (id) => (this.document.elements[id] ? this.name(id) : id));
   }
 
   async connect() {

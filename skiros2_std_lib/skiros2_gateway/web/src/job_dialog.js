@@ -71,7 +71,7 @@ export async function openJobDialog(cell) {
         h("p", {}, count ? `${count} step${count > 1 ? "s" : ""}, ${duration(answer.makespan)}` : sentence),
         ...(details ? [h("details", {}, h("summary", {}, "Details"), h("pre", {}, details))] : []),
         h("ol", {}, answer.plan.map((step) => h("li", {}, h("b", {}, step.label), " ",
-          Object.values(step.arguments).map((id) => cell.label(id)).join(", ")))));
+          Object.values(step.arguments).map((id) => cell.name(id)).join(", ")))));
     } catch (error) {
       preview.replaceChildren();
       show(error);

@@ -119,7 +119,7 @@ def _near(wm: WorldModelAbstractInterface, name: str) -> tuple[str, ...]:
     """Returns the nearest names of properties and relations, if the ontologies lack a name."""
     full = wm.add_prefix(name)
     kinds = ("owl:DatatypeProperty", "owl:ObjectProperty")
-    known = [row[0] for kind in kinds for row in wm.query_table(f"SELECT ?p {{ ?p a {kind} }}", "ontology")[1]]
+    known = [declared for kind in kinds for declared in wm.declared_names(kind)]
     return () if full in known else tuple(nearest(full, known))
 
 

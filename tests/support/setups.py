@@ -12,6 +12,7 @@ from pathlib import Path
 from support.ros import ROOT
 
 PIP = "pip install ."
+PIP_LEARNING = "pip install '.[learning]'"
 
 #: The Python packages of `.venv`, and Debian's.
 SITE = next((ROOT / ".venv/lib").glob("python3*/site-packages"), ROOT)
@@ -42,8 +43,8 @@ sys.meta_path.insert(0, Hider)
 @functools.cache
 def lists_of(setup: str) -> tuple[str, ...]:
     """The lists in requirements/ that a command such as `make demo` installs, as the Makefile says."""
-    if setup == PIP:
-        return ("core", "planner")
+    if setup in (PIP, PIP_LEARNING):  # as setup.py says
+        return ("core", "planner", *(("sim", "learning") if setup == PIP_LEARNING else ()))
     command = shlex.split(setup)
     steps = subprocess.run([*command, "-n"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     installed = re.search(r"\.ci/setup *(.*)", steps)

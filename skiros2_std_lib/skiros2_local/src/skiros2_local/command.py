@@ -69,15 +69,15 @@ def main(arguments: Sequence[str]) -> int:
     """
     command, *given = arguments or ["--help"]
     try:
-        if command in _CELL_COMMANDS:
+        if command in _CELL_COMMANDS or command == "learn":
             from skiros2_local.cell import CommandCell
-
+        if command in _CELL_COMMANDS:
             logging.basicConfig(format="%(message)s", level=logging.ERROR)
             module, name, _ = _CELL_COMMANDS[command]
             return int(import_module(module).status(name, given, CommandCell()))
         if command in _PROGRAMS:
             module, fixed, _ = _PROGRAMS[command]
-            import_module(module).run(*fixed, given)
+            import_module(module).run(*fixed, given, *([CommandCell()] if command == "learn" else []))
     except ModuleNotFoundError as error:
         extra = "; it needs: pip install 'skiros2[learning]'" if command == "learn" else ""
         sys.stderr.write(f"skiros2 {command}: {error}{extra}\n")

@@ -7,13 +7,14 @@ import datetime
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, end, run_command, user
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.libraries import find_libraries
 from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.evaluation import Evaluation, Unavailable, check_execution, evaluate, seed_of
@@ -25,6 +26,9 @@ from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
 from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import OneByOne, Runner
+
+if TYPE_CHECKING:
+    from skiros2_world_model.command_line.program import Cell
 
 #: Executions that check a prediction, and the success rate that they need; the number that their seed is made of.
 _CHECKS, _LEAST_SUCCESS, _CHECK_NUMBER = 5, 0.5, 1_000_000
@@ -190,11 +194,10 @@ def _predict(options: argparse.Namespace) -> CommandResult:
         lines.append(f"not good enough: {_LEAST_SUCCESS:.0%} are needed; learn this variation too")
         return CommandResult(lines, data, 1)
     if options.apply:
-        from skiros2_world_model.command_line.program import connect
-
         date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         source = f"{options.study.resolve()} for {_values_text(variation)}"
-        added = apply_result(connect(options.wm, user()), scenario, _CHECK_NUMBER, result, date, source)
+        with _world(options) as wm:
+            added = apply_result(wm, scenario, _CHECK_NUMBER, result, date, source)
         lines += [f"{each.id}: revert it with: learn remove {each.id}" for each in added]
     return CommandResult(lines, data)
 
@@ -215,22 +218,32 @@ def _values_text(variation: Mapping[str, float]) -> str:
     return " ".join(f"{name}={value:.4g}" for name, value in variation.items())
 
 
-def _apply(options: argparse.Namespace) -> CommandResult:
-    from skiros2_world_model.command_line.program import connect  # takes a second to import, and needs ROS
+@contextmanager
+def _world(options: argparse.Namespace) -> Iterator[WorldModelPort]:
+    """Yields the world model of the cell of these commands, or else the running one that `--wm` names."""
+    if options.cell is not None:
+        with options.cell.scene(options, user(), reads=False) as found:
+            yield found
+        return
+    from skiros2_world_model.command_line.program import connect  # takes a second to import
 
+    yield connect(options.wm, user())
+
+
+def _apply(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
     result = study.result(options.number)
     date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
     source = public_name(options.storage) if options.storage else str(options.study.resolve())
-    added = apply_result(connect(options.wm, user()), study.scenario, options.number, result, date, source)
+    with _world(options) as wm:
+        added = apply_result(wm, study.scenario, options.number, result, date, source)
     lines = [f"{each.id}: {describe(result)}" for each in added]
     return CommandResult([*lines, "revert it with: learn remove ID"], [each.id for each in added])
 
 
 def _remove(options: argparse.Namespace) -> CommandResult:
-    from skiros2_world_model.command_line.program import connect
-
-    remove_set(connect(options.wm, user()), options.id)
+    with _world(options) as wm:
+        remove_set(wm, options.id)
     return CommandResult([f"{options.id} is removed"])
 
 
@@ -269,8 +282,9 @@ def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:
     )
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(cell: Cell | None) -> argparse.ArgumentParser:
     parser = Parser(prog="learn", description="Learns parameters of skills in simulation. See docs/learning.md.")
+    parser.set_defaults(cell=cell)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add(name: str, text: str) -> argparse.ArgumentParser:
@@ -283,6 +297,12 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("study", type=Path, metavar="STUDY", help="folder of the study")
         command.add_argument("--storage", default="", metavar="URL", help="database of the study, if it has one")
         return command
+
+    def add_world(command: argparse.ArgumentParser) -> None:
+        text = "node of the world model (default: %(default)s)"
+        command.add_argument("--wm", default="wm", metavar="NAME", help=text)
+        if cell is not None:
+            cell.add_arguments(command)
 
     def add_budget(command: argparse.ArgumentParser) -> None:
         command.add_argument(
@@ -329,15 +349,15 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("features", nargs="+", metavar="FEATURE=VALUE", help="the variation")
     command.add_argument("--check", type=_count, metavar="N", help="try the prediction N times in simulation")
     command.add_argument("--apply", action="store_true", help="check it, and store it in the world model")
-    command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
+    add_world(command)
     command = add("import", "Prints the variables and objectives of a HyperMapper scenario (JSON) in this layout.")
     command.add_argument("file", type=Path, metavar="JSON", help="scenario of HyperMapper")
     command = add_study("apply", "Stores a configuration in the world model: skills use it when they start.")
     command.add_argument("number", type=int, metavar="NUMBER", help="number of the evaluation")
-    command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
+    add_world(command)
     command = add("remove", "Reverts an applied configuration.")
     command.add_argument("id", metavar="ID", help="id of the parameter set")
-    command.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
+    add_world(command)
     command = add_study("replay", "Runs an evaluation again and compares it with the stored result.")
     command.add_argument("number", type=int, metavar="NUMBER", help="number of the evaluation")
     return parser
@@ -366,15 +386,18 @@ _COMMANDS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the program. Returns the exit status."""
-    options = _parser().parse_args(command_arguments(arguments))
+def main(arguments: Sequence[str] | None = None, cell: Cell | None = None) -> int:
+    """Runs the program. Returns the exit status.
+
+    :param cell: where configurations are applied, without ROS.
+    """
+    options = _parser(cell).parse_args(command_arguments(arguments))
     return run_command("learn", lambda: _do(options), options.json)
 
 
-def run(arguments: Sequence[str] | None = None) -> NoReturn:
+def run(arguments: Sequence[str] | None = None, cell: Cell | None = None) -> NoReturn:
     """Runs the program and ends the process with its status."""
-    end(main(arguments))
+    end(main(arguments, cell))
 
 
 def _do(options: argparse.Namespace) -> CommandResult:

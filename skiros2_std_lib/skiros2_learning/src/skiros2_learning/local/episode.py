@@ -25,8 +25,8 @@ from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, Step
 from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import Value
-from skiros2_learning.local.drivers import LocalDrivers
 from skiros2_learning.local.knowledge import fresh_world_model
+from skiros2_learning.local.no_drivers import NoDrivers
 from skiros2_learning.local.recorder import Recorder
 from skiros2_motion.core.geometry import Pose, composed, inverted
 from skiros2_sim.core.scene_reader import SceneTree, read_scene
@@ -34,6 +34,11 @@ from skiros2_sim.core.world import World
 from skiros2_skill.testing import BenchTask, FakeClock, SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_skills.core.devices import posture
+
+try:
+    from skiros2_learning.local.drivers import LocalDrivers
+except ModuleNotFoundError:  # without ROS, no skill that is there has a client of an action
+    LocalDrivers = NoDrivers
 
 #: Time that a preempted task has to end (s of simulated time).
 _GRACE = 2.0
@@ -222,6 +227,8 @@ def check_scenario(scenario: Scenario) -> None:
             raise ConfigurationError(f"scenario {scenario.name}: {error}") from None
         with episode:
             problems = [text for step in scenario.task for text in step_problems(scenario, step, episode.bench)]
+    if problems and LocalDrivers is NoDrivers:
+        problems.append("ROS is not installed: skills that use its actions or services are not there")
     if problems:
         raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
 

@@ -14,7 +14,7 @@ from skiros2_common.command_line.layout import next_commands
 from skiros2_demo.demo import NEXT
 from skiros2_demo.run_check import check, read_run
 from support.demo_run import DemoRun
-from support.programs import descendants
+from support.programs import Program, descendants
 from support.ros import wait_until
 
 
@@ -78,12 +78,21 @@ def test_sigterm_ends_the_demo_while_it_starts(run: DemoRun) -> None:
     wait_until(run.nothing_left)
 
 
-def test_a_port_in_use_is_named(run: DemoRun) -> None:
+@pytest.mark.parametrize(
+    ("package", "name"),
+    [
+        ("skiros2_sim_skills", "pick_place_demo"),
+        ("skiros2_contact_skills", "piston_demo"),
+        ("skiros2_gateway", "factory_demo"),
+    ],
+)
+def test_a_port_in_use_is_named(run: DemoRun, package: str, name: str) -> None:
     with socket.create_server(("localhost", 0)) as taken:
         port = taken.getsockname()[1]
-        status, shown = run.end("--port", str(port))
+        run.program = Program(["rosrun", package, name, "--port", str(port)], run.env, cwd=run.folder)
+        status = run.program.wait()
     assert status == 1
-    assert shown == f"pick_place_demo: port {port} is in use; pass a free one, or none"
+    assert run.program.output == f"{name}: port {port} is in use; pass a free one, or none"
 
 
 @pytest.mark.parametrize(

@@ -136,14 +136,18 @@ def test_second_launch_ends_with_one_sentence_and_disturbs_nothing(ros: Ros) -> 
     assert {node: ros.master.node_pid(node) for node in nodes} == pids
 
 
-def test_launch_ends_with_one_sentence_if_a_port_is_taken(ros: Ros) -> None:
+@pytest.mark.parametrize("setting", ["http_port", "stop_port", "opcua_port"])
+def test_launch_ends_with_one_sentence_if_a_port_is_taken(ros: Ros, setting: str, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        program = ros.launch("skiros2_gateway", "gateway.launch", http_port=port)
+        ports = {"http_port": 0, setting: port}
+        program = ros.launch("skiros2_gateway", "gateway.launch", folder=tmp_path, **ports)
         program.wait()
     lines = program.output.splitlines()
-    assert lines[-1] == f"/gateway: port {port} on 127.0.0.1: Address already in use"
+    assert lines[-1] == f"/gateway: {setting} {port} on 127.0.0.1: Address already in use"
+    assert lines.count(lines[-1]) == 2  # where it happened, and at the end
     assert "restarting process" not in program.output
+    assert "Traceback" not in program.output
 
 
 def test_launch_of_a_robot_with_a_broken_scene_ends_with_file_line_and_column(ros: Ros, tmp_path: Path) -> None:

@@ -122,9 +122,9 @@ class OpcuaServer:
         :raises ConfigurationError: the port is in use, or the certificate cannot be read.
         """
         settings, server = self._settings, self._server
+        port = _port(settings.host, settings.opcua_port)  # before the seconds that the rest takes
         await server.init()
         server.iserver.max_connections, server.iserver.max_pending_activation_seconds = _MAX_CONNECTIONS, _LOGIN_TIMEOUT
-        port = settings.opcua_port or _free_port(settings.host)
         self.address = f"opc.tcp://{_host(settings.host)}:{port}/skiros2/"
         server.set_endpoint(self.address)
         server.set_server_name("SkiROS2 gateway")
@@ -132,10 +132,7 @@ class OpcuaServer:
         await self._secure()
         self._types = await build_types(server)
         await self._add_objects()
-        try:
-            await server.start()
-        except OSError as error:
-            raise ConfigurationError(f"opcua_port {port} on {settings.host}: {error}") from error
+        await server.start()
         log.info("the gateway serves %s", self.address)
         self._tasks = [self._spawn(self._follow()), self._spawn(self._write_lists())]
 
@@ -337,7 +334,15 @@ def _host(host: str) -> str:
     return host
 
 
-def _free_port(host: str) -> int:
+def _port(host: str, port: int) -> int:
+    """Returns the port, or a free one for 0.
+
+    :raises ConfigurationError: it cannot be opened.
+    """
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
-        probe.bind((host, 0))
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise ConfigurationError(f"opcua_port {port} on {host}: {error.strerror or error}") from error
         return int(probe.getsockname()[1])

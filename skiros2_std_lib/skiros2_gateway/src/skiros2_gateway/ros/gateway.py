@@ -101,7 +101,7 @@ async def _serve(settings: Settings) -> None:
         stack.callback(loop.create_task(users.follow(service.set_users)).cancel)
         stack.callback(loop.create_task(keep_days(store, settings.keep_days)).cancel)
         if settings.http_port >= 0:
-            sock = await _listen(settings, settings.http_port)
+            sock = await _listen(settings, "http_port", settings.http_port)
             stop_port = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)
             routers = _live_view(service, cell, settings, stop_port, stack)
             if settings.agents != "off":
@@ -135,8 +135,9 @@ def _live_view(
     return [live_router(view, live, bags, stop_port), page_router(page, stop_port)]
 
 
-async def _listen(settings: Settings, port: int) -> socket.socket:
+async def _listen(settings: Settings, name: str, port: int) -> socket.socket:
     """
+    :param name: of the setting.
     :raises ConfigurationError: the address is in use.
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
@@ -150,7 +151,7 @@ async def _listen(settings: Settings, port: int) -> socket.socket:
             return sock
         except OSError as error:
             if error.errno != errno.EADDRINUSE or time.monotonic() > end:
-                raise ConfigurationError(f"port {port} on {settings.host}: {error.strerror or error}") from error
+                raise ConfigurationError(f"{name} {port} on {settings.host}: {error.strerror or error}") from error
         await asyncio.sleep(_PORT_PERIOD)
 
 
@@ -163,7 +164,8 @@ async def _start_stop_port(
     """
     if settings.stop_port < 0:
         return -1
-    sock = await _listen(settings, settings.stop_port or (http_port + 1 if settings.http_port else 0))
+    port = settings.stop_port or (http_port + 1 if settings.http_port else 0)
+    sock = await _listen(settings, "stop_port", port)
     stops = StopProcess(service, settings, sock, lambda: cell.connected)
     stack.push_async_callback(stops.close)
     rospy.set_param("~stop_address", _address(settings, sock))

@@ -63,6 +63,9 @@ class StopProcess:
                 await process.wait()
             finally:
                 informing.cancel()
+                (problem,) = await asyncio.gather(informing, return_exceptions=True)
+                if isinstance(problem, Exception):
+                    log.error("the connection to the process of the stop port has failed: %s", problem)
                 process.stdin.close()
                 if process.returncode is None:
                     process.terminate()

@@ -133,6 +133,59 @@ def test_demo_needs_no_browser_no_broker_no_window_and_no_compiler(clone: Path, 
     assert {"rviz", "python3-pyqt5"} <= set(set_up(clone, commands, "run", "window").stderr.split())
 
 
+@pytest.mark.timeout(300)
+def test_build_makes_only_python_messages_and_each_step_prints_its_time(clone: Path, commands: Path) -> None:
+    lists = ("uv", "run", "planner", "sim")
+    environment(clone, *lists)
+    first = set_up(clone, commands, *lists[1:])
+    assert first.returncode == 0, first.stdout + first.stderr
+    assert (clone / "install/lib/python3/dist-packages/skiros2_msgs/msg/_WmElement.py").is_file()
+    made = {path.relative_to(clone / "install").parts[0] for path in (clone / "install").rglob("*WmElement*")}
+    assert made == {"lib", "share"}  # the modules and the definitions: no C++ headers
+    assert not [*clone.glob("install/share/*/ros"), *clone.glob("install/share/gennodejs")]
+    again = set_up(clone, commands, *lists[1:])
+    for done, built in ((first, "built and installed"), (again, "up to date")):
+        steps = re.findall(r"^\[(\d)/3\] .*\n(?:    .*: \d+%\n)*    (.*) \((\d+\.\d) s\)$", done.stdout, re.M)
+        assert [number for number, _, _ in steps] == ["1", "2", "3"], done.stdout
+        assert [result for _, result, _ in steps] == ["all there", "all there", built]
+    assert sum(float(time) for _, _, time in steps) < 10  # a second, on a machine that is not busy
+
+
+def test_python_packages_are_fetched_while_dpkg_unpacks(clone: Path, commands: Path) -> None:
+    """Each waits until the other has started."""
+    environment(clone, "uv")
+    wait = 'for i in $(seq 200); do [ -e "{}" ] && break; sleep 0.1; done; [ -e "{}" ] && touch "{}"'
+    unpacking, fetching, both = clone / "unpacking", clone / "fetching", clone / "both"
+    stand_in(commands, "dpkg-query", "true")  # nothing is installed
+    stand_in(commands, "id", "echo 0")
+    stand_in(commands, "sync", "true")
+    unpack = f'touch "{unpacking}"; {wait.format(fetching, fetching, both)}'
+    stand_in(commands, "apt-get", f'case "$*" in *--no-download*rospack-tools*) {unpack} ;; esac')
+    (clone / ".venv/bin/uv").unlink()
+    stand_in(clone / ".venv/bin", "uv", f'touch "{fetching}"; {wait.format(unpacking, unpacking, both)}')
+    stand_in(commands, "cmake", "exit 1")
+    done = set_up(clone, commands, "run", "sim")
+    assert both.exists(), done.stdout + done.stderr
+    assert "set-up: CMake" in done.stderr  # it has come to the build
+
+
+def test_changed_list_is_installed_into_the_environment_that_is_there(clone: Path, commands: Path) -> None:
+    lists = environment(clone, "uv", "run", "sim")
+    (lists / "run").write_text("dropped==1.0 \\\n" + (lists / "run").read_text())
+    (clone / ".venv/made").touch()
+    (clone / ".venv/bin/uv").unlink()
+    stand_in(clone / ".venv/bin", "uv", f'echo "$@" >>"{clone}/calls"')
+    stand_in(commands, "cmake", "exit 1")
+    set_up(clone, commands, "run")
+    install, uninstall = (call.split() for call in (clone / "calls").read_text().splitlines())
+    assert [word for word in install if word.startswith("--requirement=")] == ["--requirement=requirements/run.txt"]
+    assert uninstall[:2] == ["pip", "uninstall"]
+    assert uninstall[-1] == "dropped"
+    assert (clone / ".venv/made").exists()
+    assert (lists / "run").read_text() == (clone / "requirements/run.txt").read_text()
+    assert not (lists / "incomplete").exists()
+
+
 def make(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(["make", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
 
@@ -183,3 +236,31 @@ def test_direct_packages_are_pinned_in_their_compiled_list() -> None:
         without_extras = re.sub(r"\[\w+\]", "", source.read_text())
         direct = re.findall(r"^([^ #\n-][^ #\n]*)", without_extras, re.MULTILINE)
         assert {name.replace("_", "-").lower() for name in direct} <= pins, source
+
+
+def code_blocks(text: str) -> list[list[str]]:
+    """The lines of the indented or fenced commands of a text, without their comments."""
+    blocks = re.findall(r"^```\w*\n(.*?)^```$", text, re.M | re.S)
+    return [[line.partition("  #")[0].rstrip() for line in block.splitlines() if line.strip()] for block in blocks]
+
+
+def test_readmes_first_commands_lead_to_the_demo_and_the_distribution(tmp_path: Path) -> None:
+    get, enter, demo, pip, test = code_blocks((ROOT / "README.md").read_text())[0]
+    assert (demo, pip, test) == ("make demo", "pip install . && skiros2 try", "make test")
+    get = get.replace("URL", f"--quiet {ROOT}")
+    script = f"{get} && {enter} && {demo} --dry-run && {test} --dry-run && ls pyproject.toml"
+    shown = subprocess.run(["bash", "-ec", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert shown.returncode == 0, shown.stderr
+    assert "rosrun skiros2_sim_skills pick_place_demo" in shown.stdout
+    assert "pytest" in shown.stdout
+
+
+def test_readmes_container_is_that_of_the_dockerfile_with_the_page_and_its_stops() -> None:
+    ((container,),) = [block for block in code_blocks((ROOT / "README.md").read_text()) if "docker" in block[0]]
+    build, run = (command.strip() for command in container.split("&&"))
+    dockerfile = (ROOT / "Dockerfile").read_text()
+    assert [build, run] == re.findall(r"^#     (docker .*)$", dockerfile, re.M)
+    published = re.findall(r"-p 127\.0\.0\.1:(\d+):\1\b", run)
+    assert re.findall(r"^EXPOSE (.*)$", dockerfile, re.M) == [" ".join(published)]
+    assert f"PORT:-{published[0]}" in (ROOT / ".ci/container").read_text()
+    assert int(published[1]) == int(published[0]) + 1

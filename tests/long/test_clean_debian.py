@@ -6,6 +6,7 @@ Each runs in a chroot, which has nothing but git and make. Times are kept in bui
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -28,24 +29,31 @@ pytestmark = [
     pytest.mark.long,
     pytest.mark.skipif(not can_make(), reason="a chroot needs root and debootstrap"),
 ]
-#: From the clone to the end of the demo (s), also beside other load.
-FIRST_RUN = 900
-#: From the command to the demo's first line (s).
-SECOND_RUN = 3
+#: Goals (s) on two free cores, with Debian's archive and the package index at 10 MB/s: from `git clone` to the moving
+#: robot, from the demo's first line to its end, and from the second `make demo` to its first line.
+MOVING_ROBOT, RUN, SECOND_START = 100, 30, 3
+#: A slower network or other load may take this many times as long. An idle machine passes with 1.
+MARGIN = float(os.environ.get("MARGIN", "2"))
+STARTS = "Starting a system of its own"
 #: Follows a tutorial with a Python.
 FOLLOW = "PYTHONPATH=skiros2/tests:skiros2/skiros2/skiros2_common/src {} -m support.tutorial skiros2/docs/tutorials/{}"
 TIMES = ROOT / "build/newcomer.txt"
 
 
-def note(what: str, seconds: float) -> None:
+def note(what: str, seconds: float, goal: float | None = None) -> None:
     with TIMES.open("a") as file:
-        file.write(f"{seconds:7.1f} s  {what}\n")
+        file.write(f"{seconds:7.1f} s  {what}{f' (goal: {goal} s)' if goal else ''}\n")
 
 
 def newcomer_on(base: Path, folder: Path) -> Chroot:
     """A clean system with a clone."""
-    chroot = Chroot(base, folder)
-    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(chroot.home / "skiros2")], check=True)
+    return cloned(Chroot(base, folder))
+
+
+def cloned(chroot: Chroot) -> Chroot:
+    """Makes the clone, unless it is there."""
+    if not (chroot.home / "skiros2").exists():
+        subprocess.run(["git", "clone", "--quiet", str(ROOT), str(chroot.home / "skiros2")], check=True)
     return chroot
 
 
@@ -57,32 +65,47 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def newcomer(base: Path, tmp_path_factory: pytest.TempPathFactory) -> Chroot:
-    return newcomer_on(base, tmp_path_factory.mktemp("newcomer"))
+    """A clean system, for the first test without a clone."""
+    return Chroot(base, tmp_path_factory.mktemp("newcomer"))
 
 
 def test_robot_moves_soon_and_the_second_time_at_once(newcomer: Chroot) -> None:
     begin = time.monotonic()
-    shown = newcomer.run("cd skiros2 && make demo")
-    taken = time.monotonic() - begin
-    note("make demo", taken)
-    assert "The goal is reached" in shown
-    assert shown.count("\n  make demo ") == 2  # what to type next
-    assert taken < FIRST_RUN
+    cloned(newcomer)
+    demo = Program(newcomer.command("cd skiros2 && exec make demo"))
+    try:
+        demo.wait_for_line(STARTS, MARGIN * MOVING_ROBOT)
+        started = time.monotonic()
+        demo.wait_for_line("▶ drive", MARGIN * MOVING_ROBOT)
+        moved = time.monotonic() - begin
+        assert demo.wait(2 * MARGIN * RUN) == 0, demo.output
+        run = time.monotonic() - started
+    finally:
+        demo.stop()
+    for step, seconds in re.findall(r"^(\[\d/3\] .*)\n(?:    .*\n)*?    .* \((\S+) s\)$", demo.output, re.M):
+        note(step, float(seconds))
+    note("from the clone to the moving robot", moved, MOVING_ROBOT)
+    note("the run", run, RUN)
+    assert "The goal is reached" in demo.output
+    assert demo.output.count("\n  make demo ") == 2  # what to type next
     begin = time.monotonic()
     again = Program(newcomer.command("cd skiros2 && exec make demo"))
     try:
-        again.wait_for_line("Starting a system of its own.*")
-        started = time.monotonic() - begin
-        note("make demo again, to its first line", started)
-        assert again.wait(300) == 0
+        again.wait_for_line(STARTS, 10 * MARGIN * SECOND_START)
+        second = time.monotonic() - begin
+        note("make demo again, to its first line", second, SECOND_START)
+        assert again.wait(4 * MARGIN * RUN) == 0, again.output
         note("make demo again", time.monotonic() - begin)
     finally:
         again.stop()
-    assert started < SECOND_RUN
+    assert moved < MARGIN * MOVING_ROBOT
+    assert run < MARGIN * RUN
+    assert second < MARGIN * SECOND_START
 
 
 @pytest.mark.parametrize("setup", list(dict.fromkeys(needs(page).setup for page in PAGES)))
 def test_tutorials_show_what_happens_after_their_set_up(newcomer: Chroot, setup: str) -> None:
+    cloned(newcomer)
     begin = time.monotonic()
     newcomer.run(f"cd skiros2 && {setup} DEMO_ARGS=--version")
     note(setup, time.monotonic() - begin)

@@ -86,6 +86,8 @@ def test_user_of_the_gateway_uses_up_its_own_budget_only(ask):
             with pytest.raises(Rejected) as error:
                 await queries.ask("mallory", query)
             assert [problem.code for problem in error.value.problems] == [code]
+        three = await asyncio.gather(*(queries.ask("carol", PAIRS) for _ in range(3)), return_exceptions=True)
+        assert [error for error in three if isinstance(error, TooMany)] == [three[2]]
         with pytest.raises(TooMany, match="mallory: its queries have used up 3 s"):
             while True:
                 with contextlib.suppress(TimedOut):

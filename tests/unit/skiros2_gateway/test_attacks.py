@@ -21,7 +21,11 @@ from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.twin import element_data
 from skiros2_gateway.core.work_masters import WorkMaster
+from skiros2_gateway.http.body_limit import MAX_BODY, TIMEOUT
+from skiros2_gateway.http.server import Limits
+from skiros2_gateway.opcua import server as opcua
 from support.http_gateway import curl, served
+from support.source import ROOT
 from unit.skiros2_gateway.conftest import TOKENS
 
 Run = Callable[..., None]
@@ -147,6 +151,29 @@ def test_remote_broker_needs_tls() -> None:
         Settings(mqtt="broker.factory:1883")
     for fields in ({"mqtt": "127.0.0.1:1883"}, {"mqtt": "localhost"}, {"mqtt": "broker.factory", "mqtt_ca": "ca.pem"}):
         Settings.model_validate(fields)
+
+
+def test_host_on_the_network_needs_a_certificate() -> None:
+    for host in ("0.0.0.0", "192.168.1.2", "::", "cell.factory"):
+        with pytest.raises(ValidationError, match="needs a certificate and a key"):
+            Settings(host=host)
+        Settings(host=host, certificate="cell.pem", key="key.pem")
+    with pytest.raises(ValidationError, match="belong together"):
+        Settings(certificate="cell.pem")
+
+
+def test_limits_are_those_that_are_promised() -> None:
+    text = " ".join((ROOT / "SECURITY.md").read_text().split())
+    limits, settings = Limits(), Settings()
+    assert limits.of_address == settings.connections
+    assert settings.max_body == MAX_BODY
+    for promise in (
+        f"at most {limits.of_address} connections (`connections`), all have {limits.total}",
+        f"The head of a request has {limits.head:g} s, its body {TIMEOUT:g} s and {MAX_BODY // 1024} kB",
+        f"OPC UA has {opcua._MAX_CONNECTIONS} connections, each with {opcua._LOGIN_TIMEOUT:g} s to log in",
+        f"Each user has {settings.rate:g} requests per second",
+    ):
+        assert promise in text
 
 
 # -- logins ------------------------------------------------------------------------------------------------------------

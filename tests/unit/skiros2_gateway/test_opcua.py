@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from asyncua import Client, Node, ua
@@ -258,6 +259,32 @@ def test_only_known_users_with_the_role_may_call(in_server: Run) -> None:
         assert "j4" not in [job.id for job in gateway.store.jobs()]
 
     in_server(test)
+
+
+def test_silent_connections_leave_room_after_the_time_for_a_login(
+    in_gateway: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skiros2_gateway.opcua.server._MAX_CONNECTIONS", 3)
+    monkeypatch.setattr("skiros2_gateway.opcua.server._LOGIN_TIMEOUT", 1.0)
+
+    async def test(gateway: Any) -> None:
+        folder = gateway.path.parent
+        server = OpcuaServer(gateway.service, Settings(folder=folder, opcua_port=0))
+        await server.start()
+        try:
+            url = urlsplit(server.address)
+            connections = [await asyncio.open_connection(url.hostname, url.port) for _ in range(4)]
+            closed = [asyncio.create_task(reader.read()) for reader, _ in connections]
+            first, _ = await asyncio.wait(closed, return_when=asyncio.FIRST_COMPLETED)
+            assert first == {closed[3]}  # one too many
+            assert await asyncio.gather(*closed) == [b""] * 4
+            async with Mes(server.address, "view"):
+                pass
+            assert (folder / "opcua_key.pem").stat().st_mode & 0o077 == 0
+        finally:
+            await server.stop()
+
+    in_gateway(test)
 
 
 def test_command_line_programs_browse_call_and_read(in_server: Run) -> None:

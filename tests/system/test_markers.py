@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +22,6 @@ from skiros2_gui.display import Display
 from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support import rviz_window
 from support.ros import ROOT, Ros, wait_until
 
 CELL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
@@ -157,9 +155,8 @@ def test_embedded_rviz_draws_the_selection(
     ros: Ros, world: WorldModelInterface, tmp_path: Path
 ) -> None:
     with Display() as display:
-        path = f"{Path(rviz_window.__file__).parents[1]}:{os.environ.get('PYTHONPATH', '')}"
-        env = {**ros.master.env, **display.env, "XDG_CONFIG_HOME": str(tmp_path), "PYTHONPATH": path}
         picture = tmp_path / "window.png"
-        program = ros.program(sys.executable, rviz_window.__file__, "Product A", str(picture), env=env)
+        command = (sys.executable, "-m", "skiros2_gui.rviz_screenshot", "Product A", str(picture))
+        program = ros.program(*command, env={**ros.master.env, **display.env})
         assert program.wait(60.0) == 0, "it draws, and ends without a crash"
     assert picture.is_file()

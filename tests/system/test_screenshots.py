@@ -22,18 +22,48 @@ SCREENSHOTS = ("rosrun", "skiros2_gui", "screenshots")
 MOST_BYTES = 200_000
 
 
-def start(folder: Path, *command: str) -> Program:
-    """Starts a program where there is no display and no master."""
+def start(folder: Path, *command: str, path: Path = Path(__file__).parents[1]) -> Program:
+    """Starts a program where there is no display and no master.
+
+    :param path: of additional modules.
+    """
     env = {**install_environment(), "HOME": str(folder)}
     for name in ("DISPLAY", "QT_QPA_PLATFORM", "ROS_MASTER_URI"):
         env.pop(name, None)
-    env["PYTHONPATH"] = f"{Path(__file__).parents[1]}:{env.get('PYTHONPATH', '')}"
+    env["PYTHONPATH"] = f"{path}:{env.get('PYTHONPATH', '')}"
     return Program([*command, str(folder / "pictures")], env)
 
 
 def test_screenshots_show_each_tab_during_a_run(tmp_path: Path) -> None:
     program = start(tmp_path, *SCREENSHOTS)
     assert program.wait(280.0) == 0, program.output
+    check(tmp_path, PICTURES)
+
+
+#: A package `rviz` whose first import crashes the process; later ones import Debian's.
+CRASHES_ONCE = """
+import os, signal, sys
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+here = Path(__file__).parent
+crashed = here / "crashed"
+if not crashed.exists():
+    crashed.touch()
+    os.kill(os.getpid(), signal.SIGSEGV)
+spec = PathFinder.find_spec("rviz", [path for path in sys.path if Path(path) != here.parent])
+__path__ = spec.submodule_search_locations
+spec.loader.exec_module(sys.modules["rviz"])
+"""
+
+
+def test_rviz_that_crashes_is_started_again(tmp_path: Path) -> None:
+    package = tmp_path / "python/rviz"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text(CRASHES_ONCE)
+    program = start(tmp_path, *SCREENSHOTS, path=package.parent)
+    assert program.wait(280.0) == 0, program.output
+    assert "rviz has crashed (SIGSEGV); starting it again" in program.output
     check(tmp_path, PICTURES)
 
 

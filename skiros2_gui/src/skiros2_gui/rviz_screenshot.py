@@ -1,15 +1,34 @@
-"""Screenshots of rviz in the window; `QWidget.grab` does not capture it."""
+"""Screenshots of rviz in the window; `QWidget.grab` does not capture it.
+
+`python3 -m skiros2_gui.rviz_screenshot LABEL FILE` opens a window, selects the element with that label, and saves a
+picture of rviz: a crash of rviz ends the process that draws it.
+"""
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from python_qt_binding.QtCore import QSettings
 from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
+from skiros2_common.core.processes import end_processes
+from skiros2_common.ros.private_system import STOP_TIMEOUT, SystemDown
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.app.widgets.theme import LIGHT
 from skiros2_gui.driver import Driver
+from skiros2_gui.standalone import StandaloneWindow
+
+#: The size of windows in screenshots (pixels).
+WIDTH, HEIGHT = 1280, 800
 
 #: The minimum share of pixels of locations, and of handles.
 LOCATIONS, HANDLES = 0.01, 0.00002
@@ -18,6 +37,62 @@ LOCATIONS, HANDLES = 0.01, 0.00002
 SETTLING_SECONDS = 3.0
 
 _Channel = NDArray[np.int16]
+
+
+def separate_rviz_screenshot(driver: Driver, label: str) -> QImage:
+    """Returns a screenshot of rviz in a window of another process, which is started again once if it crashes.
+
+    :param driver: of a window of this process, which is operated meanwhile.
+    :param label: of the selected element.
+    :raises SystemDown: there is no picture; the text has the last line of the other process.
+    """
+    with tempfile.TemporaryDirectory(prefix="skiros2-rviz-") as folder:
+        picture, log = Path(folder, "rviz.png"), Path(folder, "rviz.log")
+        command = [sys.executable, "-m", "skiros2_gui.rviz_screenshot", label, str(picture)]
+        status = _run(driver, command, log)
+        if status < 0:  # software renderers let rviz crash at times while it starts
+            sys.stderr.write(f"rviz has crashed ({_name(status)}); starting it again\n")
+            status = _run(driver, command, log)
+        if status:
+            lines = log.read_text(errors="replace").split("\n")
+            last = next((line.strip() for line in reversed(lines) if line.strip()), "its log is empty")
+            raise SystemDown(f"there is no picture of rviz, which has ended with {_name(status)}: {last}")
+        return QImage(str(picture))
+
+
+def _run(driver: Driver, command: list[str], log: Path) -> int:
+    """Runs a process while the window is operated; returns its exit status, or minus the number of a signal."""
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+        )
+    try:
+        driver.wait_until(lambda: process.poll() is not None, "the picture of rviz")
+    finally:
+        end_processes([process], STOP_TIMEOUT)
+    return process.returncode
+
+
+def _name(status: int) -> str:
+    return signal.Signals(-status).name if status < 0 else f"status {status}"
+
+
+def main(label: str, picture: str) -> int:
+    """Saves a picture of rviz in a window. Returns the exit status."""
+    application = QApplication(["skiros_gui"])
+    settings = QSettings(f"{picture}.ini", QSettings.IniFormat)
+    window = StandaloneWindow(MainWidget(RosSystem), settings)
+    window.set_theme(LIGHT)
+    window.resize(WIDTH, HEIGHT)
+    window.show()
+    driver = Driver(window)
+    driver.wait_until(lambda: window.content.system.scene is not None, "the scene")
+    driver.open_tab("World model")
+    driver.choose("sceneTree", label)
+    is_saved = rviz_screenshot(driver).save(picture, "PNG", 0)
+    window.close()
+    application.processEvents()
+    return 0 if is_saved else 1
 
 
 def rviz_screenshot(driver: Driver) -> QImage:
@@ -62,3 +137,7 @@ def share(picture: QImage, test: Callable[[_Channel, _Channel, _Channel], NDArra
     pixels = np.frombuffer(bits, np.uint8).reshape(image.height(), -1, 4).astype(np.int16)
     blue, green, red = pixels[..., 0], pixels[..., 1], pixels[..., 2]
     return float(np.mean(test(red, green, blue)))
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -26,12 +26,9 @@ from skiros2_gui.app.widgets.theme import DARK, LIGHT
 from skiros2_gui.display import Display
 from skiros2_gui.driver import Driver
 from skiros2_gui.launcher import display_problem
-from skiros2_gui.rviz_screenshot import rviz_screenshot
+from skiros2_gui.rviz_screenshot import HEIGHT, WIDTH, separate_rviz_screenshot
 from skiros2_gui.standalone import StandaloneWindow
 from skiros2_gui.view3d.widgets.rviz_panel import rviz_problem
-
-#: The window's size (pixels).
-WIDTH, HEIGHT = 1280, 800
 
 #: The time to draw pending changes (s).
 SETTLING_SECONDS = 0.6
@@ -79,12 +76,12 @@ def save(folder: Path, screenshots: Iterable[tuple[str, QImage]]) -> None:
 
 @contextlib.contextmanager
 def virtual_display() -> Iterator[None]:
-    """Sets `DISPLAY` of this process and its children to a virtual display, unless there is one."""
+    """Lets this process and its children draw on a virtual display, unless there is one."""
     if not display_problem():
         yield
         return
     with Display((1600, 1000)) as display:
-        os.environ["DISPLAY"] = display.name
+        os.environ.update(display.env)
         yield
 
 
@@ -137,7 +134,7 @@ def _screenshots(ros: PrivateSystem) -> Generator[tuple[str, QImage], None, None
         driver.choose("sceneTree", "Product A")
         yield "world", screenshot(driver)
         if not rviz_problem():
-            yield "rviz", rviz_screenshot(driver)
+            yield "rviz", separate_rviz_screenshot(driver, "Product A")
     finally:
         window.close()
         application.processEvents()

@@ -182,6 +182,12 @@ def test_provenance_is_default_or_unset(bench):
     assert origin(task, "Other") == ("", UNSET, [])
 
 
+def test_provenance_of_a_default_that_a_client_sends_again_is_default(bench):
+    failing(bench, describe("Failing", [("Text", "hello", REQUIRED)]))
+    for value, provenance in (("hello", DEFAULT), ("hi", GIVEN)):
+        assert origin(bench.run(bench.node("failing", Text=value))) == (repr(value), provenance, [])
+
+
 def test_provenance_of_a_parents_value_names_the_parent(bench):
     failing(bench)
     outer = within(bench, lambda self, skill: skill(self.skill("Failing", "", remap={"Text": "Words"})),

@@ -3,7 +3,7 @@
 import pytest
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongType
-from skiros2_common.core.explanation import GIVEN, PARAMETER, START
+from skiros2_common.core.explanation import DEFAULT, GIVEN, PARAMETER, START
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.runtime.request import SkillRequest, explain_refusal, make_nodes
@@ -110,3 +110,9 @@ def test_each_rejected_implementation_is_explained(skills):
 def test_valid_request_has_no_explanation(skills):
     assert explain_refusal([request("Note", Text="a")], skills.library, skills.wmi, -1) is None
     assert explain_refusal([], skills.library, skills.wmi, -1) is None
+
+
+def test_refusal_shows_defaults_that_a_client_sends_again_as_default(bench):
+    bench.load(primitive(describe("Say", [("Text", "hello", REQUIRED), ("Times", 2, REQUIRED)]), "say"))
+    refused = explain_refusal([request("Say", Text="hello", Times="x")], bench.library, bench.wmi, -1)
+    assert {each.key: each.source for each in refused.params} == {"Text": DEFAULT, "Times": GIVEN}

@@ -162,7 +162,8 @@ def test_launch_of_a_robot_with_a_broken_scene_ends_with_file_line_and_column(ro
         robot_name="nobody",
     )
     program.wait()
-    assert "is ready: 1 elements from a blank scene, as broken.ttl was refused" in program.output
+    assert "the world model is ready with a blank scene: broken.ttl was refused" in program.output
+    assert "ready: 1 elements" not in program.output
     last = program.output.splitlines()[-1]
     assert last.startswith(f"/nobody: {tmp_path}/broken.ttl, line 2, column 5: expected Turtle")
     assert last.endswith("; so the scene is blank, without this robot")

@@ -302,13 +302,14 @@ def serve_world_model() -> None:
     _last_wills = LastWillService(LastWillStore(model, journal))
     if model.recovered:
         log.info("to start from the files instead: shut the world model down, or set journal_recover to never")
-    origin = "its journal" if model.recovered else scene or "a blank scene"
-    if SCENE in model.refused:
-        origin = f"a blank scene, as {scene} was refused"
     rospy.set_param(REFUSED_PARAMETER, model.refused)
     if journal is not None:
         follow_sync(journal)
-    log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
+    if SCENE in model.refused:
+        log.warning("the world model is ready with a blank scene: %s was refused", scene)
+    else:
+        origin = "its journal" if model.recovered else scene or "a blank scene"
+        log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
     spin()
     running.stop()
     if journal is not None:

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 from support.ros import ROOT
+from support.tutorial import needs
 
 DOCS = ROOT / "docs"
 
@@ -45,3 +46,14 @@ def test_the_index_links_every_page() -> None:
 def test_the_index_of_tutorials_links_each_of_them() -> None:
     links = set(_LINK.findall((DOCS / "tutorials/README.md").read_text()))
     assert {page.name for page in (DOCS / "tutorials").glob("[0-9]*.md")} <= links
+
+
+def test_marks_in_a_tutorial_are_explained_in_it_or_in_one_that_it_needs() -> None:
+    marked = []
+    for page in sorted((DOCS / "tutorials").glob("[0-9]*.md")):
+        read = "\n".join(each.read_text() for each in (*needs(page).all_pages(), page))
+        for mark, explained in (("# status ", "exit status"), ("\n^C\n", "`^C` is Ctrl-C")):
+            if mark in page.read_text():
+                marked.append(page.name)
+                assert explained in read, f"{page.name}: {mark.strip()}"
+    assert {"03_parameters.md", "06_planning.md"} <= set(marked)

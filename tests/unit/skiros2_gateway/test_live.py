@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from skiros2_common.core.forward_clock import now
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.patch import apply_patch, merge_patch
 
@@ -49,3 +50,25 @@ async def _follow_random_changes(rng: random.Random) -> None:
         while document["cell"].get("mark") != mark:
             apply_patch(document, (await anext(patches)).data)
         assert document == view.snapshot()["document"]
+
+
+@pytest.mark.parametrize("days", [-1, 1])
+def test_clock_that_is_set_by_a_day_loses_no_history(monkeypatch: pytest.MonkeyPatch, days: int) -> None:
+    wall, elapsed = 1e9, 0.0
+    monkeypatch.setattr(now, "_wall", lambda: wall + elapsed)
+    monkeypatch.setattr(now, "_monotonic", lambda: elapsed)
+    monkeypatch.setattr(now, "_last", 0.0)
+
+    async def test() -> None:
+        nonlocal wall, elapsed
+        view, times = LiveView(), []
+        for number in range(20):
+            view.put("elements", "Part-1", {"number": number})
+            times.append(view.snapshot()["time"])
+            elapsed += 1.0
+            if number == 9:
+                wall += days * 86_400.0
+        found = [view.scenes.at(time)["elements"]["Part-1"]["number"] for time in times]
+        assert found == list(range(20))
+
+    asyncio.run(test())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skiros2_common.core.forward_clock import now
 from skiros2_gui.app.events import (
     ConnectionChanged,
     FailureExplained,
@@ -64,7 +64,7 @@ class TaskList:
     :ivar why_of: the task that `why` (in lines) explains.
     """
 
-    def __init__(self, window: Window, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, window: Window, clock: Callable[[], float] = now) -> None:
         self._window = window
         self._clock = clock
         self._published: weakref.WeakKeyDictionary[TaskRun, TaskState] = weakref.WeakKeyDictionary()

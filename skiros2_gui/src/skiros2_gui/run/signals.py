@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.forward_clock import now
 from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.names import id_order
 from skiros2_common.core.signals import SIGNAL, Signal, SignalSource
@@ -83,7 +83,7 @@ class SignalPlots:
     :ivar span: the time span of the plots (s).
     """
 
-    def __init__(self, window: Window, run: RunPresenter, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, window: Window, run: RunPresenter, clock: Callable[[], float] = now) -> None:
         self._window = window
         self._run = run
         self._clock = clock
@@ -330,7 +330,7 @@ def _resolve(topic: str, node: str) -> str:
 
 def _receive(source: SignalSource, trace: SignalTrace, value: float, arrival: float, problem: str) -> None:
     """Called in threads of the source."""
-    trace.add(value, time.time() - max(0.0, source.now() - arrival), problem)
+    trace.add(value, now() - max(0.0, source.now() - arrival), problem)
 
 
 def _end(signal: PlottedSignal) -> None:

@@ -15,6 +15,7 @@ from actionlib_msgs.msg import GoalID, GoalStatusArray
 
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+from skiros2_common.core.forward_clock import now
 from skiros2_gui.app.events import GoalProgress, TaskProgress
 from skiros2_gui.app.system import clock
 from skiros2_live.ros.tree_progress import QuickTreeProgress
@@ -119,7 +120,7 @@ class ManagerConnections(DiscoveryInterface):
 
     def _on_progress(self, message: Any, name: str) -> None:
         if message.progress:
-            self._report(TaskProgress(name, message.progress, time.time()))
+            self._report(TaskProgress(name, message.progress, now()))
 
     def _on_safety(self, status: Any, name: str) -> None:
         self._safety[name] = status
@@ -134,7 +135,7 @@ class ManagerConnections(DiscoveryInterface):
             return
         for nodes in tasks:
             if nodes:
-                self._report(TaskProgress(manager.name, nodes, time.time()))
+                self._report(TaskProgress(manager.name, nodes, now()))
 
 
 #: Without a status message for this time the task manager counts as down (s of wall time). It publishes at 5 Hz.
@@ -222,7 +223,7 @@ class TaskManagerConnection:
     def _on_goal(self, message: Any) -> None:
         status = getattr(message, "status", None)
         goal_id = (status or message).goal_id.id
-        self._on_progress(GoalProgress(goal_id, message, time.time()))
+        self._on_progress(GoalProgress(goal_id, message, now()))
 
     def check(self) -> None:
         """Detects that it is down. To be called periodically."""

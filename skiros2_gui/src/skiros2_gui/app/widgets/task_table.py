@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 
 from python_qt_binding.QtCore import QSignalBlocker, Qt, Signal
@@ -17,6 +16,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_common.core.forward_clock import now
 from skiros2_gui.app.events import RunRecorded, TasksChanged, TaskStarted
 from skiros2_gui.app.tasks import STEP, STOP, in_order, is_silent, skills_text
 from skiros2_gui.app.widgets.controls import plain_tip, push_button, timer
@@ -185,7 +185,7 @@ class TaskTable(QWidget):
             self.list.setCurrentItem(self._items[chosen if chosen in self._items else runs[0]])
 
     def _fill(self, item: QTreeWidgetItem, run: TaskRun) -> None:
-        style, silent = style_of(run.state), self._is_live(run) and is_silent(run, time.time())
+        style, silent = style_of(run.state), self._is_live(run) and is_silent(run, now())
         state = "… silent" if silent else f"{style.symbol} {style.word}"
         skills = skills_text(run)
         message = self._window.tasks.message(run)
@@ -202,7 +202,7 @@ class TaskTable(QWidget):
     def _duration(self, run: TaskRun) -> str:
         """Formats the run time."""
         ends_now = self._is_live(run) and not run.is_finished
-        seconds = max(0.0, (max(time.time(), run.latest.time) if ends_now else run.latest.time) - run.start)
+        seconds = max(0.0, (max(now(), run.latest.time) if ends_now else run.latest.time) - run.start)
         if seconds < 60.0:
             return f"{seconds:.0f} s" if ends_now else f"{seconds:.1f} s"
         minutes, rest = divmod(int(seconds), 60)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import Any
 
 from python_qt_binding.QtCore import QByteArray, QEvent, Qt
 from python_qt_binding.QtWidgets import QFileDialog, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
+from skiros2_common.core.forward_clock import now
 from skiros2_gui.app.events import ElementSelected
 from skiros2_gui.app.names import Names
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, timer
@@ -62,7 +62,7 @@ class RunTab(QWidget):
         self._slow_stale = True
         self._timer = timer(self, _PERIOD, self._draw)
         self._slow_timer = timer(self, _SLOW_PERIOD, self._draw_side_tabs)
-        self._watch = timer(self, _WATCH_PERIOD, lambda: window.tasks.check(time.time()), repeats=True)
+        self._watch = timer(self, _WATCH_PERIOD, lambda: window.tasks.check(now()), repeats=True)
         self._watch.start()
         self.presenter.on_change = self._on_change
         self._messages.picked.connect(self._on_message)

@@ -18,12 +18,12 @@ A patch is a JSON Merge Patch (RFC 7396), encoded once, and sent at most 25 time
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.forward_clock import now
 from skiros2_common.core.names import local_name, nearest
 from skiros2_common.core.wording import label_text
 from skiros2_gateway.core.events import EventStream
@@ -85,10 +85,10 @@ class LiveCell(Protocol):
 class LiveView:
     """The document and its patches. To be used in the thread of the gateway's loop.
 
-    :param clock: returns the time (s since the epoch).
+    :param clock: returns the time (s since the epoch), which must not go back.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, clock: Callable[[], float] = now) -> None:
         self._clock = clock
         self._loop = asyncio.get_running_loop()
         self.stream = EventStream(kept=_KEPT, behind=_KEPT)
@@ -131,11 +131,11 @@ class LiveView:
 
     def record(self, robot: str, nodes: Sequence[NodeMessage]) -> None:
         """Records the progress of a task; see `Runs.record`."""
-        now = self._clock()
-        recorded = self.runs.record(robot, nodes, now)
+        time = self._clock()
+        recorded = self.runs.record(robot, nodes, time)
         if recorded is not None:
             self._note(recorded)
-            self._note(self.goal_runs.step_recorded(recorded.run, now))
+            self._note(self.goal_runs.step_recorded(recorded.run, time))
 
     def _note(self, recorded: Recorded | None) -> None:
         """Has a run sent with the next patch, if it has changed."""

@@ -17,6 +17,7 @@ import rospy
 from tf2_msgs.msg import TFMessage
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.forward_clock import now
 from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.signals import SIGNAL, TOPIC, Signal
 from skiros2_common.core.world_element import Element
@@ -143,12 +144,12 @@ class LiveRos:
 
     def _on_goal(self, message: Any) -> None:
         goal_id = message.goal_id.id
-        known = self._view.entry("goals", goal_id) or new_goal("", time.time())  # its feedback may come first
+        known = self._view.entry("goals", goal_id) or new_goal("", now())  # its feedback may come first
         self._view.put_goal(goal_id, {**known, "goal": message.goal.goals})
 
     def _on_progress(self, message: Any) -> None:
         goal_id = message.status.goal_id.id
-        self._view.put_goal(goal_id, goal_after(self._view.entry("goals", goal_id), message, time.time()))
+        self._view.put_goal(goal_id, goal_after(self._view.entry("goals", goal_id), message, now()))
 
     # -- periodically ------------------------------------------------------------------------------------------
 
@@ -324,15 +325,15 @@ class _SignalReader:
 
     def _receive(self, eid: str, value: float, _: float, problem: str) -> None:
         """In threads of ROS."""
-        now = round(time.time(), 3)
+        at = round(now(), 3)
         with self._lock:
             if problem:
-                self._values[eid] = {"problem": problem, "time": now}
+                self._values[eid] = {"problem": problem, "time": at}
                 return
             known = self._values.get(eid, {})
             low, high = min(value, known.get("low", value)), max(value, known.get("high", value))
             number = float(f"{value:.5g}")
-            self._values[eid] = {"value": number, "low": float(f"{low:.5g}"), "high": float(f"{high:.5g}"), "time": now}
+            self._values[eid] = {"value": number, "low": float(f"{low:.5g}"), "high": float(f"{high:.5g}"), "time": at}
 
 
 def _mesh_folders() -> list[str]:

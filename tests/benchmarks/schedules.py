@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from benchmarks.measurement import Measurement, paired
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.schedule import schedule
-from skiros2_task.core.semantics import validate
 from skiros2_task.core.store import Durations
+from skiros2_task.core.task import validate
 from support.transport_cell import transport_plan
 from support.transport_task import ROBOT, transport_task
 

@@ -27,7 +27,7 @@ from skiros2_skill.testing import stand_in
 from skiros2_task.core.engines import EngineProcesses, Limits, Outcome
 from skiros2_task.core.goal_text import GoalError, parse_goals
 from skiros2_task.core.planners import planner_named
-from skiros2_task.core.semantics import validate
+from skiros2_task.core.task import validate
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException

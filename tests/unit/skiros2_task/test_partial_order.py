@@ -13,9 +13,8 @@ from skiros2_task.core.compiler import make_task
 from skiros2_task.core.formula import Atom, Formula, Kind, Not, Or, Predicate, conjunction, disjunction
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.partial_order import GOAL, INIT, CausalLink, PartialOrder, deorder
-from skiros2_task.core.semantics import validate
 from skiros2_task.core.skills import Skill
-from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep
+from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep, validate
 from skiros2_task.core.world import WorldView
 from support.planning_world import INFERRED, REQUIRED, PlanningWorld, prop, skill
 from support.planning_world import given as specified

@@ -15,7 +15,7 @@ from skiros2_task.core.actions import Action, Effect, Variable
 from skiros2_task.core.engines import EngineProcesses, Job, Limits, Outcome, Search, SearchPortfolio
 from skiros2_task.core.formula import Not, Or, conjunction
 from skiros2_task.core.planners import EnginePlanner, Quality, engine_planner, planner_named
-from skiros2_task.core.semantics import validate
+from skiros2_task.core.task import validate
 from support.ros import wait_until
 from support.running import running_in
 from support.transport_task import at, contain, transport_task

@@ -13,9 +13,8 @@ from skiros2_task.core.formula import disjunction, holds
 from skiros2_task.core.plan import make_plan
 from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.reduction import reduced
-from skiros2_task.core.semantics import validate
 from skiros2_task.core.store import Durations
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.task import PlanningTask, PlanStep, validate
 from support.planning_world import DRIVE, REQUIRED, PlanningWorld, prop, related, skill
 from support.random_tasks import planned_tasks
 from support.transport_task import at, contain, transport_task

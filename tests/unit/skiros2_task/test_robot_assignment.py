@@ -15,9 +15,8 @@ from skiros2_task.core.formula import conjunction
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.schedule import Schedule, schedule, seconds_of
-from skiros2_task.core.semantics import validate
 from skiros2_task.core.store import Durations
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.task import PlanningTask, PlanStep, validate
 from skiros2_task.core.world import WorldView
 from support.planning_world import (
     DRIVE,

@@ -9,9 +9,8 @@ from hypothesis import given
 from skiros2_task.core.formula import Atom, Formula, Kind, conjunction, conjuncts
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.schedule import Schedule, Scheduled, schedule, seconds_of
-from skiros2_task.core.semantics import validate
 from skiros2_task.core.store import Durations
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.task import PlanningTask, PlanStep, validate
 from support.random_tasks import planned_tasks
 from support.transport_task import at, contain, transport_task
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skiros2_task.core.semantics import validate
-from skiros2_task.core.task import PlanStep
+from skiros2_task.core.task import PlanStep, validate
 from support.transport_task import at, contain, transport_task
 
 R, G, A, B, P = (

@@ -17,7 +17,7 @@ from skiros2_common.core.processes import descendants
 from skiros2_task.core.engines import EngineProcesses, Limits, Outcome
 from skiros2_task.core.formula import Not, Or, conjunction
 from skiros2_task.core.planners import EnginePlanner, engine_planner
-from skiros2_task.core.semantics import validate
+from skiros2_task.core.task import validate
 from support.ros import wait_until
 from support.running import command, running_in
 from support.transport_task import at, contain, transport_task

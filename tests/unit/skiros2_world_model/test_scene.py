@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.property import Property
-from skiros2_world_model.core.scene import ChangeSet, ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ChangeSet, ElementRecord, Provenance, Scene, apply
 
 
 def node(eid, etype="a:T", label="", **values):
@@ -243,5 +243,5 @@ def test_index_matches_a_model_after_random_changes_and_roll_backs(first, second
         if ending == "read and invert":
             changes = ChangeSet.from_json(changes.to_json())
         if ending != "commit":
-            changes.inverse().apply(scene)
+            apply(changes.inverse(), scene)
     (model if ending == "commit" else before).holds(scene)

@@ -9,7 +9,7 @@ import pytest
 from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.report import VIOLATION, WARNING
-from skiros2_world_model.core.validation import Validator
+from skiros2_world_model.core.validator import Validator
 from support.ros import wait_until
 
 SCENE = """@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .

@@ -13,9 +13,8 @@ from skiros2_common.core.world_element import Element
 from skiros2_task.core.partial_order import PartialOrder, deorder
 from skiros2_task.core.plan import Plan, Step, plan_of
 from skiros2_task.core.schedule import as_early_as_possible
-from skiros2_task.core.semantics import validate
 from skiros2_task.core.store import Durations
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.task import PlanningTask, PlanStep, validate
 
 #: The fields of a step that say what runs.
 _CALL = ("skill", "label", "robot", "arguments")

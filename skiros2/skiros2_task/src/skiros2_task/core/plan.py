@@ -15,10 +15,10 @@ from skiros2_task.core.formula import Formula
 from skiros2_task.core.partial_order import PartialOrder, deorder
 from skiros2_task.core.reduction import reduced
 from skiros2_task.core.schedule import Schedule, schedule
-from skiros2_task.core.semantics import Facts, GroundStep, unsatisfied, validate
+from skiros2_task.core.semantics import Facts, GroundStep, unsatisfied
 from skiros2_task.core.skills import Skill, SkillParameter
 from skiros2_task.core.store import Durations
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.task import PlanningTask, PlanStep, validate
 
 
 @dataclass(frozen=True)

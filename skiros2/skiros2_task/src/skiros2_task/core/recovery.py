@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
+from skiros2_task.core.commands import Command
 from skiros2_task.core.execution import Phase
+from skiros2_task.core.goal_execution import GoalExecution, StepRunner
 from skiros2_task.core.goal_store import OnRestart, StoredGoal
 from skiros2_task.core.plan import Step
 from skiros2_task.core.step_record import StepState
 from skiros2_task.core.task import PlanningTask
-
-if TYPE_CHECKING:
-    from skiros2_task.core.executor import GoalExecutor
-    from skiros2_task.core.goal_execution import GoalExecution, StepRunner
 
 log = logging.getLogger(__name__)
 
@@ -60,13 +58,37 @@ class _Returning:
     attached: set[str] = field(default_factory=set)
 
 
+class Executor(Protocol):
+    """What `Recovery` needs of `GoalExecutor`."""
+
+    def missing(self, managers: Iterable[str], /) -> set[str]: ...
+
+    def put(self, event: Callable[[], None], /) -> None: ...
+
+    def after(self, seconds: float, event: Callable[[], None], /) -> None: ...
+
+    def add(self, execution: GoalExecution, /) -> None: ...
+
+    def execute(self, execution: GoalExecution, commands: Sequence[Command], /) -> None: ...
+
+    def began(self, execution: GoalExecution, step: Step, task: int, /) -> None: ...
+
+    def ended(
+        self, execution: GoalExecution, step: Step, succeeded: bool, message: str, why: Sequence[Explanation], /
+    ) -> None: ...
+
+    def read_task(self, execution: GoalExecution, /) -> PlanningTask | SkirosError: ...
+
+    def robot_lost(self, manager: str, /) -> None: ...
+
+
 class Recovery:
     """In the executor's thread.
 
     :param executor: executes the goals.
     """
 
-    def __init__(self, executor: GoalExecutor, runner: StepRunner, restart: Restart) -> None:
+    def __init__(self, executor: Executor, runner: StepRunner, restart: Restart) -> None:
         self._executor = executor
         self._runner = runner
         self._restart = restart

@@ -1,4 +1,4 @@
-"""The semantics of plans: what a step needs, what it changes, and whether a plan works.
+"""The semantics of steps: what a step needs, and what it changes.
 
 The only implementation. Validation, ordering, scheduling, execution, explanations and the search for reachable facts
 use it.
@@ -10,7 +10,6 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
 
 from skiros2_task.core.actions import Action, Effect
 from skiros2_task.core.formula import (
@@ -27,9 +26,6 @@ from skiros2_task.core.formula import (
     literal_formula,
     literals,
 )
-
-if TYPE_CHECKING:
-    from skiros2_task.core.task import PlanningTask, PlanStep
 
 Facts = frozenset[Atom]
 #: An atom, and whether it is true.
@@ -154,38 +150,6 @@ class Grounder:
     ) -> _Pattern:
         index = {name: i for i, name in enumerate((*self._names, *more))}
         return _Pattern(atom.predicate, tuple(index.get(t, t) for t in atom.terms), state, each)
-
-
-def validate(task: PlanningTask, plan: Iterable[PlanStep]) -> str:
-    """Returns why a plan does not lead from the task's initial facts to its goal; "" if it does."""
-    facts = set(task.init)
-    for number, step in enumerate(plan, 1):
-        flaw = _flaw(task, step)
-        if flaw:
-            return f"step {number}{flaw}"
-        grounded = task.ground(step)
-        if not grounded.can_start(facts):
-            return f"step {number} {step}: {unsatisfied(grounded.precondition, facts, 3)} does not hold"
-        for atom, state in grounded.effects.items():
-            (facts.add if state else facts.discard)(atom)
-    missing = unsatisfied(task.goal, facts, 3)
-    return f"at the end {missing} does not hold" if missing else ""
-
-
-def _flaw(task: PlanningTask, step: PlanStep) -> str:
-    """Returns why the task has no such step; "" if it has."""
-    try:
-        variables = task.action(step.action).variables
-    except KeyError:
-        return f": there is no action {step.action!r}"
-    if len(step.arguments) != len(variables):
-        return f" {step}: expected {len(variables)} arguments"
-    for variable, argument, objects in zip(
-        variables, step.arguments, task.grounder(step.action).objects, strict=True
-    ):
-        if argument not in objects:
-            return f" {step}: {argument} is not a {' and '.join(variable.classes)}"
-    return ""
 
 
 def unsatisfied(formula: Formula, facts: Container[Atom], most: int | None = None) -> str:

@@ -9,7 +9,7 @@ from functools import cached_property
 from skiros2_task.core.actions import Action
 from skiros2_task.core.conditions import IN_SCENE
 from skiros2_task.core.formula import Atom, Formula, Kind, Predicate, holds
-from skiros2_task.core.semantics import Grounder, GroundStep
+from skiros2_task.core.semantics import Grounder, GroundStep, unsatisfied
 
 #: The class of all objects of a task.
 EVERYTHING = "*"
@@ -127,3 +127,35 @@ class PlanStep:
 
     def __str__(self) -> str:
         return f"({' '.join((self.action, *self.arguments))})"
+
+
+def validate(task: PlanningTask, plan: Iterable[PlanStep]) -> str:
+    """Returns why a plan does not lead from the task's initial facts to its goal; "" if it does."""
+    facts = set(task.init)
+    for number, step in enumerate(plan, 1):
+        flaw = _flaw(task, step)
+        if flaw:
+            return f"step {number}{flaw}"
+        grounded = task.ground(step)
+        if not grounded.can_start(facts):
+            return f"step {number} {step}: {unsatisfied(grounded.precondition, facts, 3)} does not hold"
+        for atom, state in grounded.effects.items():
+            (facts.add if state else facts.discard)(atom)
+    missing = unsatisfied(task.goal, facts, 3)
+    return f"at the end {missing} does not hold" if missing else ""
+
+
+def _flaw(task: PlanningTask, step: PlanStep) -> str:
+    """Returns why the task has no such step; "" if it has."""
+    try:
+        variables = task.action(step.action).variables
+    except KeyError:
+        return f": there is no action {step.action!r}"
+    if len(step.arguments) != len(variables):
+        return f" {step}: expected {len(variables)} arguments"
+    for variable, argument, objects in zip(
+        variables, step.arguments, task.grounder(step.action).objects, strict=True
+    ):
+        if argument not in objects:
+            return f" {step}: {argument} is not a {' and '.join(variable.classes)}"
+    return ""

@@ -15,7 +15,7 @@ from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element
 from skiros2_world_model.core.changes import ADD, REMOVE, UPDATE, Operation
 from skiros2_world_model.core.checks import Checks, made_property
-from skiros2_world_model.core.scene import ElementRecord, Scene
+from skiros2_world_model.core.scene import ElementRecord, Scene, apply
 from skiros2_world_model.core.transaction import Transaction, Visit
 
 log = logging.getLogger(__name__)
@@ -218,7 +218,7 @@ class Reasoning:
             self.parse_lock.acquire()
             self.is_parsing = False
             for visit in reversed(self._present):
-                visit.changes.inverse().apply(scene)
+                apply(visit.changes.inverse(), scene)
             self._visits += self._present
             self._present = []
         return None

@@ -240,7 +240,7 @@ class Scene:
         """Undoes all changes since `begin`."""
         changes, self._changes = self._changes, None
         if changes is not None:
-            changes.inverse().apply(self)
+            apply(changes.inverse(), self)
 
     @contextmanager
     def nested(self) -> Iterator[ChangeSet]:
@@ -331,6 +331,19 @@ class Scene:
             self._changes.relate(relation, added)
         if self.unsynced is not None:
             self.unsynced.relate(relation, added)
+
+
+def apply(change_set: ChangeSet, scene: Scene) -> None:
+    """Makes the elements and relations of a scene as they are after a change. Nothing is checked."""
+    for relation, added in change_set.relations.items():
+        if not added:
+            scene.unrelate(*relation)
+    for eid, (_, after) in change_set.records.items():
+        if after is not None or eid in scene:
+            scene.replace(eid, after)
+    for relation, added in change_set.relations.items():
+        if added:
+            scene.relate(*relation)
 
 
 def _property(record: ElementRecord | None, key: str) -> Property | None:

@@ -24,8 +24,9 @@ from skiros2_world_model.core.changes import (
     Update,
     relation_dict,
 )
-from skiros2_world_model.core.changeset import ChangeSet, Relation, changed_parts, patched
+from skiros2_world_model.core.changeset import ChangeSet, Relation, patched
 from skiros2_world_model.core.checks import Checks, made_property
+from skiros2_world_model.core.conflicts import changed_parts
 from skiros2_world_model.core.ontology import Individual, Ontology
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.queries import cascade_ids, containment_cycle, format_cycle

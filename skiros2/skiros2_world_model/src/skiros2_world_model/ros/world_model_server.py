@@ -27,7 +27,7 @@ from skiros2_world_model.core.last_will import LastWillStore
 from skiros2_world_model.core.queries import no_element
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.scene import ElementRecord
-from skiros2_world_model.core.validation import Validator
+from skiros2_world_model.core.validator import Validator
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.last_will import LastWillService
 from skiros2_world_model.ros.ontology_server import (

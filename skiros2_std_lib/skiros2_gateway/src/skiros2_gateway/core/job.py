@@ -3,44 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     AwareDatetime,
     BaseModel,
     ConfigDict,
     Field,
     StringConstraints,
     ValidationError,
-    ValidationInfo,
 )
 
 from skiros2_common.core.errors import Refused
+from skiros2_gateway.core.cell import Ending
 from skiros2_gateway.core.problems import Rejected, problems_of
+from skiros2_gateway.core.values import STORED, Value
 from skiros2_task.core.goal_text import MAX_GOAL
-
-if TYPE_CHECKING:
-    from skiros2_gateway.core.cell import Ending
-
-#: The context in which orders of a store are read: earlier versions have stored any number.
-_STORED = {"is_stored": True}
-
-
-def _carried(value: bool | int | float | str, info: ValidationInfo) -> bool | int | float | str:
-    """Returns a value that every interface can carry."""
-    is_right = info.context is _STORED
-    is_right |= -(2**63) <= value < 2**63 if isinstance(value, int) else isinstance(value, str) or math.isfinite(value)
-    if not is_right:
-        raise ValueError(f"{str(value)[:50]} is not a finite number or not an integer of 64 bits")
-    return value
-
-
-#: A value of a parameter of a work master.
-Value = Annotated[bool | int | float | str, AfterValidator(_carried)]
 
 JobId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._:\-]{0,127}$")]
 
@@ -341,7 +321,7 @@ class Job:
     def from_dict(cls, data: dict[str, Any]) -> Job:
         """Reverses `to_dict`."""
         return cls(
-            order=Order.model_validate(data["order"], context=_STORED),
+            order=Order.model_validate(data["order"], context=STORED),
             goal=data["goal"],
             sequence=data["sequence"],
             created=data["created"],

@@ -13,8 +13,9 @@ from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.core.names import nearest
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.yaml_text import read_yaml
-from skiros2_gateway.core.job import Order, Value
+from skiros2_gateway.core.job import Order
 from skiros2_gateway.core.problems import Problem, Rejected, problems_of
+from skiros2_gateway.core.values import Value
 from skiros2_task.core.goal_text import MAX_GOAL
 
 #: The class of the elements of the scene that define work masters, and the property with the definition.

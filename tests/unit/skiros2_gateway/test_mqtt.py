@@ -22,6 +22,7 @@ from skiros2_gateway.core.problems import Unauthenticated
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.mqtt.bridge import MqttBridge
+from skiros2_gateway.mqtt import signature
 from skiros2_gateway.mqtt.signature import Freshness, sign
 from support.broker import broker, needs_broker
 from unit.skiros2_gateway.conftest import TOKENS
@@ -196,17 +197,39 @@ def test_stop_does_not_wait_for_the_disk(in_gateway: Run, port: int, key: str) -
     in_gateway(test)
 
 
-def test_signatures_are_kept_for_their_minute_only(tmp_path: Path) -> None:
+def test_signatures_are_bounded_in_number_but_kept_for_two_minutes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(signature, "_KEPT", 2)
     now = 1000.0
     store = JobStore(tmp_path / "jobs.db")
-    freshness = Freshness(store, lambda: now)
+    freshness = Freshness(store, lambda: now, lambda: now)
     for number in range(5):
         freshness.check(f"{number}", now)
         freshness.write()
         now += 70.0
-    assert set(store.signatures()) == {"3", "4"}  # the clocks may differ by a minute
+    assert set(store.signatures()) == {"3", "4"}
+    for key in "abcd":
+        freshness.check(key, now)
+        freshness.write()
+    assert set(store.signatures()) == {"4", *"abcd"}  # the clocks may differ by a minute
     with pytest.raises(Unauthenticated, match="received before"):
         Freshness(JobStore(tmp_path / "jobs.db"), lambda: now).check("4", now)
+
+
+@pytest.mark.parametrize("days", [-1, 1])
+def test_command_is_carried_out_once_when_the_clock_is_set(tmp_path: Path, days: int) -> None:
+    now, elapsed = sent, _ = 1e9, 0.0
+    freshness = Freshness(JobStore(tmp_path / "jobs.db"), lambda: now, lambda: elapsed)
+    freshness.check("a", sent)
+    freshness.write()
+    elapsed, now = 1000.0, sent + days * 86_400.0
+    freshness.check("b", now)
+    freshness.write()
+    now = sent
+    for each in (freshness, Freshness(JobStore(tmp_path / "jobs.db"), lambda: now)):
+        with pytest.raises(Unauthenticated, match="received before"):
+            each.check("a", sent)
 
 
 def test_state_is_retained_and_the_last_will_reports_the_end(in_gateway: Run, port: int) -> None:

@@ -264,8 +264,8 @@ class JobStore:
     # -- signatures of commands --------------------------------------------------------------------------------
 
     def signatures(self) -> dict[str, float]:
-        """Returns the times of commands (s since the epoch) by their signatures."""
-        return dict(self._read("SELECT signature, sent FROM signatures"))
+        """Returns the times of commands (s since the epoch) by their signatures, in the order of writing."""
+        return dict(self._read("SELECT signature, sent FROM signatures ORDER BY rowid"))
 
     def put_signature(self, signature: str, sent: float, expired: Sequence[str]) -> None:
         """Writes the signature of a command that was sent at a time (s since the epoch); removes expired ones."""

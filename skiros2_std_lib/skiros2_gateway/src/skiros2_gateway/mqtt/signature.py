@@ -18,6 +18,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping
+from itertools import islice
 from typing import Any
 
 from skiros2_gateway.core.problems import StoreFailed, Unauthenticated
@@ -27,6 +28,8 @@ log = logging.getLogger(__name__)
 
 #: The most by which the clocks of client and gateway may differ (s).
 _TOLERANCE = 60.0
+#: How many signatures are known at least: the clock may be set back, and an old command come again.
+_KEPT = 10_000
 
 
 def sign(user: str, token: str, method: str, fields: Mapping[str, Any], now: float | None = None) -> str:
@@ -56,13 +59,17 @@ class Freshness:
     after a stop, which does not wait for the disk.
 
     :param clock: s since the epoch.
+    :param monotonic: s.
     :raises StoreFailed: the store cannot be read.
     """
 
-    def __init__(self, store: JobStore, clock: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self, store: JobStore, clock: Callable[[], float] = time.time, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
         self._store = store
         self._clock = clock
-        self._seen = store.signatures()
+        self._monotonic = monotonic
+        self._seen = dict.fromkeys(store.signatures(), monotonic())  # the oldest first
         self._unwritten: dict[str, float] = {}
 
     def check(self, signature: str, sent: Any) -> None:
@@ -77,14 +84,15 @@ class Freshness:
             raise Unauthenticated(f"the command's time is {sent!r}, expected {now:.0f} within {_TOLERANCE:g} s")
         if signature in self._seen:
             raise Unauthenticated("the command was received before")
-        self._seen[signature] = self._unwritten[signature] = sent
+        self._seen[signature], self._unwritten[signature] = self._monotonic(), sent
 
     def write(self) -> None:
         """Writes the signatures of commands that were accepted, and deletes old ones."""
-        now = self._clock()
+        now = self._monotonic()
         while self._unwritten:
             signature, sent = self._unwritten.popitem()
-            expired = [key for key, at in self._seen.items() if abs(now - at) > 2 * _TOLERANCE]
+            beyond = islice(self._seen.items(), max(0, len(self._seen) - _KEPT))
+            expired = [key for key, at in beyond if now - at > 2 * _TOLERANCE]
             for key in expired:
                 del self._seen[key]
             try:

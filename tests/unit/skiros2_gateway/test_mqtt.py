@@ -21,8 +21,8 @@ import pytest
 from skiros2_gateway.core.problems import Unauthenticated
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
-from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.mqtt import signature
+from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.mqtt.signature import Freshness, sign
 from support.broker import broker, needs_broker
 from unit.skiros2_gateway.conftest import TOKENS

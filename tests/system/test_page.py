@@ -158,6 +158,7 @@ def test_goal_is_built_from_lists_and_reached(page: Any, cell: JobCell, tmp_path
     store, product = _shown(cell.stores[1]), _shown(cell.products[2])
     _choose(page, 0, subject=store, predicate="contains", object=product)
     expect(page.locator(".sentence")).to_have_text(f"{store} contains {product}")
+    expect(page.locator("textarea[name=goal]")).to_have_value(f"(skiros:contain {cell.stores[1]} {cell.products[2]})")
 
     page.click("#add-condition")
     _choose(page, 1, subject=product, predicate="Missing")
@@ -185,7 +186,6 @@ def test_goal_as_text_fills_the_rows(page: Any, cell: JobCell) -> None:
     _log_in(page, TOKENS["operate"])
     page.click("#new-job")
     page.select_option("#work-master", "")
-    page.click(".goal-editor summary")
     page.fill("textarea[name=goal]", f"(not (skiros:contain {cell.stores[0]} {cell.products[0]}")
     expect(page.locator("#goal-problem")).to_contain_text("expected")
     page.locator("textarea[name=goal]").press_sequentially("))")

@@ -30,8 +30,9 @@ from support.source import ROOT
 from unit.skiros2_gateway.conftest import TOKENS
 
 Run = Callable[..., None]
-#: A bag of the pick-and-place cell.
+#: Bags of the pick-and-place cell; in the second one goals name the tasks of their steps.
 BAG = ROOT / "tests/bags/timed_pick_place.bag"
+GOAL_BAG = ROOT / "tests/bags/timed_goal.bag"
 #: A bag of a cell with two arms, with tf and the robots' description.
 CONTACT_BAG = ROOT / "tests/bags/contact.bag"
 IDLE, RUNNING, FAILURE, SUCCESS = 4, 3, 2, 1
@@ -189,7 +190,7 @@ def test_goal_is_one_run_with_the_trees_of_its_steps(in_gateway: Run) -> None:
 
 def test_history_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
-    shutil.copy(BAG, tmp_path / "runs" / "cell.bag")
+    shutil.copy(GOAL_BAG, tmp_path / "runs" / "cell.bag")
 
     async def test(gateway: Any) -> None:
         async with _live(gateway, bags=tmp_path) as live:
@@ -202,9 +203,16 @@ def test_history_of_a_bag_is_shown_at_any_time(in_gateway: Run, tmp_path: Path) 
             assert {step["state"] for step in states} == {"succeeded"}
             begins = [goal["start"], *(step["began"] for step in states)]
             assert begins == sorted(begins)
-            key, summary = next(iter(opened["runs"].items()))
+            [key] = [key for key, run in opened["runs"].items() if "goal" not in run]
+            summary = opened["runs"][key]
+            assert (summary["robot"], summary["name"]) == ("goals", "Tray B contains Product A")
+            assert goal["title"] == summary["name"]
+            assert {run["goal"] for each, run in opened["runs"].items() if each != key} == {key}
             end = (await live.get(f"/api/live/runs/{key}"))[1]
             assert (end["state"], end["summary"]["state"]) == (summary["state"], summary["state"])
+            shape = end["tree"]["shape"]
+            steps = [name for name, parent in zip(shape["names"], shape["parents"], strict=True) if parent == 0]
+            assert steps == ["drive", "pick", "drive", "place"] and len(shape["names"]) > len(steps) + 1
             early = (await live.get(f"/api/live/runs/{key}?time={end['first'] + 0.1}"))[1]
             assert early["state"] == "running"
             assert 0 < len(early["log"]) < len(end["log"])

@@ -291,10 +291,22 @@ def test_truncated_bag_is_read_and_reported(window, presenter, tmp_path):
     presenter.open_bag(str(tmp_path / "cut.bag"))
     assert presenter.bag is not None and presenter.frame is not None
     assert "the bag is not whole" in window.problems.newest.line
+    presenter.go_to(len(presenter.run) - 1)
     presenter.select(1)
     assert "not recorded" in presenter.node_text(1).note
     window.publish(ManagersChanged())
     assert presenter.bag is not None
+
+
+def test_bag_has_one_tree_for_each_goal(window, presenter):
+    presenter.open_bag(str(ROOT / "tests/bags/timed_goal.bag"))
+    [goal] = presenter.runs
+    presenter.go_to(len(goal) - 1)
+    shape = presenter.frame.shape
+    assert shape.name(0) == "Tray B contains Product A"
+    assert [shape.name(index) for index in shape.children[0]] == ["drive", "pick", "drive", "place"]
+    assert all(shape.children[index] for index in shape.children[0] if shape.name(index) in ("pick", "place"))
+    assert {presenter.frame.state(place) for place in range(len(shape))} == {SUCCESS}
 
 
 def test_by_time_lists_longest_skills_first(window, presenter):

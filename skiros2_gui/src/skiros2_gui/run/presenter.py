@@ -15,7 +15,6 @@ from skiros2_gui.run.breakpoints import Breakpoints
 from skiros2_gui.run.node import NodeText, SelectedNode
 from skiros2_gui.run.tree import RunTree
 from skiros2_runs.core.frame import Frame
-from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 
@@ -33,13 +32,13 @@ class Redraw(enum.Flag):
 
 @dataclass(frozen=True)
 class RunBag:
-    """The tasks of a bag.
+    """The tasks of a bag, oldest first; goals instead of the tasks of their steps.
 
     :param damage: where and why the bag ends early; "" if it is complete.
     """
 
     path: str
-    runs: Runs
+    runs: list[TaskRun]
     damage: str
 
 
@@ -78,7 +77,7 @@ class RunPresenter:
     @property
     def runs(self) -> Sequence[TaskRun]:
         """The tasks to choose from, oldest first; goals instead of the tasks of their steps."""
-        return self._live.shown if self.bag is None else list(self.bag.runs)
+        return self._live.shown if self.bag is None else self.bag.runs
 
     @property
     def task(self) -> TaskRun | None:
@@ -347,10 +346,11 @@ def _read_bag(path: str) -> RunBag:
     :raises BagError: it cannot be read, or has no progress of tasks.
     """
     from skiros2_bags.core.bag_file import BagError  # imported here, as it takes a second
+    from skiros2_bags.core.goal_tasks import recorded_tasks
     from skiros2_bags.core.run import Run
 
     run = Run.open(path)
-    runs = run.runs()
-    if not len(runs):
+    tasks, goal_of = recorded_tasks(run)
+    if not tasks:
         raise BagError(f"{path}: no task ran while the bag was recorded")
-    return RunBag(path, runs, run.damage)
+    return RunBag(path, [task for index, task in enumerate(tasks) if index not in goal_of], run.damage)

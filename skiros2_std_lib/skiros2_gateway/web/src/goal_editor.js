@@ -23,7 +23,7 @@ export class GoalEditor {
     this.text = h("textarea", { name: "goal", rows: 3, spellcheck: "false", "aria-label": "Goal as text",
       placeholder: "(skiros:contain demo:Tray-12 skiros:Product-14)", oninput: () => this.#soon({ goal: this.text.value }) });
     this.element = h("div", { class: "goal-editor" }, this.sentence, this.rows, h("div", {}, this.add),
-      this.problem, h("details", {}, h("summary", {}, "As text"), this.text));
+      this.problem, h("details", { open: true }, h("summary", {}, "As text"), this.text));
     this.#send({ lines: [EMPTY] });
   }
 

@@ -109,7 +109,7 @@ export class ShownRun extends EventTarget {
   // Opens a bag, with its runs, goals and signals by key; "" closes it.
   openBag(name, { runs = {}, goals = {}, signals = {} } = {}) {
     [this.bagName, this.bag, this.bagGoals, this.bagSignals] = [name, runs, goals, signals];
-    const first = Object.keys(runs)[0] ?? null;
+    const first = Object.keys(runs).find((key) => !runs[key].goal) ?? null; // a goal before its steps
     if (first) this.select(first, runs[first].start);
     else if (!name && this.key?.startsWith("bag/")) {
       this.select(null);

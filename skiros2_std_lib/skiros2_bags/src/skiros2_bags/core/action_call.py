@@ -138,7 +138,8 @@ def _cancelled_calls(calls: Iterable[ActionCall], name: str, cancel: Any) -> lis
 #: Names of the result codes of `AssignTask`.
 _PLANS = {1: "failed", 2: "nothing_to_do", 3: "plan_found"}
 
-_ASSIGN, _ACHIEVE = "skiros2_msgs/AssignTask", "skiros2_msgs/Achieve"
+#: The types of the actions of a task manager.
+ASSIGN, ACHIEVE = "skiros2_msgs/AssignTask", "skiros2_msgs/Achieve"
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ class Goal:
 
 def planning_goals(calls: Iterable[ActionCall]) -> list[Goal]:
     """Returns the goals for task managers."""
-    return [_goal(call) for call in calls if call.type in (_ASSIGN, _ACHIEVE) and call.goal is not None]
+    return [_goal(call) for call in calls if call.type in (ASSIGN, ACHIEVE) and call.goal is not None]
 
 
 def _goal(call: ActionCall) -> Goal:
@@ -173,7 +174,7 @@ def _goal(call: ActionCall) -> Goal:
     state = message = ""
     if call.result is not None:
         result = call.result.content.result
-        if call.type == _ACHIEVE:
+        if call.type == ACHIEVE:
             state, message = result.state, result.message
         else:
             state = _PLANS.get(result.progress_code, f"code {result.progress_code}")

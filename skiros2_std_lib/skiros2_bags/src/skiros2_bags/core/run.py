@@ -147,7 +147,7 @@ class Run:
     @cached_property
     def _runs(self) -> Runs:
         self._need(PROGRESS, "progress of tasks")
-        runs = Runs(most_bytes=_MAX_KEPT, most_tasks=_MAX_TASKS)
+        runs = new_runs()
         for message in self.messages(PROGRESS):
             add_progress(runs, message)
         return runs
@@ -170,6 +170,11 @@ def _descriptions(parameters: Any, name: str = "") -> Iterator[tuple[str, tuple[
         yield name, (parameters["robot_description"], str(parameters.get("tf_prefix", "")))
     for key, value in parameters.items():
         yield from _descriptions(value, f"{name}_{key}".strip("_"))
+
+
+def new_runs() -> Runs:
+    """Returns runs that keep the tasks of a bag."""
+    return Runs(most_bytes=_MAX_KEPT, most_tasks=_MAX_TASKS)
 
 
 def add_progress(runs: Runs, message: Message) -> Recorded | None:

@@ -48,8 +48,8 @@ class Bags:
         return sorted(data, key=lambda bag: bag["time"], reverse=True)
 
     def open(self, name: str) -> dict[str, Any]:
-        """Reads a bag. Returns `runs`: its runs of trees by key, each as of `summary_data`; `goals`, `signals`,
-        `damage`: where the readable part ends, and why. Blocks.
+        """Reads a bag. Returns `runs`: its runs of trees by key, each as of `summary_data`, with the key of its `goal`
+        if it is a step of one; `goals`, `signals`, `damage`: where the readable part ends, and why. Blocks.
 
         :raises UnknownName: there is no such bag.
         :raises BagError: it cannot be read.
@@ -66,6 +66,8 @@ class Bags:
             while len(self._open) > _MAX_OPEN:
                 del self._open[next(iter(self._open))]
         runs = {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(bag.tasks)}
+        for step, goal in found.goal_of.items():
+            runs[f"bag/{name}/{step}"]["goal"] = f"bag/{name}/{goal}"
         return {"runs": runs, "goals": found.goals, "signals": found.signals, "damage": found.damage}
 
     def find_run(self, key: str) -> TaskRun:

@@ -19,10 +19,10 @@ from types import SimpleNamespace
 from typing import Any
 
 from skiros2_bags.core.bag_file import MONITOR, BagError
+from skiros2_bags.core.goal_tasks import recorded_goals, recorded_tasks
 from skiros2_bags.core.run import Run
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gateway.core.goal_view import recorded_goals
 from skiros2_gateway.core.scene_view import frames_data
 from skiros2_gateway.core.signal_view import recorded_signals
 from skiros2_runs.core.task_run import TaskRun
@@ -40,10 +40,12 @@ _TF = ("/tf", "/tf_static")
 class RecordedRuns:
     """The runs of trees in a bag, its goals and its signals (JSON data).
 
+    :param goal_of: the index of the goal of each task that runs a step, by the index of that task.
     :param damage: where the readable part of the bag ends, and why; "" if it is whole.
     """
 
     tasks: list[TaskRun]
+    goal_of: dict[int, int]
     goals: Any
     signals: Any
     damage: str
@@ -97,7 +99,7 @@ def _read(part: str, path: Path) -> Any:
 
 
 def _runs(run: Run) -> RecordedRuns:
-    return RecordedRuns(run.tasks(), recorded_goals(run), recorded_signals(run), run.damage)
+    return RecordedRuns(*recorded_tasks(run), recorded_goals(run), recorded_signals(run), run.damage)
 
 
 def _scene(run: Run) -> RecordedScene:

@@ -18,11 +18,13 @@ from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.access import Caller, Role
 from skiros2_gateway.core.approvals import MAX_OPEN, MAX_OPEN_OF_USER, Approvals, Request
 from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job import read_order
 from skiros2_gateway.core.users import User
+from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.http.server import Limits
 from support.http_gateway import curl, served
 from support.stand_in_cell import ROBOT, STEP
-from unit.skiros2_gateway.conftest import PERSONS, TOKENS
+from unit.skiros2_gateway.conftest import PERSONS, PLACE, TOKENS
 from unit.skiros2_gateway.test_agents import GOAL, answered, connected, waiting
 
 Run = Callable[..., None]
@@ -72,7 +74,30 @@ def test_approved_plan_is_what_runs(in_gateway: Run) -> None:
             assert gateway.cell.sent[0].plan == (STEP,)
             gateway.store.close()
             gateway.restart()  # also after a restart
-            assert gateway.job("a").approved == {"plan": [STEP], "digest": shown["digest"], "by": "approve"}
+            assert gateway.job("a").approved == {
+                "goal": GOAL["goal"], "plan": [STEP], "digest": shown["digest"], "by": "approve",
+            }  # fmt: skip
+
+    in_gateway(test)
+
+
+def test_job_whose_work_master_has_changed_since_its_approval_is_refused(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, "agent") as agent:
+            order = {"id": "a", "work_master": "place", "parameters": {"Tray": "Tray-1"}}
+            execution = asyncio.create_task(agent.call("execute", **order))
+            await waiting(gateway)
+            gateway.control.masters = WorkMasters([PLACE.model_copy(update={"goal": "(skiros:at {Tray} {Product})"})])
+            await answered(agent, gateway)
+            result = await execution
+            assert result["code"] == "refused"
+            goal = '(skiros:at "Tray-1" "Product-2")'
+            assert f"the goal is {goal}, approved is (skiros:contain" in result["detail"]
+            approved = {"goal": goal, "plan": [{**STEP, "robot": "/other"}]}
+            with pytest.raises(Refused, match="/other is not allowed any more"):
+                changed = read_order({**order, "robots": [ROBOT]})
+                await gateway.control.put(changed, "agent", start=True, approved=approved)
+            assert not list(gateway.store.jobs())
 
     in_gateway(test)
 

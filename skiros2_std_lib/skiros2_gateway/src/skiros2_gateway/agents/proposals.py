@@ -10,7 +10,7 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_gateway.agents.arguments import Propose
-from skiros2_gateway.agents.start_checks import start_approved, valid_plan, valid_start
+from skiros2_gateway.agents.start_checks import approved_by, start_approved, valid_plan, valid_start
 from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.approvals import Request
 from skiros2_gateway.core.cell import REACHED
@@ -138,7 +138,7 @@ class Proposals:
         """
         if isinstance(retry, Order):
             comment = f"proposed by {caller.user}, approved by {by}"
-            approved = {"plan": asked.runs["plan"], "digest": asked.digest, "by": by}
+            approved = approved_by(by, asked)
             job, _ = await self._control.put(retry, caller.user, comment, start=True, approved=approved)
             return job_summary(job)
         return {"robot": retry["robot"], "task": await start_approved(self._control, asked)}

@@ -37,6 +37,11 @@ async def valid_plan(control: JobControl, order: Order, reason: str = "") -> Req
     return Request(runs, {"changes": changes, "preview": plan["preview"]}, robots, reason)
 
 
+def approved_by(user: str, request: Request) -> dict[str, Any]:
+    """Returns what is approved of the request for an order; see `Job`."""
+    return {"goal": request.runs["goal"], "plan": request.runs["plan"], "digest": request.digest, "by": user}
+
+
 async def valid_start(
     control: JobControl, robot: str, skill: str, parameters: Mapping[str, Any], reason: str = ""
 ) -> Request:

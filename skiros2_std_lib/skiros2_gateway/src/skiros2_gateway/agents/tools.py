@@ -25,7 +25,7 @@ from skiros2_gateway.agents.arguments import (
     schema_of,
 )
 from skiros2_gateway.agents.proposals import Proposals, job_summary
-from skiros2_gateway.agents.start_checks import start_approved, valid_plan, valid_start
+from skiros2_gateway.agents.start_checks import approved_by, start_approved, valid_plan, valid_start
 from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.keys import Keep, uninterrupted
@@ -170,8 +170,7 @@ class Tools:
             if known is None:
                 asked = await valid_plan(control, order, arguments.reason)
                 by = await self._service.approval(caller, asked)
-                approved = {"plan": asked.runs["plan"], "digest": asked.digest, "by": by}
-                put = control.put(order, caller.user, f"approved by {by}", start=True, approved=approved)
+                put = control.put(order, caller.user, f"approved by {by}", start=True, approved=approved_by(by, asked))
                 known, _ = await uninterrupted(put)
             return job_summary(known)
 

@@ -202,8 +202,8 @@ class Job:
     :param robots: node names of the allowed robots; empty: all.
     :param sequence: the number of the job; of equal jobs, the lowest starts first.
     :param created, changed: s since the epoch.
-    :param approved: of an agent's job: `plan`, the steps that are executed instead of a new plan, their `digest`, and
-        `by`, who has approved them; None for others.
+    :param approved: of an agent's job: the `goal`; `plan`, the steps that are executed instead of a new plan; the
+        `digest`, and `by`, who has approved them; None for others.
     :param wanted: the method that the cell is carrying out: Pause, Stop or Abort; "" for none.
     :param cleared: whether it was removed from the list by Cancel or Clear. Its response is kept.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -116,6 +116,7 @@ class JobControl:
         :returns: the job, and whether it is new.
         :raises Rejected: with all problems of the order.
         :raises Conflict: another order has the same id.
+        :raises Refused: it is not what was approved: its work master has changed.
         :raises StoreFailed: the order is not stored.
         """
         known = self.find(order)
@@ -125,6 +126,8 @@ class JobControl:
             return known, False
         check_deadline()
         now, robots = self._clock(), self.masters.robots_of(order)
+        if approved is not None:
+            _check_approved(approved, goal, robots)
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
         job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots, approved=approved)
         job.substate = job.substate_before_start(now)
@@ -347,6 +350,17 @@ async def _collect(cell: Cell, masters: WorkMasters, job: Job, now: float) -> Co
     except Exception as error:  # the job has ended, whatever the cell does
         log.log(logging.INFO if isinstance(error, SkirosError) else logging.ERROR, "job %s", job.id, exc_info=error)
         return Collected(notes=[f"the changes are unknown: {error}"])
+
+
+def _check_approved(approved: Mapping[str, Any], goal: str, robots: Sequence[str]) -> None:
+    """
+    :raises Refused: another goal or other robots were approved.
+    """
+    if goal != approved["goal"]:
+        raise Refused(f"it would not run as approved: the goal is {goal}, approved is {approved['goal']}")
+    for step in approved["plan"]:
+        if robots and step["robot"] not in robots:
+            raise Refused(f"it would not run as approved: {step['robot']} is not allowed any more")
 
 
 def _goal_of(job: Job) -> Goal:

@@ -52,6 +52,7 @@ class Robot:
 class TaskManager:
     def __init__(self) -> None:
         self.cancelled: list[str] = []
+        self.active_goals = frozenset({"goal-1"})
 
     def cancel_goal(self, goal_id: str) -> None:
         self.cancelled.append(goal_id)
@@ -178,7 +179,21 @@ def test_goal_of_a_task_manager_that_has_disappeared_is_lost(lab: Lab) -> None:
     assert not is_silent(goal, lab.time + 1000.0)
     lab.window.system.planner = None  # type: ignore[misc]
     lab.window.publish(ConnectionChanged())
-    assert goal.state is TaskState.LOST
+    assert goal.state is TaskState.LOST and message_text(goal) == "the task manager no longer reports it"
+
+
+def test_goal_whose_result_was_lost_is_lost_until_it_arrives(lab: Lab) -> None:
+    goal = _start(lab)
+    lab.window.tasks.check(lab.time + 60.0)
+    assert goal.state is TaskState.RUNNING, "the task manager still works on it"
+    lab.planner.active_goals = frozenset()
+    lab.window.tasks.check(lab.time + 1.0)
+    assert goal.state is TaskState.RUNNING, "the result may be on its way"
+    lab.window.tasks.check(lab.time + 60.0)
+    assert lab.rows[0] == "Tray B contains Product-9: lost"
+    assert message_text(goal) == "the task manager no longer reports it"
+    lab.goal(result=SimpleNamespace(state="succeeded", message="the goal is reached", done="[]"))
+    assert lab.rows == ["Tray B contains Product-9: succeeded"]
 
 
 def test_failed_goal_says_why(lab: Lab) -> None:

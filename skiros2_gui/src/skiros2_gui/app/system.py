@@ -87,7 +87,11 @@ class Manager(Protocol):
 
 
 class Planner(Protocol):
-    """The task manager. Called by jobs only; raises `SkirosError` if it refuses or does not answer."""
+    """The task manager. Methods are called by jobs only; they raise `SkirosError` if it refuses or does not answer."""
+
+    @property
+    def active_goals(self) -> frozenset[str]:
+        """The ids of the goals of all clients that have not ended. Does not block."""
 
     def plan(self, goals: str) -> Any:
         """Makes a plan without executing it; blocks until the end and returns a `MakePlanResult`."""

@@ -141,7 +141,8 @@ class TaskList:
         self._window.publish(TasksChanged())
 
     def check(self, now: float) -> None:
-        """Asks for tasks without recent progress, in case the message of their end was lost. To be called periodically.
+        """Checks tasks and goals without recent progress, in case the message of their end was lost. To be called
+        periodically.
 
         :param now: s since the epoch.
         """
@@ -150,6 +151,10 @@ class TaskList:
             manager = self._window.system.managers[robot]
             done = partial(self._mark_missing, [run for run in silent if run.robot == robot], now)
             self._window.jobs.run(manager.read_tasks, done, lambda error: None, queue=robot)
+        planner, goals = self._window.system.planner, [run for run in silent if run.robot == GOALS]
+        if goals and planner is not None:
+            active = planner.active_goals
+            self._mark_lost([run for run in goals if self._goals.id_of(run) not in active])
 
     # -- commands ----------------------------------------------------------------------------------------------
 
@@ -304,8 +309,11 @@ class TaskList:
 
     def _mark_missing(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
         alive = {nodes[0].id for nodes in tasks if nodes}
-        for run in silent:
-            if run.task_id not in alive and run.latest.time < asked and not run.is_finished:
+        self._mark_lost([run for run in silent if run.task_id not in alive and run.latest.time < asked])
+
+    def _mark_lost(self, runs: Iterable[TaskRun]) -> None:
+        for run in runs:
+            if not run.is_finished:
                 run.is_lost = True
                 self._window.publish(TasksChanged())
 
@@ -343,7 +351,9 @@ def is_silent(run: TaskRun, now: float) -> bool:
 def message_text(run: TaskRun) -> str:
     """Returns the message of the root of a paused or ended task, else that of the deepest running node; one line."""
     frame = run.latest
-    text = "the robot has disconnected" if run.state is TaskState.LOST else frame.message(0)
+    text = frame.message(0)
+    if run.state is TaskState.LOST:
+        text = "the task manager no longer reports it" if run.robot == GOALS else "the robot has disconnected"
     running = np.flatnonzero(frame.rows["state"] == RUNNING)
     if run.state is TaskState.RUNNING and len(running) and running[-1]:
         index = int(running[-1])

@@ -11,7 +11,7 @@ from typing import Any
 import rosgraph
 import roslib.message
 import rospy
-from actionlib_msgs.msg import GoalID, GoalStatusArray
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
@@ -140,6 +140,8 @@ class ManagerConnections(DiscoveryInterface):
 
 #: Without a status message for this time the task manager counts as down (s of wall time). It publishes at 5 Hz.
 STATUS_TIMEOUT = 2.0
+#: The status of goals that have not ended.
+_ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 
 
 class TaskManagerConnection:
@@ -155,6 +157,7 @@ class TaskManagerConnection:
         self.since = 0.0
         self._on_change = on_change
         self._last_status = -STATUS_TIMEOUT
+        self.active_goals: frozenset[str] = frozenset()
         self._client: TaskManagerInterface | None = None
         self._goal_lock = threading.Lock()
         self._on_progress = on_progress
@@ -236,7 +239,8 @@ class TaskManagerConnection:
         for subscriber in (self._status, *self._goals):
             subscriber.unregister()
 
-    def _on_status(self, _: Any) -> None:
+    def _on_status(self, message: Any) -> None:
+        self.active_goals = frozenset(each.goal_id.id for each in message.status_list if each.status in _ACTIVE)
         self._last_status = time.monotonic()
         self._set(True)
 

@@ -81,6 +81,13 @@ def test_element_with_numbers_that_json_lacks_is_json() -> None:
     assert element_data(element)["properties"]["skiros:Weight"] == ["nan"]
 
 
+def test_json_texts_have_no_invisible_characters() -> None:
+    data = {"Tray\u202e": "\x1b[2J\u200b\x7f\u2028ä"}
+    assert json_text(data).isprintable()
+    assert json_text(data).isascii()
+    assert json.loads(json_text(data)) == data
+
+
 @pytest.mark.parametrize("path", ["/api/jobs", "/api/audit"])
 def test_number_beyond_the_store_is_refused(in_gateway: Run, path: str) -> None:
     async def test(gateway: Any) -> None:

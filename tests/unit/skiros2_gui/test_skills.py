@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import INFERENCE, PRE
 from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.world_element import Element
@@ -19,7 +20,7 @@ from skiros2_gui.app.tasks import RESUME, STEP, is_silent, message_text
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import rows_of
 from skiros2_gui.skills.form import Editor, Field, ValueMode
-from skiros2_gui.skills.presenter import Refused, SkillsPresenter
+from skiros2_gui.skills.presenter import RETRY_PERIOD, Refused, SkillsPresenter
 from skiros2_gui.skills.start_status import start_status
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
@@ -105,6 +106,22 @@ def test_skills_of_a_disconnected_robot_are_removed(lab: Lab) -> None:
     lab.window.process_events()
     assert lab.skills.can_start
     assert lab.field("Text").text == "kept"
+
+
+def test_skills_are_read_again_if_their_robot_did_not_answer(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> list[Any]:
+        raise TimedOut("it did not answer")
+
+    now = 100.0
+    with monkeypatch.context() as busy:
+        busy.setattr(lab.system.managers[ROBOT], "read_skills", fail)
+        skills = SkillsPresenter(lab.window, lambda: now)
+        assert "reading the skills of /robot" in lab.window.problems.newest.line  # type: ignore[union-attr]
+    skills.refresh_if_ready()
+    assert skills.rows == ()
+    now += RETRY_PERIOD + 0.1
+    skills.refresh_if_ready()
+    assert [robot.skills for robot in skills.rows] == [robot.skills for robot in lab.skills.rows]
 
 
 # -- one parameter -------------------------------------------------------------------------------------------------

@@ -25,6 +25,8 @@ from skiros2_skill.client.description import Skill, Step
 from skiros2_skill.core.start_preview import StartPreview
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
+#: The time between attempts to read the skills of a connected manager (s).
+RETRY_PERIOD = 10.0
 #: The job queue of previews.
 _QUEUE = "skills: preview"
 
@@ -83,10 +85,13 @@ class SkillsPresenter:
 
     The view sets `on_rows`, `on_form` and `on_preview`, which are called when the tree of skills, the form, and the
     preview of a start have changed.
+
+    :param clock: monotonic (s).
     """
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: Window, clock: Callable[[], float] = time.monotonic) -> None:
         self._window = window
+        self._clock = clock
         self.names = Names(window.system)
         self.tasks = window.tasks
         self.on_rows: Callable[[], None] = _nothing
@@ -100,6 +105,7 @@ class SkillsPresenter:
         self.is_starting = False
         self._stop_when_started = False  # the pending start
         self._offered: dict[str, list[Skill]] = {}
+        self._failed: dict[str, float] = {}  # managers whose skills could not be read, and when
         self._offers: dict[tuple[str, str, str], Offer] = {}
         self._forms: dict[tuple[str, str, str], Form] = {}
         self._is_stale = False  # the preview may be out of date
@@ -121,14 +127,26 @@ class SkillsPresenter:
         """Reads the skills of all managers. Those of disconnected managers are removed at once."""
         managers = self._window.system.managers
         self._offered = {name: skills for name, skills in self._offered.items() if name in managers}
-        for name, manager in managers.items():
+        for name in managers:
+            self._read(name)
+        self._show_rows()
+
+    def _read(self, name: str) -> None:
+        self._failed.pop(name, None)
+        manager = self._window.system.managers.get(name)
+        if manager is not None:
+            activity = f"reading the skills of {name}"
             self._window.jobs.run(
                 manager.read_skills,
                 partial(self._take, name),
-                activity=f"reading the skills of {name}",
+                partial(self._not_read, name, activity),
+                activity=activity,
                 queue=name,
             )
-        self._show_rows()
+
+    def _not_read(self, name: str, activity: str, error: Exception) -> None:
+        self._failed[name] = self._clock()
+        self._window.problems.report(activity, error)
 
     def _take(self, name: str, skills: list[Skill]) -> None:
         if name in self._window.system.managers:
@@ -232,7 +250,11 @@ class SkillsPresenter:
         self.on_preview()
 
     def refresh_if_ready(self) -> None:
-        """Refreshes the preview unless the throttle is active; to be called periodically."""
+        """Refreshes the preview unless the throttle is active, and reads skills again if that failed; to be called
+        periodically.
+        """
+        for name in [name for name, at in self._failed.items() if self._clock() - at > RETRY_PERIOD]:
+            self._read(name)
         if self._throttle.is_ready:
             self.refresh()
 

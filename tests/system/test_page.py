@@ -22,11 +22,12 @@ from support.agent import connected_agent
 from support.forwarder import Forwarder
 from support.job_cell import ROBOT, TOKENS, JobCell
 from support.programs import PATIENCE
-from support.ros import INSTALL, Ros, RosMaster, wait_until
+from support.ros import INSTALL, ROOT, Ros, RosMaster, wait_until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs requirements/browser.txt")
 
 CHROMIUM = shutil.which("chromium")
+BAGS = ROOT / "tests/bags"
 PAGE = INSTALL / "share/skiros2_gateway/page/index.html"
 
 pytestmark = [
@@ -40,7 +41,7 @@ pytestmark = [
 def cell(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobCell]:
     ros = Ros(ros_master)
     try:
-        cell = JobCell(ros, tmp_path_factory.mktemp("page"), agents="ask")
+        cell = JobCell(ros, tmp_path_factory.mktemp("page"), agents="ask", bags=str(BAGS))
         _wait_until_connected(cell)
         yield cell
     finally:
@@ -192,6 +193,19 @@ def test_goal_as_text_fills_the_rows(page: Any, cell: JobCell) -> None:
     expect(page.locator("#goal-problem")).to_have_text("")
     expect(page.locator(".goal-row [data-box=object] option:checked")).to_have_text(_shown(cell.products[0]))
     expect(page.locator(".goal-row input[type=checkbox]")).to_be_checked()
+
+
+def test_bag_shows_one_tree_of_a_goal_and_its_steps(page: Any, tmp_path: Path) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["view"])
+    page.click("summary >> text=Recorded runs")
+    page.locator(".left .list").nth(3).locator(".title2", has_text="timed_goal.bag").click()
+    expect(page.locator(".left .list").nth(2).locator(".title2")).to_have_text(["Tray B contains Product A"])
+    page.click("#run-bar >> text=To the end")
+    rows = page.locator(".tree .row:not([hidden])")
+    for name in ("Tray B contains Product A", "drive", "pick", "place"):
+        expect(rows.filter(has_text=name).first).to_have_class(re.compile("success"))
+    page.screenshot(path=str(tmp_path / "bag.png"))
 
 
 def _tool(cell: JobCell, name: str, arguments: dict[str, Any]) -> Future[Any]:

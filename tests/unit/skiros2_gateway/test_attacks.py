@@ -13,6 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from skiros2_common.core.world_element import Element
+from skiros2_gateway.core import approvals, store
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Job, Order, read_order
 from skiros2_gateway.core.json_text import json_text
@@ -23,6 +24,7 @@ from skiros2_gateway.core.twin import element_data
 from skiros2_gateway.core.work_masters import WorkMaster
 from skiros2_gateway.http.body_limit import MAX_BODY, TIMEOUT
 from skiros2_gateway.http.server import Limits
+from skiros2_gateway.mqtt import signature
 from skiros2_gateway.opcua import server as opcua
 from support.http_gateway import curl, served
 from support.source import ROOT
@@ -179,6 +181,15 @@ def test_limits_are_those_that_are_promised() -> None:
         f"The head of a request has {limits.head:g} s, its body {TIMEOUT:g} s and {MAX_BODY // 1024} kB",
         f"OPC UA has {opcua._MAX_CONNECTIONS} connections, each with {opcua._LOGIN_TIMEOUT:g} s to log in",
         f"Each user has {settings.rate:g} requests per second",
+        f"the last {signature._KEPT:_} commands are known".replace("_", " "),
+    ):
+        assert promise in text
+    text = " ".join((ROOT / "docs/factory.md").read_text().split())
+    for promise in (
+        f"answers within {settings.approval_timeout:g} s (`approval_timeout`)",
+        f"At most {approvals.MAX_OPEN_OF_USER} requests of a user wait, and {approvals.MAX_OPEN} in all",
+        f"keeps the newest {store._MAX_KEYS} keys of each user",
+        f"at most {store._MAX_AUDIT:,} entries of the audit log",
     ):
         assert promise in text
 

@@ -6,7 +6,7 @@ import json
 import math
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from skiros2_common.core.errors import Refused, TimedOut, UnknownName
@@ -108,7 +108,7 @@ def check_start(
         "implementation": preview.label,
         "elements": {key: element.id for key, element in preview.elements.items()},
         "values": {key: _argument(values) for key, values in sorted(preview.values.items())},
-        "changes": _expected_changes(client.name, wm, preview) if preview.refusal is None else [],
+        "changes": expected_changes(client.name, wm, preview) if preview.refusal is None else [],
         "why": preview.refusal.to_dict() if preview.refusal is not None else None,
     }
 
@@ -121,7 +121,11 @@ def _steps(
     return read_steps(words, client.read_skills(), world.find_element, world.has_learned_values)
 
 
-def _expected_changes(manager: str, wm: WorldModelAbstractInterface, preview: StartPreview) -> list[str]:
+def expected_changes(manager: str, wm: WorldModelAbstractInterface, preview: StartPreview) -> list[str]:
+    """Returns the changes that a start is expected to make, a line each; blocks.
+
+    An element that it makes has the name `new CLASS NUMBER`: which id it gets is open.
+    """
     elements = {element.id: element for element in wm.resolve_elements(Element())}
     robots = read_robots(elements, lambda _: {manager: ""})
     skills = [skill for robot in robots if robot.manager == manager for skill in robot.skills]
@@ -130,8 +134,13 @@ def _expected_changes(manager: str, wm: WorldModelAbstractInterface, preview: St
         return ["unknown: the skill is not in the world model"]
     first = {key: values[0] for key, values in preview.values.items() if values}
     ids = {key: value for key, value in first.items() if isinstance(value, str) and value in elements}
-    expected = preview_skill(PreviewCopy(wm), skill, manager, ids)
-    return [change.line(expected.labels) for step in expected.steps for change in step.changes]
+    copy = PreviewCopy(wm)
+    expected = preview_skill(copy, skill, manager, ids)
+    made = [element for element in copy.resolve_elements(Element()) if element.id not in elements]
+    new = {element.id: f"new {element.type} {number}" for number, element in enumerate(made, 1)}
+    changes = [change for step in expected.steps for change in step.changes]
+    named = [replace(c, element=new.get(c.element, c.element), value=new.get(c.value, c.value)) for c in changes]
+    return [change.line(expected.labels) for change in named]
 
 
 def _argument(values: list[Any]) -> Any:

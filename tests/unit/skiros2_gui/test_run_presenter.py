@@ -79,7 +79,7 @@ def until(window: Window, condition: Callable[[], object]) -> None:
         window.process_events()
         return condition()
 
-    wait_until(is_so, 10.0)
+    wait_until(is_so)
 
 
 def started(window: Window, presenter: RunPresenter, robot: LocalManager) -> int:

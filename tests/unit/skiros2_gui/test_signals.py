@@ -15,6 +15,7 @@ from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.signal_trace import GAP, LONGEST, STROKE, SignalTrace
 from skiros2_gui.run.signals import SignalPlots
 from skiros2_runs.core.values import MAXIMUM
+from support.programs import PATIENCE
 from support.window.press_cell import TOPIC, PressCell
 
 # -- traces ------------------------------------------------------------------------------------------------------------
@@ -84,7 +85,7 @@ def plots(window: Window, cell: PressCell, run: RunPresenter) -> SignalPlots:
 
 
 def until(window: Window, condition: Callable[[], object]) -> None:
-    end = time.monotonic() + 20.0
+    end = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < end
         window.process_events()

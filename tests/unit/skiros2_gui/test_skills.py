@@ -25,6 +25,7 @@ from skiros2_gui.skills.start_status import start_status
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_skill.client.description import Parameter
+from support.programs import PATIENCE
 from support.progress import FAILURE, SUCCESS, root
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window
@@ -53,7 +54,7 @@ class Lab:
             last = self.window.tasks.last_started(ROBOT)
             if last is not None and last.state == state:
                 return
-            assert self.heard.wait(5.0), f"no {state} was told"
+            assert self.heard.wait(PATIENCE), f"no {state} was told"
             self.heard.clear()
             self.window.process_events()
 

@@ -51,7 +51,7 @@ compiled-tests: setup
 	@exec .ci/in_ros $(python) -m pytest --collect-only -qq >/dev/null
 
 lint: setup  ## check style and types
-	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .
+	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise . && $(python) -m ruff format --check --quiet .
 	@echo "mypy" && MYPYPATH=$$($(python) tests/support/packages.py) $(python) -m mypy --no-error-summary
 
 # Exit status: 0 none is known, 1 there are some, 2 not checked: no service of advisories answers.

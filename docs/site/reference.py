@@ -105,9 +105,7 @@ def _skill(described: Described, problems: list[str]) -> str:
     ]
     lines.append(table(("parameter", "kind", "type", "default", "meaning"), rows))
     stages = {"pre": skill.pre_conditions, "hold": skill.hold_conditions, "post": skill.post_conditions}
-    conditions = [
-        (stage, code(each.label), each.getDescription()) for stage, some in stages.items() for each in some
-    ]
+    conditions = [(stage, code(each.label), each.getDescription()) for stage, some in stages.items() for each in some]
     lines.append(table(("condition", "name", "meaning"), conditions))
     return "\n\n".join(line for line in lines if line)
 

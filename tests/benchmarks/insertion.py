@@ -41,9 +41,7 @@ def main(arguments: Sequence[str]) -> int:
         wanted = [("insert_into_bore", far, turn) for turn in ANGLES for far in POSITIONS]
         for skill, far, turn in [*wanted, *(("insert_blindly", far, 0.0) for far in BLIND)]:
             began = time.perf_counter()
-            runs = [
-                study.run(seed, far / 1000.0, math.radians(turn), skill) for seed in range(1, options.runs + 1)
-            ]
+            runs = [study.run(seed, far / 1000.0, math.radians(turn), skill) for seed in range(1, options.runs + 1)]
             cell = summary(skill, far, turn, runs, time.perf_counter() - began)
             cells.append(cell)
             print(

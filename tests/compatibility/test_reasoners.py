@@ -414,8 +414,8 @@ def test_relations_are_dicts(server, wmi):
 
 
 @rule(
-    "reasoners", "`wmi.get_reasoner(name)` gives a loaded reasoner by class name or code, else None; "
-    "`wmi.query(sparql)` the rows"
+    "reasoners",
+    "`wmi.get_reasoner(name)` gives a loaded reasoner by class name or code, else None; `wmi.query(sparql)` the rows",
 )
 def test_reasoners_and_queries(server, wmi):
     assert wmi.get_reasoner("PackReasoner") is wmi.get_reasoner(":Count") is server.reasoner

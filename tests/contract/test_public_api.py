@@ -129,9 +129,7 @@ def check_attribute(kind: type, text: str) -> None:
         )
 
 
-CHECKS = {
-    name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")
-}
+CHECKS = {name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")}
 
 
 def assert_signature(signature: inspect.Signature, text: str) -> None:
@@ -158,7 +156,7 @@ def arguments_of(text: str) -> dict[str, Any]:
     scope = {"rospy": rospy, "srvs": srvs}
     if "Sequential()" in text:
         scope["Sequential"] = importlib.import_module("skiros2_skill.core.processors").Sequential
-    exec(f"def listed{text[text.index('('):]}: ...", scope)
+    exec(f"def listed{text[text.index('(') :]}: ...", scope)
     return {name: argument.default for name, argument in inspect.signature(scope["listed"]).parameters.items()}
 
 

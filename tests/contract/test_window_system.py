@@ -188,9 +188,7 @@ def test_loaded_scene_is_reported_as_reset(desk: Desk) -> None:
 
 def test_added_class_is_known_when_reported(desk: Desk) -> None:
     desk.system.world.add_class("skiros:Bolt", "skiros:Product")
-    desk.wait_for(
-        WorldChanged, lambda e: e.ontology and desk.system.world.is_subclass("skiros:Bolt", "skiros:Product")
-    )
+    desk.wait_for(WorldChanged, lambda e: e.ontology and desk.system.world.is_subclass("skiros:Bolt", "skiros:Product"))
 
 
 def test_changes_without_content_are_reported_in_their_order(desk: Desk) -> None:

@@ -128,9 +128,7 @@ def test_stop_does_not_wait_for_an_inspection_that_blocks(
     window.tabs.setCurrentIndex(1)
     times = json.dumps({"key": "Times", "description": "", "specType": 0, "type": "int", "values": [2]})
     robot.command("start", -1, [Step("skiros:Fetch", "fetch", params=[times])])
-    qtbot.waitUntil(
-        lambda: running.presenter.frame is not None and bool(running.presenter.running()), timeout=20_000
-    )
+    qtbot.waitUntil(lambda: running.presenter.frame is not None and bool(running.presenter.running()), timeout=20_000)
     running.presenter.select(1)
     qtbot.waitUntil(is_asked.is_set, timeout=20_000)
     try:
@@ -280,9 +278,7 @@ def test_no_events_are_delivered_after_shutdown(other: MainWidget) -> None:
     assert received == []
 
 
-def test_failing_tab_does_not_keep_others_open(
-    other: MainWidget, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failing_tab_does_not_keep_others_open(other: MainWidget, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(other.pages[0].tab, "close_tab", lambda: 1 // 0)
     other.shut_down()
     assert other.pages[1].tab.calls == ["closed"]

@@ -111,9 +111,7 @@ def test_arrow_keys_navigate_the_tree(tab: RunTab, window: Window, qtbot: QtBot)
     assert seen == ["task 5", "place", "pick", "close_gripper", "move_arm", "pick"]
 
 
-def test_search_unfolds_and_cycles_through_results(
-    tab: RunTab, window: Window, qtbot: QtBot
-) -> None:
+def test_search_unfolds_and_cycles_through_results(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, random_tree(1000))
     drawn(tab, qtbot)
     tab.presenter.change_folds(lambda tree, _: tree.fold_to(1))
@@ -213,9 +211,7 @@ def test_invalid_bag_is_reported(tab: RunTab, window: Window, tmp_path, name: st
     assert tab.presenter.bag is None and tab.presenter.run is not None
 
 
-def test_large_tree_is_folded_at_first(
-    tab: RunTab, window: Window, qtbot: QtBot
-) -> None:
+def test_large_tree_is_folded_at_first(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     nodes = random_tree(10_000)
     tell(window, nodes)
     drawn(tab, qtbot)
@@ -325,7 +321,7 @@ def test_click_on_an_element_selects_it_in_other_tabs(
     qtbot.waitUntil(lambda: "box" in tab._details.toPlainText())
     tab._details.anchorClicked.emit(QUrl("#skirOS:Container-1"))
     assert chosen == ["skirOS:Container-1"]
-    assert "href=\"#skiros:Container-" in tab._details.toHtml()
+    assert 'href="#skiros:Container-' in tab._details.toHtml()
 
 
 def test_breakpoints_are_added_shown_and_removed(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:

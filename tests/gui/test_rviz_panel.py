@@ -79,9 +79,7 @@ class Frame(QWidget):
         self.draws = False
 
 
-def test_rviz_draws_while_visible_and_is_reused(
-    qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rviz_draws_while_visible_and_is_reused(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
     frame = Frame()
     monkeypatch.setattr(rviz_panel, "rviz_problem", lambda: "")
     monkeypatch.setattr(rviz_panel, "_reusable", [frame])

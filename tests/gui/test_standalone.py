@@ -65,9 +65,7 @@ def test_settings_are_restored(opened: Open) -> None:
     assert QApplication.font().pointSizeF() == usual
 
 
-def test_window_closes_if_settings_cannot_be_stored(
-    opened: Open, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_window_closes_if_settings_cannot_be_stored(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
     window = opened()
     monkeypatch.setattr(window.content, "settings", lambda: {"not JSON": object()})
     ended = []

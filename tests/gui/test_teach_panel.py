@@ -199,9 +199,7 @@ def test_disabled_buttons_say_why(cell: TeachCell, driver: Driver, window: MainW
 def test_robot_without_the_skills_says_so(cell: TeachCell, driver: Driver, window: MainWidget) -> None:
     window.system.remove_manager("/robot")
     window.system.add_manager("/robot", [], "skiros:robot")
-    wait_for_tip(
-        driver, "teach_release", "/robot does not offer the skill TeachRelease; add it to its skill list"
-    )
+    wait_for_tip(driver, "teach_release", "/robot does not offer the skill TeachRelease; add it to its skill list")
 
 
 def drag(driver: Driver, right: float, up: float, modifier: Qt.KeyboardModifier = Qt.NoModifier) -> None:

@@ -55,8 +55,14 @@ class JobCell:
     """
 
     def __init__(
-        self, ros: Ros, folder: Path, products: int = 4, skill: str = "carry_at_once", operators: int = 0,
-        slow_disk: float = 0.0, **settings: Any,
+        self,
+        ros: Ros,
+        folder: Path,
+        products: int = 4,
+        skill: str = "carry_at_once",
+        operators: int = 0,
+        slow_disk: float = 0.0,
+        **settings: Any,
     ) -> None:
         self.ros = ros
         self.folder = folder

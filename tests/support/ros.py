@@ -52,7 +52,10 @@ def install_environment(setup: Path = INSTALL / "setup.bash") -> dict[str, str]:
     clean = {key: value for key, value in os.environ.items() if key not in _ROS_VARIABLES}
     dump = subprocess.run(
         ["bash", "-c", 'source "$1" && exec env -0', "bash", str(setup)],
-        env=clean, stdout=subprocess.PIPE, check=True, text=True,
+        env=clean,
+        stdout=subprocess.PIPE,
+        check=True,
+        text=True,
     ).stdout
     return dict(line.split("=", 1) for line in dump.split("\0") if line)
 

@@ -109,9 +109,7 @@ class StandInCell:
         found = {"ok": is_ok, "implementation": skill, "elements": dict(self.inferred), "why": why}
         return {**found, "values": values, "changes": changes}
 
-    async def run_skill(
-        self, robot: str, skill: str, parameters: Mapping[str, Any], values: Mapping[str, Any]
-    ) -> int:
+    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any], values: Mapping[str, Any]) -> int:
         self.started.append(dict(values))
         found = {"skill": skill, "parameters": dict(parameters), "state": "running", "message": "", "explanations": []}
         self.skill_runs[robot, len(self.skill_runs)] = found

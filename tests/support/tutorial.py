@@ -115,7 +115,7 @@ def words(page: Path) -> int:
     for block in reversed(list(_BLOCK.finditer(text))):
         if block[1] == "console":
             typed = " ".join(t.command for t in commands(Block("console", "", block[3], 0)))
-            text = text[: block.start()] + typed + text[block.end():]
+            text = text[: block.start()] + typed + text[block.end() :]
     return len(re.findall(r"[^\s|#`*-][^\s]*", text))
 
 

@@ -128,8 +128,9 @@ def test_misbehaving_hook_fails_its_task_with_a_reason_and_the_next_task_runs(ma
             task = manager.start("unruly", Where=hook, What=what)
             if hook == "onPreempt":
                 manager.progress.wait_for(
-                    lambda m, task=task: m.progress[0].task_id == task
-                    and m.progress[-1].state == msgs.SkillProgress.RUNNING
+                    lambda m, task=task: (
+                        m.progress[0].task_id == task and m.progress[-1].state == msgs.SkillProgress.RUNNING
+                    )
                 )
                 manager.client.preempt_one(task)
             root, node = manager.end(task)

@@ -49,9 +49,7 @@ class Arm:
         self.sim = sim
         self.states: list[ImpedanceState] = []
         self._subscriber = rospy.Subscriber(f"{ARM}/state", ImpedanceState, self.states.append)
-        self._topics = {
-            name: rospy.Publisher(f"{ARM}/{name}", kind, queue_size=10) for name, kind in COMMANDS.items()
-        }
+        self._topics = {name: rospy.Publisher(f"{ARM}/{name}", kind, queue_size=10) for name, kind in COMMANDS.items()}
         for name, topic in self._topics.items():
             wait_until(topic.get_num_connections, WAIT, f"the arm at {name}")
         wait_until(self._subscriber.get_num_connections, WAIT, "the state of the arm")
@@ -279,8 +277,10 @@ def test_overlay_motion_is_added_to_the_reference_until_it_is_stopped(arm: Arm) 
     start = arm.state(240)
     assert overlay(True, 0.02, 0.01, 0.05, Vector3(), True).ok
     arm.wait_for(
-        lambda s: s.overlay
-        and math.hypot(s.pose.position.x - start.pose.position.x, s.pose.position.y - start.pose.position.y) > 0.008
+        lambda s: (
+            s.overlay
+            and math.hypot(s.pose.position.x - start.pose.position.x, s.pose.position.y - start.pose.position.y) > 0.008
+        )
     )
     assert overlay(False, 0.0, 0.0, 0.0, Vector3(), False).ok
     end = arm.wait_for(lambda s: not s.overlay and math.hypot(s.position_error.x, s.position_error.y) < 0.002)

@@ -83,9 +83,7 @@ def test_node_after_a_clean_shutdown_starts_from_its_files(ros: Ros, start: Call
     assert [e.label for entry in client.history() for e in entry.after if e.type == "skiros:Part"] == ["first life"]
 
 
-def test_node_with_other_files_does_not_recover(
-    ros: Ros, start: Callable[..., Program], tmp_path: Path
-) -> None:
+def test_node_with_other_files_does_not_recover(ros: Ros, start: Callable[..., Program], tmp_path: Path) -> None:
     node = start()
     WorldModelInterface("tester").add_element(Element("skiros:Part", "first life"))
     kill(ros, node)

@@ -244,9 +244,7 @@ def test_launch_with_unknown_names_fails_before_any_node_starts(
         ("broken.ttl", "broken.ttl, line 2, column 5: expected Turtle"),
     ],
 )
-def test_launch_with_an_unreadable_scene_warns_and_starts(
-    ros: Ros, tmp_path: Path, scene: str, culprit: str
-) -> None:
+def test_launch_with_an_unreadable_scene_warns_and_starts(ros: Ros, tmp_path: Path, scene: str, culprit: str) -> None:
     (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
     program = ros.launch(
         "skiros2", "world_model_server.launch", gui=False, deploy=True, workspace_dir=tmp_path, init_scene=scene

@@ -92,9 +92,7 @@ class Cell:
         self.ros.service("/wm/last_will", srvs.WmLastWill)
 
     def start_manager(self) -> None:
-        self.manager = self.ros.run(
-            "skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=PARAMS, env=self.env
-        )
+        self.manager = self.ros.run("skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=PARAMS, env=self.env)
         self.wait_for_manager()
 
     def wait_for_manager(self) -> None:

@@ -151,9 +151,7 @@ def green(display: Display) -> float:
     return float(np.mean((greens > red + 15) & (greens > blue + 15)))
 
 
-def test_embedded_rviz_draws_the_selection(
-    ros: Ros, world: WorldModelInterface, tmp_path: Path
-) -> None:
+def test_embedded_rviz_draws_the_selection(ros: Ros, world: WorldModelInterface, tmp_path: Path) -> None:
     with Display() as display:
         picture = tmp_path / "window.png"
         command = (sys.executable, "-m", "skiros2_gui.rviz_screenshot", "Product A", str(picture))

@@ -113,9 +113,7 @@ def test_nodes_and_clients_continue_with_a_new_master(cell: Ros, client: Client)
         newcomer.close()
 
 
-def test_world_model_killed_after_a_new_master_is_found_again(
-    cell: Ros, client: Client, tmp_path: Path
-) -> None:
+def test_world_model_killed_after_a_new_master_is_found_again(cell: Ros, client: Client, tmp_path: Path) -> None:
     registered = cell.master.registrations(NODES)
     cell.master.kill()
     cell.master.start()

@@ -167,9 +167,7 @@ def test_interrupting_goal_waits_until_the_object_is_put_down(cell: Cell) -> Non
     low = cell.achieve(first)
     cell.hold_step(first)
     ends: list[str] = []
-    high = cell.achieve(
-        second, priority=100, done_cb=lambda *_: ends.append(cell.place_of(first))
-    )
+    high = cell.achieve(second, priority=100, done_cb=lambda *_: ends.append(cell.place_of(first)))
     assert high.result.state == AchieveResult.SUCCEEDED, high.result.message
     assert low.result.state == AchieveResult.SUCCEEDED, low.result.message
     assert [state for state, _ in high.done] == ["succeeded"]

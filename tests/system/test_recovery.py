@@ -101,9 +101,7 @@ def test_manager_registers_again_after_a_scene_is_loaded(
     assert runs_a_task(ros, robot)
 
 
-def test_recovered_world_model_keeps_its_managers(
-    ros: Ros, start: Callable[..., None]
-) -> None:
+def test_recovered_world_model_keeps_its_managers(ros: Ros, start: Callable[..., None]) -> None:
     start()
     start_manager(ros)
     wmi = WorldModelInterface("tests")

@@ -235,9 +235,7 @@ REFUSED: dict[str, tuple[Send, str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_impossible_goals_are_rejected_without_motion(
-    shared_sim: SimulatorClient, case: str
-) -> None:
+def test_impossible_goals_are_rejected_without_motion(shared_sim: SimulatorClient, case: str) -> None:
     send, reason = REFUSED[case]
     request = send(shared_sim)
     result = request.wait()

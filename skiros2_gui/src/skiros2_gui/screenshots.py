@@ -149,4 +149,3 @@ def screenshot(driver: Driver) -> QImage:
     """Returns a screenshot of a window once it has drawn pending changes."""
     driver.process_for(SETTLING_SECONDS)
     return driver.window.grab().toImage()
-

@@ -29,7 +29,9 @@ class grab_light(SkillBase):
     def expand(self, skill):
         skill(
             self.skill("Approach", ""),
-            self.skill(":WmMoveObject", "wm_move_object", remap={"StartLocation": "Container", "TargetLocation": "Gripper"}),
+            self.skill(
+                ":WmMoveObject", "wm_move_object", remap={"StartLocation": "Container", "TargetLocation": "Gripper"}
+            ),
         )
 
 

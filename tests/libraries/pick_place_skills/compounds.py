@@ -8,8 +8,9 @@ class pick_fake(SkillBase):
 
     def expand(self, skill):
         skill(
-            self.skill("WmMoveObject", "wm_move_object",
-                remap={"StartLocation": "Container", "TargetLocation": "Gripper"}),
+            self.skill(
+                "WmMoveObject", "wm_move_object", remap={"StartLocation": "Container", "TargetLocation": "Gripper"}
+            ),
         )
 
 
@@ -21,8 +22,11 @@ class place_fake(SkillBase):
 
     def expand(self, skill):
         skill(
-            self.skill("WmMoveObject", "wm_move_object",
-                remap={"StartLocation": "Gripper", "TargetLocation": "PlacingLocation"}),
+            self.skill(
+                "WmMoveObject",
+                "wm_move_object",
+                remap={"StartLocation": "Gripper", "TargetLocation": "PlacingLocation"},
+            ),
         )
 
 

@@ -50,7 +50,12 @@ class open_door(SkillBase):
     def expand(self, skill):
         skill(
             self.skill("PullHandle", "pull_handle"),
-            self.skill("WmSetProperties", "wm_set_properties", remap={"Src": "Door"}, specify={"Properties": {"skiros:Open": True}}),
+            self.skill(
+                "WmSetProperties",
+                "wm_set_properties",
+                remap={"Src": "Door"},
+                specify={"Properties": {"skiros:Open": True}},
+            ),
         )
 
 
@@ -63,7 +68,12 @@ class open_door_in_a_draught(SkillBase):
     def expand(self, skill):
         skill(
             self.skill("PullHandle", "pull_handle"),
-            self.skill("WmSetProperties", "wm_set_properties", remap={"Src": "Door"}, specify={"Properties": {"skiros:Open": True}}),
+            self.skill(
+                "WmSetProperties",
+                "wm_set_properties",
+                remap={"Src": "Door"},
+                specify={"Properties": {"skiros:Open": True}},
+            ),
         )
 
     def execute(self):

@@ -96,9 +96,7 @@ def test_missing_condition_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RobotAtWorkstation" in found.expected
 
 
-def test_changed_tree_names_the_first_different_node(
-    pick_place: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changed_tree_names_the_first_different_node(pick_place: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     genuine = transport_skills.pick.expand
 
     def without_grasp(self: transport_skills.pick, skill: object) -> None:
@@ -113,9 +111,7 @@ def test_changed_tree_names_the_first_different_node(
     assert (found.expected, found.got) == ("CloseGripper: idle, code 0", "wm_move_object: idle, code 0")
 
 
-def test_changed_condition_names_the_failing_skill(
-    pick_place: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changed_condition_names_the_failing_skill(pick_place: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     genuine = transport_skills.Pick.createDescription
 
     def demanding(self: transport_skills.Pick) -> None:
@@ -130,18 +126,14 @@ def test_changed_condition_names_the_failing_skill(
     assert "GripperFullBefore" in found.got
 
 
-def test_changed_effect_names_the_property(
-    pick_place: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changed_effect_names_the_property(pick_place: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(transport_skills, "at_height", lambda height: {"skiros:PositionZ": height + 0.5})
     found = rerun(pick_place, SETTINGS).divergence
     assert found is not None
     assert "skiros:PositionZ is 0.5, expected 0" in found.got
 
 
-def test_shorter_motion_names_its_tick(
-    pick_place: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shorter_motion_names_its_tick(pick_place: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(timed_motions.close_gripper_timed, "execute", lambda self: self.success("done"))
     found = rerun(pick_place, SETTINGS).divergence
     assert found is not None

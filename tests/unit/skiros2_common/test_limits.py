@@ -123,9 +123,7 @@ def test_skill_element_has_the_parameters_with_limits():
 def test_limits_pass_through_messages():
     sent = Drive().params
     received = utils.deserializeParamMap(utils.serializeParamMap(sent))
-    assert {key: param.limits for key, param in received.items()} == {
-        key: param.limits for key, param in sent.items()
-    }
+    assert {key: param.limits for key, param in received.items()} == {key: param.limits for key, param in sent.items()}
 
 
 def test_message_of_a_parameter_without_limits_has_no_more_members():

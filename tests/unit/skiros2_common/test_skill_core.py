@@ -220,9 +220,7 @@ def params():
         (make.getOnTypeCond("C", "Object", "skiros:Part"), False, lambda p: p["Object"].value.type == "skiros:Product"),
     ],
 )  # fmt: skip
-def test_set_desired_state_applies_possible_effects(
-    params, condition, done, looks_so
-):
+def test_set_desired_state_applies_possible_effects(params, condition, done, looks_so):
     assert condition.setDesiredState(params) is done
     assert looks_so(params)
 

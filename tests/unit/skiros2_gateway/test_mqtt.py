@@ -345,9 +345,7 @@ def test_bridge_continues_after_an_internal_error(in_gateway: Run, port: int, ca
     in_gateway(test)
 
 
-def test_refused_login_is_no_connection(
-    in_gateway: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_refused_login_is_no_connection(in_gateway: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
 
     async def test(gateway: Any) -> None:

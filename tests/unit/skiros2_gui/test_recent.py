@@ -24,9 +24,7 @@ from skiros2_skill.client.description import Parameter
         ("list", [[1, 2]], NO_LIMITS, "How fast · default [1, 2]"),
     ],
 )
-def test_hint_has_description_limits_and_default(
-    wire_type: str, values: list[Any], limits: Limits, hint: str
-) -> None:
+def test_hint_has_description_limits_and_default(wire_type: str, values: list[Any], limits: Limits, hint: str) -> None:
     assert Field(Parameter("Speed", "optional", wire_type, values, "How fast", limits)).hint == hint
 
 

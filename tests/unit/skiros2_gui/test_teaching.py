@@ -72,9 +72,7 @@ def test_replaced_pose_is_requested_as_such(window: Window, cell: TeachCell, tea
     assert teach.obstacle(Action.RECORD_PATH) == "block has a taught pose grasp"
 
 
-def test_object_that_was_removed_is_no_longer_taught(
-    window: Window, cell: TeachCell, teach: TeachPresenter
-) -> None:
+def test_object_that_was_removed_is_no_longer_taught(window: Window, cell: TeachCell, teach: TeachPresenter) -> None:
     cell.wm.remove_element(cell.block)
     window.process_events()
     teach.refresh()

@@ -334,9 +334,7 @@ def test_parts_of_a_skill_are_listed_below_it(cell: Cell) -> None:
     assert cell.shown(UNPLACED) == [other, [skill, [key]]]
 
 
-def test_failed_read_is_retried_when_the_world_model_is_back(
-    cell: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_read_is_retried_when_the_world_model_is_back(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: object) -> list[Element]:
         raise WmException("the world model does not answer")
 
@@ -433,9 +431,7 @@ def test_added_element_that_the_scene_was_read_with_is_selected(cell: Cell) -> N
     assert cell.tab.selected.startswith(BOX)
 
 
-def test_scene_is_read_again_after_a_failure_that_nothing_reports(
-    cell: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scene_is_read_again_after_a_failure_that_nothing_reports(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: object) -> list[Element]:
         raise WmException("the response was lost")
 

@@ -91,7 +91,7 @@ def test_skills_are_run_in_sequence_and_the_next_command_finds_their_effects(run
     done = run("run", "drive", "TargetLocation=Shelf A", "inspect", "Object=Bolt 1")
     assert done.status == 0, done
     assert done.lines[0] == "task 0 on /my_robot"
-    assert "  Location = my_skills:Shelf-3 \"Shelf A\"" in done.lines
+    assert '  Location = my_skills:Shelf-3 "Shelf A"' in done.lines
     assert run("get", BOLT, "my_skills:Inspected").lines == ["True"]
     assert run("get", "cora:Robot-1", "skiros:at").lines == [SHELF]
     assert run("achieve", INSPECTED).lines[-1] == "the goal holds already"

@@ -228,9 +228,7 @@ def test_object_with_a_mesh_is_located(cell: Cell, tmp_path: Path) -> None:
         ({"skiros:PoseCovariance": "[]"}, "expected a JSON list of 36 finite numbers"),
     ],
 )
-def test_object_that_cannot_be_located_is_refused_at_the_start(
-    cell: Cell, change: dict[str, Any], reason: str
-) -> None:
+def test_object_that_cannot_be_located_is_refused_at_the_start(cell: Cell, change: dict[str, Any], reason: str) -> None:
     block = cell.element("Engine block")
     for key, value in change.items():
         if value is None:

@@ -68,9 +68,7 @@ def test_quality_of_an_estimate_is_reported(runs: list[Run]) -> None:
 def test_more_views_make_the_covariance_smaller(table: World, block: Shape) -> None:
     random = np.random.default_rng(1)
     views = [scene.take(table, eye, random) for eye in scene.EYES]
-    sizes = [
-        np.linalg.det(estimate_pose(block, views[:n], scene.SENSOR, scene.EXPECTED).covariance) for n in (1, 2, 3)
-    ]
+    sizes = [np.linalg.det(estimate_pose(block, views[:n], scene.SENSOR, scene.EXPECTED).covariance) for n in (1, 2, 3)]
     assert sizes == sorted(sizes, reverse=True)
 
 
@@ -177,4 +175,3 @@ def test_covariance_is_kept_as_text(runs: list[Run]) -> None:
     for text in ("", "[1, 2]", str([0.0] * 36), str([float(i) for i in range(36)])):
         with pytest.raises(WrongValue, match="covariance"):
             covariance_from(text)
-

@@ -268,9 +268,7 @@ def test_standing_robot_is_named_as_obstacle() -> None:
     assert outcome.text == "blocked for 15 s: the goal is inside 'cora:Robot-1'"
 
 
-def test_base_with_a_shaking_load_comes_to_rest(
-    robot: MovedRobot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_base_with_a_shaking_load_comes_to_rest(robot: MovedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot.robot, "velocity", lambda: (0.02, 0.0, 0.02))
     succeeded(robot.run(robot.drive(0.5, 0.0)))
 

@@ -92,9 +92,7 @@ def test_fit_accepts_identical_points() -> None:
     (1.0, (0.04, 0.05, 0.08), 1.0),
     (3.0, (0.04, 0.05, 0.08), 3.0 - math.pi),
 ])  # fmt: skip
-def test_fit_returns_the_smallest_equivalent_rotation(
-    yaw: float, size: Vector, expected: float
-) -> None:
+def test_fit_returns_the_smallest_equivalent_rotation(yaw: float, size: Vector, expected: float) -> None:
     found = least_turned(from_euler(0.0, 0.0, yaw), size)
     assert angle_between(found, from_euler(0.0, 0.0, expected)) < 1e-6
 

@@ -104,9 +104,7 @@ def test_invalid_urdf_is_reported_with_file_and_reason(tmp_path: Path, text: str
         ("m.png", b"", "expected one of"),
     ],
 )
-def test_invalid_mesh_is_reported_with_file_and_reason(
-    tmp_path: Path, name: str, content: bytes, reason: str
-) -> None:
+def test_invalid_mesh_is_reported_with_file_and_reason(tmp_path: Path, name: str, content: bytes, reason: str) -> None:
     (tmp_path / name).write_bytes(content)
     file = tmp_path / "model.urdf"
     file.write_text(urdf(LINK.replace("m.obj", name)))
@@ -125,9 +123,7 @@ def test_invalid_mesh_is_reported_with_file_and_reason(
     ],
     ids=["mesh", "urdf"],
 )
-def test_model_rejected_by_pybullet_is_reported(
-    tmp_path: Path, name: str, content: str
-) -> None:
+def test_model_rejected_by_pybullet_is_reported(tmp_path: Path, name: str, content: str) -> None:
     (tmp_path / name).write_text(content)
     scene = SceneSpec((BodySpec("t:B-1", model=name), product("t:P-2", at(0.0, 0.0, 1.0))), models=(str(tmp_path),))
     with World(scene) as world:
@@ -245,9 +241,7 @@ _MASS = '<inertial><origin xyz="0.02 0 0"/><mass value="0.3"/><inertia ixx="1e-4
         ),
     ],
 )
-def test_robot_omits_invalid_models(
-    model: RobotSpec, arms: int, mobile: bool, problems: list[str]
-) -> None:
+def test_robot_omits_invalid_models(model: RobotSpec, arms: int, mobile: bool, problems: list[str]) -> None:
     composed = merge_models(model)
     assert composed.mobile is mobile
     assert [problem.element for problem in composed.problems] == problems

@@ -29,9 +29,7 @@ def test_tree_produces_expected_trace(skill_bench: SkillBench, case: Case) -> No
         for ticks in range(len(case.trace.ticks))
     ],
 )
-def test_preemption_after_any_tick_ends_running_nodes_only(
-    skill_bench: SkillBench, case: Case, ticks: int
-) -> None:
+def test_preemption_after_any_tick_ends_running_nodes_only(skill_bench: SkillBench, case: Case, ticks: int) -> None:
     task = case.play(skill_bench, ticks)
     before = {node.child_indices: node for node in case.trace.ticks[ticks - 1]} if ticks else {}
     task.preempt()

@@ -118,9 +118,7 @@ def test_valid_registration_is_not_repeated(
     assert changes == []
 
 
-def test_register_releases_devices_locked_by_former_process(
-    wmi: LocalWorldModel, library: SkillLibrary
-) -> None:
+def test_register_releases_devices_locked_by_former_process(wmi: LocalWorldModel, library: SkillLibrary) -> None:
     arm = Element("rparts:ArmDevice", "arm")
     arm.setProperty("skiros:StateProperty", "Busy")
     arm.setProperty("skiros:LockedBy", wmi.author)

@@ -262,7 +262,12 @@ def test_diagnostics_remember_failing_parts_by_name() -> None:
     found = source(topic="/diagnostics", type=DIAGNOSTICS, names=["arm: *", "gripper"])
     assert found.read(Diagnostics(("arm: motor", 1, "warm"), ("camera", 2, "gone"))) == ""
     assert found.read(Diagnostics(("arm: motor", 2, "too hot\nby far"))) == "arm: motor: too hot (error)"
-    assert found.read(Diagnostics(("gripper", 3, "")), ) == "arm: motor: too hot (error); gripper: (stale)"
+    assert (
+        found.read(
+            Diagnostics(("gripper", 3, "")),
+        )
+        == "arm: motor: too hot (error); gripper: (stale)"
+    )
     assert found.read(Diagnostics(("arm: motor", 0, "ok"))) == "gripper: (stale)"
     assert found.read(Diagnostics(("gripper", 0, ""))) == ""
     assert found.read(Diagnostics()) == ""
@@ -336,9 +341,7 @@ def test_protective_stop_pauses_tasks_until_they_are_resumed(robot: Robot) -> No
         robot.scheduler.start(task.id, ticks=1)
     robot.guard.report("/arm", "")
     assert task.paused
-    assert task.root.progress_msg == (
-        "paused: protective stop by /arm: collision; it is over, resume or stop the task"
-    )
+    assert task.root.progress_msg == ("paused: protective stop by /arm: collision; it is over, resume or stop the task")
     robot.scheduler.start(task.id)
     assert task.status is TaskState.RUNNING
     assert robot.published == [[], ["protective stop by /arm: collision"], []]

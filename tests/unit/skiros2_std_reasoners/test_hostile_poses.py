@@ -124,9 +124,7 @@ class Poses(RuleBasedStateMachine):
 
 
 def test_arbitrary_poses_are_stored_or_rejected() -> None:
-    run_state_machine_as_test(
-        Poses, settings=settings(max_examples=60, stateful_step_count=20)
-    )
+    run_state_machine_as_test(Poses, settings=settings(max_examples=60, stateful_step_count=20))
 
 
 def test_time_out_of_message_range_is_zero() -> None:

@@ -207,9 +207,7 @@ class TestWmMoveAndTransformObject:
         assert self.move(bench).state is State.Success
         assert bench.element("product").value_of("skiros:BaseFrameId") == frame
 
-    def test_missing_transform_fails_without_change(
-        self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_missing_transform_fails_without_change(self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(Element, "_getReasoner", lambda self, code: FakeReasoner())
         node = self.move(bench, "tray 2")
         assert node.state is State.Failure

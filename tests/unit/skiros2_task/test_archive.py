@@ -39,9 +39,7 @@ def test_oldest_requests_are_pruned_first_within_a_second(tmp_path: Path) -> Non
     assert {(p / "goal.txt").read_text() for p in tmp_path.iterdir()} == {"17", "18", "19"}
 
 
-def test_unwritable_folder_is_logged(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unwritable_folder_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "planner").write_text("a file")
     with caplog.at_level(logging.WARNING):
         Archive(tmp_path / "planner").keep({"goal.txt": "g"})

@@ -449,9 +449,7 @@ def test_computed_relations_are_facts(plan: Plan, monkeypatch: pytest.MonkeyPatc
     assert plan(world, f"(nextTo {second} {third})").verdict is Verdict.NOTHING_TO_DO
 
 
-def test_computed_relation_overrides_scene(
-    plan: Plan, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_computed_relation_overrides_scene(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reasoners, "_by_name", {})
     monkeypatch.setattr(reasoners, "_owners", {})
     monkeypatch.setattr(reasoners, "_cache", {})
@@ -756,9 +754,7 @@ def test_compatible_conditions_are_accepted(plan: Plan, pre: list[Any]) -> None:
         ("skiros:ConditionProperty", "skiros:appliedOnType", "", "does not name its relation, property or class"),
     ],
 )
-def test_malformed_skill_element_is_reported(
-    plan: Plan, cls: str, key: str, value: Any, reason: str
-) -> None:
+def test_malformed_skill_element_is_reported(plan: Plan, cls: str, key: str, value: Any, reason: str) -> None:
     world = transport_world()
     world.robot("painter", skill("Paint", PRODUCT, [given("Object")], [PAINTED]))
     (painting,) = world.wm.resolve_elements(Element("skiros:Paint"))

@@ -238,9 +238,7 @@ SIZES = st.tuples(st.integers(1, 3), st.integers(2, 4), st.integers(1, 4))
 
 @given(size=SIZES, failing=st.sets(st.integers(1, 40), max_size=5))
 @settings(max_examples=200)
-def test_goal_is_reached_despite_failures(
-    size: tuple[int, int, int], failing: set[int]
-) -> None:
+def test_goal_is_reached_despite_failures(size: tuple[int, int, int], failing: set[int]) -> None:
     cell = TransportCell(*size, max_replans=5, fails=lambda step: step.number in failing)
     cell.run()
     assert cell.reached

@@ -199,9 +199,7 @@ def test_lock_of_skill_orders_steps() -> None:
 
 
 @given(planned=planned_tasks(), data=st.data())
-def test_every_linearisation_is_valid(
-    planned: tuple[PlanningTask, tuple[PlanStep, ...]], data: st.DataObject
-) -> None:
+def test_every_linearisation_is_valid(planned: tuple[PlanningTask, tuple[PlanStep, ...]], data: st.DataObject) -> None:
     task, plan = planned
     order = deorder(task, plan)
     done: list[int] = []

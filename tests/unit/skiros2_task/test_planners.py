@@ -62,9 +62,7 @@ def test_optimal_plan_has_fewest_steps(processes: EngineProcesses) -> None:
     assert len(portfolio(processes, Quality.OPTIMAL).solve(task, LIMITS).plan) == 6
 
 
-def test_best_plan_is_returned_at_time_limit(
-    processes: EngineProcesses, own_folder: Path
-) -> None:
+def test_best_plan_is_returned_at_time_limit(processes: EngineProcesses, own_folder: Path) -> None:
     """Of these sizes, lama-first ends in seconds, and the others much later."""
     answer = portfolio(processes, Quality.FIRST).solve(transport_task(4, 40, 60), LIMITS)
     assert answer.outcome is Outcome.SOLVED, answer.reason

@@ -73,9 +73,7 @@ def test_invalid_plan_is_not_returned(world: PlanningWorld, plan: tuple[PlanStep
         (Outcome.FAILED, Verdict.FAILED, "Planning failed: because."),
     ],
 )
-def test_reason_of_planner_is_quoted(
-    world: PlanningWorld, outcome: Outcome, verdict: Verdict, message: str
-) -> None:
+def test_reason_of_planner_is_quoted(world: PlanningWorld, outcome: Outcome, verdict: Verdict, message: str) -> None:
     result = planner(world, PlannerAnswer(outcome, reason="because")).plan(drive_goal(world))
     assert (result.verdict, result.calls, result.message) == (verdict, (), message)
 

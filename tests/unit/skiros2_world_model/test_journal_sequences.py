@@ -95,7 +95,8 @@ def ask(model: WorldModel, kind: str, what: Any, where: Any) -> None:
 
 def content(model: WorldModel) -> dict[str, Any]:
     found: dict[str, Any] = {
-        name: (context.file, sorted(map(str, context.extras))) for name, context in model._contexts.items()
+        name: (context.file, sorted(map(str, context.extras)))
+        for name, context in model._contexts.items()
         if context.scene or context.extras
     }
     for name in found.copy():

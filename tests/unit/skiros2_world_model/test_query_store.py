@@ -135,7 +135,7 @@ def test_query_beyond_the_world_model_is_refused_with_the_reason(query, reason):
 @pytest.mark.parametrize(
     "query",
     [
-        "SELECT ?service { ?service <http://x/SERVICE> 'SERVICE', \"\"\"LOAD \" FROM <http://x>\"\"\" } # SERVICE",
+        'SELECT ?service { ?service <http://x/SERVICE> \'SERVICE\', """LOAD " FROM <http://x>""" } # SERVICE',
         "PREFIX service: <http://x/> SELECT * { service:load service:service ?FROM } LIMIT 1",
         "SELECT * FROM <urn:skiros:context:scene> { ?s ?p 'it\\'s SERVICE' FILTER(?s < 3 && ?p > 2) }",
     ],

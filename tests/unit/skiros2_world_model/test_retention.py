@@ -94,9 +94,7 @@ def test_expired_states_are_pruned_and_the_current_one_is_kept(start: Start, mon
 
 
 @pytest.mark.parametrize("jump", [86400.0, -86400.0])
-def test_clock_that_is_set_by_a_day_expires_nothing(
-    start: Start, monkeypatch: pytest.MonkeyPatch, jump: float
-) -> None:
+def test_clock_that_is_set_by_a_day_expires_nothing(start: Start, monkeypatch: pytest.MonkeyPatch, jump: float) -> None:
     wm, journal = start(days=0.5)
     element = Element("skiros:Part")
     wm.add_element(element)

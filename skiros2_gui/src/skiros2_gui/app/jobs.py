@@ -17,6 +17,7 @@ log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 
+
 @dataclass(eq=False)
 class Job:
     """A call and its callbacks; see `Jobs.run`."""

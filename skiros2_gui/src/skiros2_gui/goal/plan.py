@@ -120,9 +120,7 @@ def read_steps(plan: str, name_of: NameOf) -> tuple[StepRow, ...]:
     return _with_plan((), _read(plan), name_of)
 
 
-def _with_plan(
-    rows: Iterable[StepRow], plan: Iterable[dict[str, Any]], name_of: NameOf
-) -> tuple[StepRow, ...]:
+def _with_plan(rows: Iterable[StepRow], plan: Iterable[dict[str, Any]], name_of: NameOf) -> tuple[StepRow, ...]:
     """Returns the rows with the steps of a plan added or updated."""
     known = {row.number: row for row in rows}
     for step in plan:

@@ -212,9 +212,7 @@ class SelectedNode:
 
         self._window.jobs.run(call, lambda answer: self._take(run, node, *answer), self._fail, queue=run.robot)
 
-    def text(
-        self, run: TaskRun, node: int, shown: TaskRun, frame: Frame, index: int, is_recorded: bool
-    ) -> NodeText:
+    def text(self, run: TaskRun, node: int, shown: TaskRun, frame: Frame, index: int, is_recorded: bool) -> NodeText:
         """Returns the node's description with the details read so far.
 
         :param run, node, shown: see `ask`.

@@ -56,9 +56,7 @@ class _Handling(SkillDescription):
         self.addPostCondition(self.getRelationCond(f"{part}In{target}", "skiros:contain", target, part, True))
         for container, old, new in ((source, "Full", "Empty"), (target, "Empty", "Full")):
             self.addPostCondition(self.getPropCond(f"{container}{new}", CONTAINER_STATE, container, "=", new, True))
-            self.addPostCondition(
-                self.getPropCond(f"{container}Not{old}", CONTAINER_STATE, container, "=", old, False)
-            )
+            self.addPostCondition(self.getPropCond(f"{container}Not{old}", CONTAINER_STATE, container, "=", old, False))
 
 
 class TakePart(_Handling):

@@ -35,9 +35,7 @@ class ContactMotion(SkillDescription):
 
     def add_number(self, key: str, value: float, unit: str, minimum: float, maximum: float, description: str) -> None:
         """Declares an optional number with limits."""
-        self.addParam(
-            key, value, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum
-        )
+        self.addParam(key, value, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum)
 
     def add_surface(self, description: str) -> None:
         """Declares the point of contact, which motions until contact report and searches and insertions use."""

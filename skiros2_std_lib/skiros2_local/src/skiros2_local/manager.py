@@ -162,7 +162,13 @@ class LocalGoalClient:
         self._goal = LocalGoal()
 
     def achieve(
-        self, goals: str, *, feedback_cb: Callable[[GoalProgress], None], quality: str, seconds: float, priority: int,
+        self,
+        goals: str,
+        *,
+        feedback_cb: Callable[[GoalProgress], None],
+        quality: str,
+        seconds: float,
+        priority: int,
         max_replans: int,
     ) -> None:
         """Starts; see `TaskManagerInterface.achieve`."""

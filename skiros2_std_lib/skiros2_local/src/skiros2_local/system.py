@@ -316,9 +316,7 @@ class LocalSystem:
             raise UnknownName(f"{len(found)} elements are labelled {label!r}; there are: {', '.join(labels)}")
         return found[0]
 
-    def achieve(
-        self, text: str | Goal, on_change: Callable[[LocalGoal], None] = lambda goal: None
-    ) -> LocalGoal:
+    def achieve(self, text: str | Goal, on_change: Callable[[LocalGoal], None] = lambda goal: None) -> LocalGoal:
         """Starts to plan and execute a goal. Does not block.
 
         :param text: see `skiros2_task.core.goal_text`; or a `Goal` with options.

@@ -87,9 +87,7 @@ class tuck_arm(move_arm_joints):
     def createDescription(self) -> None:
         self.setDescription(TuckArm(), self.__class__.__name__)
         self.addParam("Posture", "home", ParamTypes.Optional, description="Name in skiros:Postures of the arm")
-        self.addParam(
-            "Duration", 2.5, ParamTypes.Optional, description="Duration of the motion", unit="s", minimum=0.1
-        )
+        self.addParam("Duration", 2.5, ParamTypes.Optional, description="Duration of the motion", unit="s", minimum=0.1)
 
 
 class _ToolMotion(DriverAction):

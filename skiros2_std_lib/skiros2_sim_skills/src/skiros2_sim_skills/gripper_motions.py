@@ -33,6 +33,7 @@ _NOTHING_BETWEEN = 0.004
 #: Tolerance of the width of a held object (m).
 _FIT = 0.015
 
+
 class open_gripper(GripperMotion):
     """Opens the gripper."""
 

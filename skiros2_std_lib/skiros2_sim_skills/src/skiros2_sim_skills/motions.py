@@ -24,9 +24,7 @@ class MoveArmJoints(SkillDescription):
     def createDescription(self) -> None:
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
         self.addParam("Posture", "home", ParamTypes.Required, description="Name in skiros:Postures of the arm")
-        self.addParam(
-            "Duration", 2.5, ParamTypes.Optional, description="Duration of the motion", unit="s", minimum=0.1
-        )
+        self.addParam("Duration", 2.5, ParamTypes.Optional, description="Duration of the motion", unit="s", minimum=0.1)
 
 
 class MoveArmCollisionFree(SkillDescription):

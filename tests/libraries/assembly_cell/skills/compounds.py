@@ -11,7 +11,9 @@ class grasp_simple(SkillBase):
         skill.setProcessor(SerialStar())
         skill(
             self.skill("ArmMovement", "arm_move", remap={"Target": "Object"}, specify={"Mode": 2}),
-            self.skill("WmMoveObject", "wm_move_object", remap={"StartLocation": "Container", "TargetLocation": "Gripper"}),
+            self.skill(
+                "WmMoveObject", "wm_move_object", remap={"StartLocation": "Container", "TargetLocation": "Gripper"}
+            ),
         )
 
 
@@ -23,7 +25,11 @@ class put_simple(SkillBase):
         skill.setProcessor(SerialStar())
         skill(
             self.skill("ArmMovement", "", remap={"Target": "PlacingLocation"}, specify={"Mode": 3}),
-            self.skill("WmMoveObject", "wm_move_object", remap={"StartLocation": "Gripper", "TargetLocation": "PlacingLocation"}),
+            self.skill(
+                "WmMoveObject",
+                "wm_move_object",
+                remap={"StartLocation": "Gripper", "TargetLocation": "PlacingLocation"},
+            ),
         )
 
 
@@ -35,6 +41,11 @@ class inspect(SkillBase):
     def expand(self, skill):
         skill(
             self.skill("LookAround", ""),
-            self.skill("ArmMovement", "arm_move", remap={"Target": "Found", "Arm": "Hand"}, specify={"Hand": self._wmi.resolve_element(Element("rparts:ArmDevice"))}),
+            self.skill(
+                "ArmMovement",
+                "arm_move",
+                remap={"Target": "Found", "Arm": "Hand"},
+                specify={"Hand": self._wmi.resolve_element(Element("rparts:ArmDevice"))},
+            ),
             self.skill("Follow", "follow"),
         )

@@ -55,7 +55,9 @@ class arm_move(PrimitiveBase):
         self.ticks += 1
         if self.ticks < 3:
             return self.step("moving")
-        return self.success("reached {} in mode {}".format(self.params["Target"].value.label, self.params["Mode"].value))
+        return self.success(
+            "reached {} in mode {}".format(self.params["Target"].value.label, self.params["Mode"].value)
+        )
 
 
 class look_around(PrimitiveBase):

@@ -56,7 +56,7 @@ def print_completions(parser: argparse.ArgumentParser, arguments: Sequence[str])
     if os.environ[VARIABLE] == "bash":
         skipped, text = arguments
         line = Line.read(text)
-        arguments = line.words[int(skipped):]
+        arguments = line.words[int(skipped) :]
     try:
         words = completions(parser, arguments)
     except (SkirosError, ImportError, OSError):
@@ -180,7 +180,7 @@ class Line:
         """The word in place of the part of the last word that bash replaces."""
         if self.quote:  # bash replaces what is behind the mark
             begun = self.raw.rpartition(self.quote)[0]
-            return word[len(Line.read(begun).words[-1]):]
+            return word[len(Line.read(begun).words[-1]) :]
         quoted = _SPECIAL.sub(r"\\\1", word)
         kept = max(map(self.raw.rfind, _BREAKS)) + 1
         return quoted[kept:] if quoted.startswith(self.raw[:kept]) else quoted

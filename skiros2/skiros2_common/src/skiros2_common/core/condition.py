@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _EVALUATION = ("__init__", "evaluate", "holds", "holds_for", "satisfied_for_inference")
 _SHORTCUTS = (
     "element_ids", "candidate_ids", "indexed_value", "satisfied_by", "from_record", "record_fields", "planned_as"
-)
+)  # fmt: skip
 
 
 class _OfParameters:

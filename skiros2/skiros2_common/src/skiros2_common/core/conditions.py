@@ -354,6 +354,7 @@ class ConditionFunction(ConditionBase):
         return (tuple(self._keys), self._function)
 
     element_ids = ConditionBase.ids_in_parameters
+
     def getKeys(self) -> list[str]:
         return list(self._keys)
 

@@ -18,7 +18,6 @@
 Each error text names the request, the object concerned and the expectation.
 """
 
-
 #: The most characters of an error text: it may repeat names of a request, which have any length.
 _MAX_TEXT = 100_000
 

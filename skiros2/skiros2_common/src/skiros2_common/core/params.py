@@ -49,9 +49,7 @@ class Param(Property):
         "shared_snapshot",
     )  # fmt: skip
 
-    def __init__(
-        self, key: str, description: str, value: Any, param_type: Any, limits: Limits = NO_LIMITS
-    ) -> None:
+    def __init__(self, key: str, description: str, value: Any, param_type: Any, limits: Limits = NO_LIMITS) -> None:
         super().__init__(key, value)
         self._description = description
         self.paramType: Any = _KINDS.get(param_type, param_type) if isinstance(param_type, int) else param_type

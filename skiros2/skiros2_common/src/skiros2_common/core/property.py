@@ -51,9 +51,7 @@ def as_type(value: Any, datatype: type) -> Any:
 
 def is_bool(value: Any) -> bool:
     """Whether a value is a Python or NumPy bool."""
-    return isinstance(value, bool) or (
-        type(value).__module__ == "numpy" and type(value).__name__ in ("bool_", "bool")
-    )
+    return isinstance(value, bool) or (type(value).__module__ == "numpy" and type(value).__name__ in ("bool_", "bool"))
 
 
 def format_value(value: Any) -> str:

@@ -41,6 +41,7 @@ class ConditionRelation(ConditionBase):
 
     record_fields = ("label", "name", "subject", "object", "state")
     planned_as = "relation"
+
     @property
     def relation(self) -> str:
         """The full name of the relation."""
@@ -60,6 +61,7 @@ class ConditionRelation(ConditionBase):
         return [("relation", self.relation)]
 
     element_ids = ConditionBase.ids_in_parameters
+
     def candidate_ids(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> set[str] | None:
         is_subject = key == self._subject_key
         other = self._object_key if is_subject else self._subject_key

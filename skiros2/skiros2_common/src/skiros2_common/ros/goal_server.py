@@ -74,9 +74,7 @@ class _ActionServer(actionlib.ActionServer):  # type: ignore[misc]
         self.goal_sub = rospy.Subscriber(
             f"{name}/goal", self.ActionGoal, self.internal_goal_callback, queue_size=received
         )
-        self.cancel_sub = rospy.Subscriber(
-            f"{name}/cancel", GoalID, self.internal_cancel_callback, queue_size=received
-        )
+        self.cancel_sub = rospy.Subscriber(f"{name}/cancel", GoalID, self.internal_cancel_callback, queue_size=received)
         self.status_list_timeout = rospy.Duration(rospy.get_param(f"{name}/status_list_timeout", 5.0))
         parameter = rospy.search_param("actionlib_status_frequency")
         frequency = rospy.get_param(parameter) if parameter else _STATUS_FREQUENCY

@@ -88,10 +88,7 @@ def deserializeParamMap(params: Iterable[Any]) -> dict[str, Param]:
 
 def serializePropertyMap(p_map: Mapping[str, Property]) -> list[Any]:
     """Properties as a list of `Property` messages."""
-    return [
-        msgs.Property(prop.key, _encode(prop.values), getStrFromType(prop.dataType()))
-        for prop in p_map.values()
-    ]
+    return [msgs.Property(prop.key, _encode(prop.values), getStrFromType(prop.dataType())) for prop in p_map.values()]
 
 
 #: The encoder itself: `json.dumps` with a class makes a new one for each call, which takes three times as long.

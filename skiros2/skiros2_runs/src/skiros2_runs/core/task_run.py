@@ -264,7 +264,7 @@ class TaskRun:
                 texts = tuple(param.param for param in nodes[index].params)
                 if not known or known[-1][1] != texts:
                     known.append((time, texts))
-                    del known[1 : -MAX_PARAMS]
+                    del known[1:-MAX_PARAMS]
 
     def _update(
         self, rows: Rows, nodes: Sequence[NodeMessage], updated: list[int], time: float, is_first: bool

@@ -275,9 +275,7 @@ def _indented(rows: Any, screen: Screen) -> list[str]:
 
 def _in_order(skill: Skill) -> list[Parameter]:
     """The parameters that must be given first, then other required ones; the robot last."""
-    return sorted(
-        skill.parameters.values(), key=lambda p: (p.key == "Robot", not p.must_be_given, p.kind != REQUIRED)
-    )
+    return sorted(skill.parameters.values(), key=lambda p: (p.key == "Robot", not p.must_be_given, p.kind != REQUIRED))
 
 
 def _short(parameter: Parameter) -> str:

@@ -46,7 +46,7 @@ def summary(frame: Frame, robot: str) -> str:
     if not message or (frame.state(0) not in (FAILURE, RUNNING) and frame.task_state is not TaskState.PAUSED):
         text = word
     elif message.lower().startswith(word):  # "paused at breakpoint 1", "Preempted"
-        text = word + message[len(word):]
+        text = word + message[len(word) :]
     else:
         text = f"{word}: {message}"
     return f"task {frame.shape.id(0)} on {robot}: {text}"

@@ -38,7 +38,13 @@ class GoalClient(Protocol):
     """Achieves one goal."""
 
     def achieve(
-        self, goals: str, *, feedback_cb: Callable[[Any], None], quality: str, seconds: float, priority: int,
+        self,
+        goals: str,
+        *,
+        feedback_cb: Callable[[Any], None],
+        quality: str,
+        seconds: float,
+        priority: int,
         max_replans: int,
     ) -> None:
         """Starts; see `TaskManagerInterface.achieve`. Feedback has the fields of `GoalProgress`."""

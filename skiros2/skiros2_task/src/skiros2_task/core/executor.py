@@ -35,6 +35,7 @@ _READ_PERIOD, _READ_SHARE = 0.05, 0.2
 #: The delay before a failed read of the world model is repeated (s).
 _RETRY_DELAY = 1.0
 
+
 class GoalExecutor:
     """Executes goals. One thread owns all state; each goal has another thread that plans and reads the world model."""
 

@@ -52,9 +52,7 @@ Variables = dict[str, str]
 class GoalReader:
     """Reads goals for a snapshot of the world."""
 
-    def __init__(
-        self, world: WorldView, predicates: Iterable[Predicate], vocabulary: Vocabulary | None = None
-    ) -> None:
+    def __init__(self, world: WorldView, predicates: Iterable[Predicate], vocabulary: Vocabulary | None = None) -> None:
         """
         :param predicates: of the conditions of skills.
         :param vocabulary: goals beyond its limits, `rdfs:domain` or `rdfs:range` are refused too; None: these are not

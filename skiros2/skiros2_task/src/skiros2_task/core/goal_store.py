@@ -65,7 +65,7 @@ class OnRestart(StrEnum):
         try:
             return cls(text)
         except ValueError:
-            raise WrongValue(f"on_restart is {text!r}, expected continue, ask, abort or \"\"") from None
+            raise WrongValue(f'on_restart is {text!r}, expected continue, ask, abort or ""') from None
 
 
 class StoreFailed(SkirosError):

@@ -33,7 +33,7 @@ _operators: dict[str, BuildGoal] = {}
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists")
 _PUNCTUATION = "(),"
 _TOKEN = re.compile(
-    r'''(?P<blank>\s+|;[^\n]*)|(?P<sign>[(),])|"(?P<quoted>[^"\n]*)"|(?P<unclosed>")|(?P<name>[^\s(),;"]+)'''
+    r"""(?P<blank>\s+|;[^\n]*)|(?P<sign>[(),])|"(?P<quoted>[^"\n]*)"|(?P<unclosed>")|(?P<name>[^\s(),;"]+)"""
 )
 _MAX_DEPTH = 100
 

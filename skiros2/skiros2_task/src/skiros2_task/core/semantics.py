@@ -162,9 +162,7 @@ def unsatisfied(formula: Formula, facts: Container[Atom], most: int | None = Non
     return ", ".join(missing[:most]) + more
 
 
-def support(
-    formula: Formula, is_true: Callable[[Atom], bool], since: Callable[[Atom], float]
-) -> list[Literal] | None:
+def support(formula: Formula, is_true: Callable[[Atom], bool], since: Callable[[Atom], float]) -> list[Literal] | None:
     """Returns literals that make a formula true; None if it is false.
 
     :param is_true: whether an atom is true.

@@ -87,7 +87,6 @@ class PlanningTask:
         inside = [set(other) for other in others]
         return [name for name in first if all(name in other for other in inside)]
 
-
     @property
     def objects_to_create(self) -> frozenset[str]:
         """The objects that skills have yet to create."""
@@ -153,9 +152,7 @@ def _flaw(task: PlanningTask, step: PlanStep) -> str:
         return f": there is no action {step.action!r}"
     if len(step.arguments) != len(variables):
         return f" {step}: expected {len(variables)} arguments"
-    for variable, argument, objects in zip(
-        variables, step.arguments, task.grounder(step.action).objects, strict=True
-    ):
+    for variable, argument, objects in zip(variables, step.arguments, task.grounder(step.action).objects, strict=True):
         if argument not in objects:
             return f" {step}: {argument} is not a {' and '.join(variable.classes)}"
     return ""

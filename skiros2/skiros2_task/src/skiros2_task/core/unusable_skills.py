@@ -70,9 +70,7 @@ def unusable_skills(world: WorldView, task: PlanningTask) -> list[UnusableSkill]
         for reason, declared in reasons.items():
             effects = frozenset(_consequences(declared, predicates, families, world))
             if effects:
-                found.append(
-                    UnusableSkill(skill.name, tuple(managers), reason, effects, obstacles.get(reason, ""))
-                )
+                found.append(UnusableSkill(skill.name, tuple(managers), reason, effects, obstacles.get(reason, "")))
     return found
 
 

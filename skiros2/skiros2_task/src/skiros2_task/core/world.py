@@ -45,9 +45,7 @@ class WorldView:
         others = {cls for cls in types if any(self.is_subclass(cls, parent) for parent in _NOT_OBJECTS)}
         #: The elements that goals and parameters may refer to, by id; a template that stands for itself, by name.
         self.objects: dict[str, Element] = {
-            eid: e
-            for eid, e in self._all.items()
-            if eid not in skill_parts and e.type not in others
+            eid: e for eid, e in self._all.items() if eid not in skill_parts and e.type not in others
         }
         #: The objects that are not in the scene: templates that stand for themselves, and objects to create.
         self.stand_ins: set[str] = set()

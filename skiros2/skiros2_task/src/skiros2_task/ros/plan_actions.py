@@ -33,6 +33,7 @@ START_DELAY = 0.05
 
 _FAILURES = (Verdict.IMPOSSIBLE, Verdict.TIMED_OUT, Verdict.FAILED)
 
+
 def end_goal(handle: Any, verdict: Verdict, result: object, text: str) -> None:
     """Ends a goal with a result.
 

@@ -388,7 +388,6 @@ class SourceLines:
                 break
         return start + 1
 
-
     def mention(self, name: str) -> int | None:
         """The number of the first line with a name (`prefix:Local`, or `prefix:` for its declaration)."""
         if not name:

@@ -126,9 +126,7 @@ class KnowledgeBase:
             self._index = only_classes or None
         return True
 
-    def new(
-        self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
-    ) -> tuple[list[ox.Triple], list[ox.Triple]]:
+    def new(self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> tuple[list[ox.Triple], list[ox.Triple]]:
         """Filters triples to remove and to add down to those that change the ontologies."""
         return (
             [t for t in removed if self.store.has(ONTOLOGY, t)],

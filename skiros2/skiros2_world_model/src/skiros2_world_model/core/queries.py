@@ -60,9 +60,7 @@ def branch_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str
     return [eid for eid in found if _type_of(scene, eid) in types]
 
 
-def cascade_ids(
-    scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = ""
-) -> list[str]:
+def cascade_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = "") -> list[str]:
     """The elements to remove with an element: its descendants that no other element holds.
 
     :param relation_filter, type_filter: as for `branch_ids`.

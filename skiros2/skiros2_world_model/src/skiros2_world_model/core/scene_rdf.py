@@ -217,9 +217,7 @@ class GraphSync:
             self._update(unsynced, set(extras), ontology, prefixes)
         scene.unsynced = ChangeSet()  # only after success, so that a failed flush is repeated
 
-    def _update(
-        self, unsynced: ChangeSet, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes
-    ) -> None:
+    def _update(self, unsynced: ChangeSet, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes) -> None:
         def subjects() -> Iterator[ox.NamedNode]:
             return (ox.NamedNode(prefixes.iri(eid)) for eid in unsynced.records)
 

@@ -110,9 +110,7 @@ class NodeDetails(QTextBrowser):
             colour = self._colour(styles[symbol]) if symbol in styles else self._faint()
             text = _with_links(condition.text, condition.elements)
             but = f"<br><i>but {_with_links(condition.found, condition.elements)}</i>" if condition.found else ""
-            rows.append(
-                f"<tr><td width='20'><b style='color:{colour}'>{symbol}</b></td><td>{text}{but}</td></tr>"
-            )
+            rows.append(f"<tr><td width='20'><b style='color:{colour}'>{symbol}</b></td><td>{text}{but}</td></tr>")
         return f"<table cellspacing='0' cellpadding='2'>{''.join(rows)}</table>"
 
     def _linked(self, value: str) -> str:

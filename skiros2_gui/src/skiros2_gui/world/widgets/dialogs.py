@@ -346,7 +346,6 @@ class RelationDialog(_Dialog):
         self.ok.setEnabled(bool(src and predicate and dst))
         self.note.setText(f"⚠ {mismatch}" if mismatch else known.description or predicate)
 
-
     def _prefer(self, types: tuple[str, ...]) -> None:
         """Lists instances of these classes first."""
         hierarchy = self._presenter.hierarchy

@@ -32,6 +32,7 @@ _MAX_KEPT = 1_000_000_000
 #: Topic suffixes of an action, and suffixes of their types.
 _PARTS = {"goal": "Goal", "feedback": "Feedback", "result": "Result"}
 
+
 @dataclass(frozen=True)
 class Event:
     """One message of a bag.

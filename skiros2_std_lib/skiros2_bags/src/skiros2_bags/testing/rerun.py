@@ -199,9 +199,7 @@ def _clock_step(ticks: Iterable[ClockTick]) -> float:
 
 
 class RerunPass:
-    """One pass through a recording. A context manager; `play` takes the events in order.
-
-    """
+    """One pass through a recording. A context manager; `play` takes the events in order."""
 
     def __init__(
         self, recording: Recording, runs: Sequence[RecordedTask], settings: Settings, ordering: Ordering

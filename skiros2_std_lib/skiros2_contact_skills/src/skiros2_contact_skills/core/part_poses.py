@@ -65,9 +65,7 @@ def aligned_tool(tool: Pose, end: Pose, target: Pose, height: float) -> Pose:
     wants = rotated(target.orientation, (0.0, 0.0, 1.0))
     orientation = multiplied(smallest_rotation(has, wants), tool.orientation)
     offset = rotated(orientation, end.position)
-    x, y, z = (
-        point + axis * height - off for point, axis, off in zip(target.position, wants, offset, strict=True)
-    )
+    x, y, z = (point + axis * height - off for point, axis, off in zip(target.position, wants, offset, strict=True))
     return Pose((x, y, z), normalized(orientation))
 
 

@@ -175,9 +175,7 @@ class Cell(Protocol):
             their ids; `changes`: what is expected to change, a line each.
         """
 
-    async def run_skill(
-        self, robot: str, skill: str, parameters: Mapping[str, Any], values: Mapping[str, Any]
-    ) -> int:
+    async def run_skill(self, robot: str, skill: str, parameters: Mapping[str, Any], values: Mapping[str, Any]) -> int:
         """Starts a skill. Returns the number of its task.
 
         :param parameters: that were given, as `skill_run` returns them.

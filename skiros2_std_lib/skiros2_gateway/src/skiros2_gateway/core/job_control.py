@@ -126,8 +126,7 @@ class JobControl:
             return known, False
         check_deadline()
         now, robots = self._clock(), self.masters.robots_of(order)
-        if approved is not None:
-            _check_approved(approved, goal, robots)
+        _check_approved(approved, goal, robots)
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
         job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots, approved=approved)
         job.substate = job.substate_before_start(now)
@@ -352,10 +351,13 @@ async def _collect(cell: Cell, masters: WorkMasters, job: Job, now: float) -> Co
         return Collected(notes=[f"the changes are unknown: {error}"])
 
 
-def _check_approved(approved: Mapping[str, Any], goal: str, robots: Sequence[str]) -> None:
+def _check_approved(approved: Mapping[str, Any] | None, goal: str, robots: Sequence[str]) -> None:
     """
+    :param approved: None: it needs no approval.
     :raises Refused: another goal or other robots were approved.
     """
+    if approved is None:
+        return
     if goal != approved["goal"]:
         raise Refused(f"it would not run as approved: the goal is {goal}, approved is {approved['goal']}")
     for step in approved["plan"]:
@@ -366,5 +368,3 @@ def _check_approved(approved: Mapping[str, Any], goal: str, robots: Sequence[str
 def _goal_of(job: Job) -> Goal:
     plan = tuple(job.approved["plan"]) if job.approved is not None else None
     return Goal(job.id, job.goal, job.order.priority, job.order.quality, job.robots, plan, job.order.on_restart)
-
-

@@ -214,8 +214,6 @@ class AchieveGoals:
         return callback
 
 
-
-
 def set_on_restart(goal_id: str, on_restart: str) -> None:
     """Sets what happens to a goal when the task manager was restarted; see the service GoalOnRestart. Blocks.
 

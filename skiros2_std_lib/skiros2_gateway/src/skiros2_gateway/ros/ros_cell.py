@@ -47,7 +47,6 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
-
 class RosCell:
     """Implements `Cell`. Call `close` at the end.
 
@@ -55,9 +54,7 @@ class RosCell:
     :param capacity: how many goals run at once; 0: as many as there are robots.
     """
 
-    def __init__(
-        self, listener: GoalListener, events: EventStream, masters: WorkMasters, capacity: int = 0
-    ) -> None:
+    def __init__(self, listener: GoalListener, events: EventStream, masters: WorkMasters, capacity: int = 0) -> None:
         self._loop = asyncio.get_running_loop()
         self._listener = listener
         self._events = events

@@ -253,6 +253,7 @@ def _scenario(options: argparse.Namespace) -> CommandResult:
     if bool(options.goal) == bool(options.skill):
         raise WrongValue("expected a skill or --goal")
     from skiros2_learning.local.identification import identify, identify_goal
+
     if options.goal:
         text = identify_goal(scene, libraries, options.goal)
     else:

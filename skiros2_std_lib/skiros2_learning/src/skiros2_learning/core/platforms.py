@@ -64,9 +64,7 @@ class RealPlatform:
 def read_step(section: Section) -> Step:
     """Reads a step."""
     skill = section.text("skill")
-    step = Step(
-        section.text("name", skill), skill, section.text("label", ""), section.section("parameters").take_all()
-    )
+    step = Step(section.text("name", skill), skill, section.text("label", ""), section.section("parameters").take_all())
     section.end()
     return step
 

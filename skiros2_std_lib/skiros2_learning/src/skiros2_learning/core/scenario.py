@@ -311,8 +311,6 @@ def _file(root: Section, key: str, folder: Path, needed: bool) -> Path:
     return path.resolve()
 
 
-
-
 def _objective(name: str, section: Section) -> Objective:
     sense: Sense = section.choice("sense", ("maximise", "minimise"), "maximise")  # type: ignore[assignment]
     rewards = []

@@ -66,9 +66,7 @@ class Push(ArmAndGripper):
             ("GoalX", "End of the push: offset from the goal along x of the map"),
             ("GoalY", "End of the push: offset from the goal along y of the map"),
         ):
-            self.addParam(
-                key, float, ParamTypes.Required, description=text, unit="m", minimum=-REACH, maximum=REACH
-            )
+            self.addParam(key, float, ParamTypes.Required, description=text, unit="m", minimum=-REACH, maximum=REACH)
         self.addParam(
             "Speed", 0.15, ParamTypes.Optional, description="Speed of the push", unit="m/s", minimum=0.01, maximum=0.5
         )
@@ -118,7 +116,9 @@ class push(SkillBase):
             self.skill("MoveToolBeside", "", remap=end, specify={"Height": 0.0}),
             self.skill("LiftTool", "", specify={"Height": _ABOVE}, remap={"Speed": "Approach"}),
             self.skill(
-                "WmSetRelation", "wm_set_relation", remap={"Src": "Object", "Dst": "Goal"},
+                "WmSetRelation",
+                "wm_set_relation",
+                remap={"Src": "Object", "Dst": "Goal"},
                 specify={"Relation": "skiros:at", "RelationState": True},
             ),
         )

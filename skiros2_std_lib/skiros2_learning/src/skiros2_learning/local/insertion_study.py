@@ -251,9 +251,7 @@ def _misplace(wmi: WorldModelPort, random: np.random.Generator, far: float, turn
     tilt = (half * math.cos(about), half * math.sin(about), 0.0, math.cos(turn / 2.0))
     true_rim = composed(pose, rim)
     x, y, z = true_rim.position
-    wrong = Pose(
-        (x + far * math.cos(across), y + far * math.sin(across), z), multiplied(tilt, true_rim.orientation)
-    )
+    wrong = Pose((x + far * math.cos(across), y + far * math.sin(across), z), multiplied(tilt, true_rim.orientation))
     space.set_pose(block, composed(wrong, inverted(rim)))
     wmi.update_element_properties(block)
 

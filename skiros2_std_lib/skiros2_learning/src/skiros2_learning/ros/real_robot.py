@@ -98,9 +98,7 @@ class RealRobot:
         self._signals.close()
         self._manager.close()
 
-    def execute(
-        self, scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int
-    ) -> EpisodeRecord:
+    def execute(self, scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
         """Resets, checks, asks the operator, and runs the task once; see `evaluation.Execution`.
 
         :raises Unavailable: the reset has failed, or the robot is stopped or gone: no configuration is to blame.

@@ -88,9 +88,7 @@ def recognised(clusters: Sequence[Cluster], objects: Sequence[KnownObject]) -> d
     """Returns the index of the object of each cluster that is recognised by its appearance alone: only pairs in which
     neither fits another one."""
     fits = [(i, j) for i, c in enumerate(clusters) for j, o in enumerate(objects) if _looks_alike(c, o)]
-    return {
-        i: j for i, j in fits if sum(a == i for a, _ in fits) == 1 and sum(b == j for _, b in fits) == 1
-    }
+    return {i: j for i, j in fits if sum(a == i for a, _ in fits) == 1 and sum(b == j for _, b in fits) == 1}
 
 
 def _assigned(
@@ -112,9 +110,7 @@ def _assigned(
 
 
 def _looks_alike(cluster: Cluster, known: KnownObject) -> bool:
-    return bool(
-        _appearance_cost(cluster, known) <= chi2.isf(_OUTLIER, _appearance_degrees(cluster, known))
-    )
+    return bool(_appearance_cost(cluster, known) <= chi2.isf(_OUTLIER, _appearance_degrees(cluster, known)))
 
 
 def _appearance_degrees(cluster: Cluster, known: KnownObject) -> int:

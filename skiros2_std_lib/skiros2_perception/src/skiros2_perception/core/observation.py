@@ -137,9 +137,7 @@ def observe(
     return result
 
 
-def _located(
-    thing: KnownObject, priors: Sequence[Pose], view: View, sensor: Sensor, limits: Limits
-) -> _Placed | None:
+def _located(thing: KnownObject, priors: Sequence[Pose], view: View, sensor: Sensor, limits: Limits) -> _Placed | None:
     """Returns an object at the first pose that fits, near to a prior pose; None if none fits."""
     for prior in priors:
         try:

@@ -110,9 +110,7 @@ def register(
     :raises Rejected: no pose fits; it has all reasons.
     """
     if len(cloud) < limits.points:
-        raise Rejected(
-            Problem(Code.TOO_FEW_POINTS, f"{len(cloud)} points: expected at least {limits.points}")
-        )
+        raise Rejected(Problem(Code.TOO_FEW_POINTS, f"{len(cloud)} points: expected at least {limits.points}"))
     coarse = cloud.thinned(_COARSE)
     tries = [_fit(shape, coarse, start, _COARSE_STEPS, limits.shift) for start in _starts(shape, cloud, prior)]
     scored = [(fit, _score(fit, shape, view, sensor)) for fit in tries]
@@ -208,13 +206,9 @@ def _matches(shape: Shape, cloud: Cloud, pose: Pose, reach: float) -> _Matches:
     local = untransformed(pose, cloud.points)
     distances, nearest = shape.tree.query(local, distance_upper_bound=reach)
     found = np.isfinite(distances)
-    found[found] = (
-        np.einsum("ni,ni->n", cloud.normals[found] @ rotation, shape.normals[nearest[found]]) > _SAME_SIDE
-    )
+    found[found] = np.einsum("ni,ni->n", cloud.normals[found] @ rotation, shape.normals[nearest[found]]) > _SAME_SIDE
     normals = shape.normals[nearest[found]] @ rotation.T
-    residuals = np.einsum(
-        "ni,ni->n", shape.normals[nearest[found]], local[found] - shape.points[nearest[found]]
-    )
+    residuals = np.einsum("ni,ni->n", shape.normals[nearest[found]], local[found] - shape.points[nearest[found]])
     arms = cloud.points[found] - np.asarray(pose.position)
     rows = np.hstack((normals, np.cross(arms, normals)))
     return _Matches(rows, residuals, 1 / (cloud.deviations[found] ** 2 + _SURFACE**2))

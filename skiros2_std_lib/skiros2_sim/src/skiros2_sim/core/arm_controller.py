@@ -355,7 +355,5 @@ def _kinematics(world: World, robot: Robot, arm: Arm) -> ArmKinematics:
         state = bullet.getLinkState(robot.body, joint.index, computeForwardKinematics=1)
         axis = bullet.getJointInfo(robot.body, joint.index)[13]
         lower, upper = max(joint.lower, -2 * np.pi), min(joint.upper, 2 * np.pi)
-        joints.append(
-            ChainJoint(position, Pose(state[4], state[5]), axis, joint.kind == "prismatic", lower, upper)
-        )
+        joints.append(ChainJoint(position, Pose(state[4], state[5]), axis, joint.kind == "prismatic", lower, upper))
     return ArmKinematics(joints, robot.pose(), arm.tool_pose(), arm.rest)

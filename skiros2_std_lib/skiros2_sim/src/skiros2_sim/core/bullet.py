@@ -117,5 +117,3 @@ class Joint:
             velocity=float(info[11]),
             effort=float(info[10]),
         )
-
-

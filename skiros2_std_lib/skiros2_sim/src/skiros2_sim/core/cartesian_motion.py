@@ -259,9 +259,7 @@ class CartesianMotion:
         self._target = composed(inverted(controller.robot.pose()), goal.target)
         positions = np.array(self._arm.positions())
         speeds = goal.speed or SPEED, goal.angular_speed or ANGULAR_SPEED
-        self._planning = CartesianPath.plan(
-            controller.kinematics, self._arm.joints, positions, self._target, *speeds
-        )
+        self._planning = CartesianPath.plan(controller.kinematics, self._arm.joints, positions, self._target, *speeds)
         if not self._is_at_rest():
             controller.hold()
 

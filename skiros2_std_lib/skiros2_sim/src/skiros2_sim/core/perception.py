@@ -49,9 +49,7 @@ MIN_PIXELS = 40
 #: Minimum visible fraction of a detected object.
 MIN_VISIBILITY = 0.15
 #: End points of the visibility rays, as fractions of the half edges.
-_RAYS = 0.9 * np.vstack(
-    (np.zeros((1, 3)), list(itertools.product((-1.0, 1.0), repeat=3)), np.eye(3), -np.eye(3))
-)
+_RAYS = 0.9 * np.vstack((np.zeros((1, 3)), list(itertools.product((-1.0, 1.0), repeat=3)), np.eye(3), -np.eye(3)))
 
 
 class Source(Enum):
@@ -189,7 +187,6 @@ def _with_noise(detection: Detection, noise: Noise, random: np.random.Generator)
 def _transformed(frame: Pose, points: Points) -> Points:
     """Transforms points (n x 3) from a frame to the reference frame of its pose."""
     return np.asarray(Rotation.from_quat(frame.orientation).apply(points) + np.asarray(frame.position))
-
 
 
 #: Maximum number of points; more are thinned out evenly.

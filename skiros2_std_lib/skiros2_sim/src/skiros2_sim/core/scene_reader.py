@@ -307,9 +307,7 @@ class _Reader:
                 cameras.append(self._camera(part, element.id, robot, self._unused_part(part, taken)))
             elif self._is(part, GRIPPER):
                 if gripper is not None:
-                    self._add_problem(
-                        part, f"omitted: the arm {element.id} already has the gripper {gripper.id}"
-                    )
+                    self._add_problem(part, f"omitted: the arm {element.id} already has the gripper {gripper.id}")
                     continue
                 gripper = self._gripper(part, robot, taken)
                 for child in self._tree.children(part):

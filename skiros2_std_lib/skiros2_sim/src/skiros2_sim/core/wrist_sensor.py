@@ -57,9 +57,7 @@ class WristSensor:
     :param random: source of the noise.
     """
 
-    def __init__(
-        self, mass: float, centre: Sequence[float], model: SensorModel, random: np.random.Generator
-    ) -> None:
+    def __init__(self, mass: float, centre: Sequence[float], model: SensorModel, random: np.random.Generator) -> None:
         self._mass, self._centre = mass, tuple(float(value) for value in centre)
         self._deviation = np.array([model.force_noise] * 3 + [model.torque_noise] * 3)
         self._bias = np.array(model.bias)

@@ -171,9 +171,7 @@ class Blackboard:
             changed = True
         return changed
 
-    def push(
-        self, node: SkillWrapper, slots: list[Slot], everything: bool = False, removes: bool = True
-    ) -> list[str]:
+    def push(self, node: SkillWrapper, slots: list[Slot], everything: bool = False, removes: bool = True) -> list[str]:
         """Copies parameters of a node that were assigned or changed in place to the blackboard; a parameter without a
         value removes its key. Returns the keys that have changed.
 

@@ -22,6 +22,7 @@ from skiros2_skill.core.tree.compound import SkillBase
 
 log = logging.getLogger(__name__)
 
+
 class Implementation:
     """A class that implements a skill, with a pool of free instances.
 

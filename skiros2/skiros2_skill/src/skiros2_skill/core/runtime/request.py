@@ -40,6 +40,7 @@ from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
 
+
 @dataclass(frozen=True)
 class JsonValues:
     """Values from JSON, whose type the skill declares. Elements are given by id or label."""

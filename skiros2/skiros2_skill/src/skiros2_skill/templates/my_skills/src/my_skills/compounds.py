@@ -13,6 +13,10 @@ class inspect(SkillBase):
     def expand(self, skill):
         skill(
             self.skill("TakePicture", ""),
-            self.skill("WmSetProperties", "wm_set_properties", remap={"Src": "Object"},
-                       specify={"Properties": {"my_skills:Inspected": True}}),
+            self.skill(
+                "WmSetProperties",
+                "wm_set_properties",
+                remap={"Src": "Object"},
+                specify={"Properties": {"my_skills:Inspected": True}},
+            ),
         )

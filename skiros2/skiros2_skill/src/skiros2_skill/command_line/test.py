@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from skiros2_common.command_line.command import UNAVAILABLE, VERSION, command_arguments
+from skiros2_common.command_line.command import UNAVAILABLE, VERSION, command_arguments, end
 
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -25,4 +25,4 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
         sys.stderr.write(f"test: {error}; install it with: pip install pytest\n")
         sys.exit(UNAVAILABLE)
     sys.path.insert(0, str(Path("src").resolve()))
-    sys.exit(pytest.main(given))
+    end(pytest.main(given))

@@ -62,12 +62,15 @@ class OverRos:
         self._sim.reset()
 
     def advance(self, seconds: float) -> ArmState:
-        stamp = self._sim.step(round(seconds * 240)).stamp.to_sec()
+        self._wait_for_state(0.0)  # the commands before have their effect
+        return self._wait_for_state(self._sim.step(round(seconds * 240)).stamp.to_sec() - 0.011)
+
+    def _wait_for_state(self, since: float) -> ArmState:
         end = time.monotonic() + WAIT
 
         def state() -> ArmState | None:
             found = self.arm.state()
-            if found is not None and found.stamp >= stamp - 0.011:
+            if found is not None and found.stamp >= since:
                 return found
             assert time.monotonic() < end
             self._sim.step(3)  # answers take a moment, and are followed by new states
@@ -144,7 +147,7 @@ def test_tool_follows_the_reference(rig: Rig) -> None:
 def test_stamps_follow_the_clock_of_the_arm(rig: Rig) -> None:
     before = rig.advance(0.1).stamp
     assert rig.advance(0.5).stamp - before == pytest.approx(0.5, abs=0.03)
-    assert abs(rig.advance(0.1).stamp - rig.arm.now()) < 0.03
+    assert abs(rig.advance(0.1).stamp - rig.arm.now()) < 0.1  # a state that comes late is followed by more steps
 
 
 def test_wrench_is_that_of_the_environment_along_the_axes_of_the_base(rig: Rig) -> None:

@@ -74,9 +74,9 @@ def test_configuration_error_of_a_node_ends_the_launch(ros: Ros, package: Path) 
 
 def test_crashed_node_is_restarted(ros: Ros, package: Path) -> None:
     program = launch(ros, package, one="echo run $$; exec sleep 100")
-    first = int(program.wait_for_line(r"^run (\d+)")[1])
+    first = int(program.wait_for_line(r"run (\d+)$")[1])
     os.kill(first, signal.SIGKILL)
-    second = int(program.wait_for_line(rf"^run (?!{first}\b)(\d+)")[1])
+    second = int(program.wait_for_line(rf"run (?!{first}\b)(\d+)$")[1])
     assert second != first
 
 
@@ -176,7 +176,7 @@ def read(file: Path) -> str:
 def test_node_can_clean_up_at_the_end_of_a_launch(ros: Ros, package: Path) -> None:
     cleans_up = "trap 'sleep 0.3; echo cleaned up; exit' INT; echo up; while :; do sleep 0.1; done"
     program = launch(ros, package, one=cleans_up)
-    program.wait_for_line("^up")
+    program.wait_for_line("up$")  # without ^: it may follow what roslaunch is printing
     program.interrupt()
     assert program.wait() == 0
     assert "cleaned up" in program.output
@@ -212,7 +212,7 @@ def test_configuration_error_is_printed_where_the_launch_was_started(
 
 def test_without_deploy_and_without_display_the_output_stays_on_the_screen(ros: Ros, package: Path) -> None:
     program = launch(ros, package, deploy=False, env={"DISPLAY": ""}, talker="echo words; exec sleep 100")
-    program.wait_for_line("^words")
+    program.wait_for_line("words$")
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,9 @@ class Newcomer:
         self._followed: set[Path] = set()
         (home / "skiros2").symlink_to(ROOT)
         disabled = "genlisp:gencpp:geneus:gennodejs"
-        env = {**master.env, "HOME": str(home), "TERM": "dumb", "ROS_LANG_DISABLE": disabled}
+        # the journal is in ROS_HOME: what another newcomer has changed is not in the history of this one
+        own = {"HOME": str(home), "ROS_HOME": f"{home}/.ros", "TERM": "dumb"}
+        env = {**master.env, **own, "ROS_LANG_DISABLE": disabled}
         self._reader = Reader(home, env, partial(run_command, timeout=150), {"8765": str(free_port())})
 
     def __enter__(self) -> Newcomer:

@@ -6,6 +6,7 @@ import argparse
 import importlib
 import json
 import os
+import signal
 import sys
 import tempfile
 import traceback
@@ -35,6 +36,7 @@ def main() -> int:
     known = ", ".join(PARTS)
     parser.add_argument("parts", nargs="*", metavar="PART", default=list(PARTS), help=f"of {known}; default: all")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # ends the nodes that were started
     unknown = set(arguments.parts) - set(PARTS)
     if unknown:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are: {known}")

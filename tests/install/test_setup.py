@@ -166,7 +166,7 @@ def test_python_packages_are_fetched_while_dpkg_unpacks(clone: Path, commands: P
     stand_in(commands, "cmake", "exit 1")
     done = set_up(clone, commands, "run", "sim")
     assert both.exists(), done.stdout + done.stderr
-    assert "set-up: CMake" in done.stderr  # it has come to the build
+    assert "set-up: CMake" in done.stderr  # the packages were no obstacle: the build began
 
 
 def test_changed_list_is_installed_into_the_environment_that_is_there(clone: Path, commands: Path) -> None:

@@ -54,7 +54,7 @@ class Lab:
             last = self.window.tasks.last_started(ROBOT)
             if last is not None and last.state == state:
                 return
-            assert self.heard.wait(PATIENCE), f"no {state} was told"
+            assert self.heard.wait(PATIENCE), f"no {state} was reported"
             self.heard.clear()
             self.window.process_events()
 

@@ -14,6 +14,7 @@ import os
 import resource
 import signal
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -37,9 +38,15 @@ hypothesis.settings.register_profile("repeatable", deadline=None, derandomize="F
 hypothesis.settings.load_profile("repeatable")
 
 _ROS = pytest.StashKey[Ros]()
+_SPENT = pytest.StashKey[float]()
 
 #: The tests that failed in a run of several processes, each with the reason, written as they end.
 FAILURES = TESTS.parent / "build" / "failures.txt"
+
+#: The tests that failed in a whole run and passed alone, a line for each time: its date and the test. `.ci/run` adds to it.
+SECOND_TRIES = TESTS / "second_tries.txt"
+
+_CPU = "cpu"  # the property of a report with the seconds of CPU since the report before
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -70,14 +77,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Keeps the times of all tests, set-up and teardown included, in build/test_times.txt, the slowest first."""
+    """Keeps the times of all tests, set-up and teardown included, in build/test_times.txt, the slowest first. Prints the
+    slowest, the CPU of each folder, and the tests that have needed a second try."""
     times: dict[str, float] = {}
+    cpu: Counter[str] = Counter()
     for reports in terminalreporter.stats.values():
         for report in reports:
             if isinstance(report, pytest.TestReport):
                 times[report.nodeid] = times.get(report.nodeid, 0.0) + report.duration
+                cpu[_folder(report.nodeid)] += dict(report.user_properties).get(_CPU, 0.0)
     if len(times) < _MANY_TESTS:
         return
+    terminalreporter.section(f"CPU: {cpu.total() / 60:.1f} min")
+    terminalreporter.write_line("\n".join(f"{seconds:8.0f} s  {folder}" for folder, seconds in cpu.most_common()))
+    tries = Counter(line.split(maxsplit=1)[1] for line in SECOND_TRIES.read_text().splitlines())
+    terminalreporter.section(f"tests that have needed a second try, and how often ({SECOND_TRIES.name})")
+    terminalreporter.write_line("\n".join(f"{count:4}  {name}" for name, count in tries.most_common()) or "none")
     slowest = sorted(times.items(), key=lambda item: -item[1])
     lines = [f"{seconds:8.2f} s  {name}" for name, seconds in slowest]
     target = TESTS.parent / "build" / "test_times.txt"
@@ -85,6 +100,17 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     target.write_text("\n".join(lines) + "\n")
     terminalreporter.section(f"slowest tests (all: {target.relative_to(TESTS.parent)})")
     terminalreporter.write_line("\n".join(lines[:_SLOWEST]))
+
+
+def _folder(test: str) -> str:
+    """The folder of the test, without `tests`: `unit/skiros2_task`."""
+    return str(Path(test.partition("::")[0]).parent).removeprefix("tests/")
+
+
+def _cpu_seconds() -> float:
+    """The CPU time of this process and of those that it has waited for (s)."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
 
 
 @pytest.fixture(scope="session")
@@ -125,6 +151,9 @@ def ros(_closed_connections: None, ros_master: RosMaster, request: pytest.Fixtur
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     report = yield
+    spent = _cpu_seconds()
+    report.user_properties = [(_CPU, spent - item.config.stash.get(_SPENT, spent))]
+    item.config.stash[_SPENT] = spent
     if report.failed:
         systems = [value for value in getattr(item, "funcargs", {}).values() if isinstance(value, SharedSystem)]
         systems += [ros] if (ros := item.stash.get(_ROS, None)) else []

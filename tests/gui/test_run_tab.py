@@ -12,7 +12,17 @@ import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import QPointF, Qt, QTimer, QUrl
 from python_qt_binding.QtGui import QPalette
-from python_qt_binding.QtWidgets import QAbstractButton, QAction, QLabel, QLineEdit, QListWidget, QSlider, QTreeWidget
+from python_qt_binding.QtWidgets import (
+    QAbstractButton,
+    QAction,
+    QCheckBox,
+    QLabel,
+    QLineEdit,
+    QListWidget,
+    QSlider,
+    QTabWidget,
+    QTreeWidget,
+)
 
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
@@ -21,7 +31,7 @@ from skiros2_gui.app.events import ElementSelected, TaskProgress, TaskStarted
 from skiros2_gui.app.names import Names
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.node import ConditionText, NodeText
-from skiros2_gui.run.widgets.side_tabs import NodeDetails
+from skiros2_gui.run.widgets.side_tabs import BreakpointPanel, MessageList, NodeDetails
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_skill.client.description import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree
@@ -45,7 +55,34 @@ def tell(window: Window, nodes: list[ProgressNode], at: float = 1000.0, robot: s
 
 def drawn(tab: RunTab, qtbot: QtBot) -> None:
     """Waits until all that was told is drawn."""
-    qtbot.waitUntil(lambda: not tab._stale and not tab._timer.isActive())
+    qtbot.waitUntil(lambda: tab.is_drawn)
+
+
+def details_of(tab: RunTab) -> NodeDetails:
+    return tab.findChild(NodeDetails, "nodeDetails")
+
+
+def search_of(tab: RunTab) -> QLineEdit:
+    return tab.findChild(QLineEdit, "nodeSearch")
+
+
+def count_of(tab: RunTab) -> str:
+    return tab.findChild(QLabel, "nodeCount").text()
+
+
+def follow_of(tab: RunTab) -> QCheckBox:
+    return tab.findChild(QCheckBox, "follow")
+
+
+def side_tabs(tab: RunTab) -> QTabWidget:
+    return tab.findChild(QTabWidget, "runBeside")
+
+
+def messages_of(tab: RunTab) -> MessageList:
+    """The list of messages, brought to the front."""
+    messages = tab.findChild(MessageList, "messages")
+    side_tabs(tab).setCurrentWidget(messages)
+    return messages
 
 
 def click(tab: RunTab, qtbot: QtBot, place: int, offset: QPointF | None = None, double: bool = False) -> None:
@@ -55,7 +92,7 @@ def click(tab: RunTab, qtbot: QtBot, place: int, offset: QPointF | None = None, 
 
 
 def test_tab_without_task_shows_a_hint(tab: RunTab) -> None:
-    assert tab._empty.isVisible() and not tab.view.isVisible()
+    assert tab.findChild(QLabel, "noTask").isVisible() and not tab.view.isVisible()
 
 
 def test_task_is_drawn_in_the_colours_of_its_states(tab: RunTab, window: Window, qtbot: QtBot) -> None:
@@ -80,7 +117,7 @@ def test_click_selects_a_node_and_shows_its_details(tab: RunTab, window: Window,
     drawn(tab, qtbot)
     click(tab, qtbot, 2)
     drawn(tab, qtbot)
-    text = tab._details.toPlainText()
+    text = details_of(tab).toPlainText()
     assert "move_arm" in text and "✗ failed" in text and "<b>no</b> way & stop" in text
     assert "MoveArm" in text and "pick" in text
 
@@ -116,12 +153,12 @@ def test_search_unfolds_and_cycles_through_results(tab: RunTab, window: Window, 
     drawn(tab, qtbot)
     tab.presenter.change_folds(lambda tree, _: tree.fold_to(1))
     tab.find()
-    assert tab._bar.search.hasFocus()
-    qtbot.keyClicks(tab._bar.search, "skill_77")
+    assert search_of(tab).hasFocus()
+    qtbot.keyClicks(search_of(tab), "skill_77")
     drawn(tab, qtbot)
-    assert tab._bar.count.text() == "11 found"
+    assert count_of(tab) == "11 found"
     shape, first = tab.presenter.frame.shape, tab.presenter.tree.selected_index()
-    qtbot.keyClick(tab._bar.search, Qt.Key_Return)
+    qtbot.keyClick(search_of(tab), Qt.Key_Return)
     second = tab.presenter.tree.selected_index()
     assert first != second
     assert all(shape.label(place).startswith("skill_77") for place in (first, second))
@@ -139,12 +176,12 @@ def test_slider_selects_ticks_and_button_returns_to_live(tab: RunTab, window: Wi
     slider.setValue(0)
     drawn(tab, qtbot)
     assert tab.presenter.frame.state(1) == RUNNING
-    assert tab._history._label.text().startswith("tick 1 of 3, ")
+    assert tab.findChild(QLabel, "historyLabel").text().startswith("tick 1 of 3, ")
     tell(window, pick_and_place(SUCCESS, FAILURE), 1003.0)  # it goes on meanwhile
     drawn(tab, qtbot)
     assert (slider.maximum(), slider.value()) == (3, 0)
     assert tab.presenter.frame.state(1) == RUNNING
-    qtbot.mouseClick(tab._history._live, Qt.LeftButton)
+    qtbot.mouseClick(button(tab, "historyLive"), Qt.LeftButton)
     drawn(tab, qtbot)
     assert tab.presenter.frame.state(4) == FAILURE
 
@@ -152,10 +189,10 @@ def test_slider_selects_ticks_and_button_returns_to_live(tab: RunTab, window: Wi
 def test_message_selects_its_node_and_tick(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(RUNNING), 1000.0)
     tell(window, pick_and_place(SUCCESS, RUNNING), 1002.0)
-    tab._side_tabs.setCurrentWidget(tab._messages)
-    rows = tab._messages.rows.rows
+    messages = messages_of(tab)
+    rows = messages.rows.rows
     line = next(row.item for row in rows if "pick running" in row.cells[0])
-    tab._messages.picked.emit(line)
+    messages.picked.emit(line)
     assert tab.presenter.tick == 0
     assert tab.presenter.tree.selected == 100
 
@@ -167,8 +204,7 @@ def test_messages_have_labels_instead_of_ids(tab: RunTab, window: Window, qtbot:
     nodes = pick_and_place(FAILURE)
     nodes[1].progress_message = f"expected {eid}-Tray B skiros:at Dock"
     tell(window, nodes)
-    tab._side_tabs.setCurrentWidget(tab._messages)
-    row = next(row for row in tab._messages.rows.rows if row.item.name == "pick")
+    row = next(row for row in messages_of(tab).rows.rows if row.item.name == "pick")
     assert row.cells[0].endswith("pick: expected Tray B is at Dock")
     assert row.tip == f"expected {eid}-Tray B skiros:at Dock"
 
@@ -226,20 +262,20 @@ def test_large_tree_is_folded_at_first(tab: RunTab, window: Window, qtbot: QtBot
 def test_hidden_tab_is_not_drawn(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tab.hide()
     tell(window, pick_and_place())
-    assert not tab._timer.isActive()
+    assert not tab.is_drawn and not tab.view.isVisible()
     tab.show()
-    assert tab.view.isVisible()
+    assert tab.is_drawn and tab.view.isVisible()
 
 
 def test_settings_are_restored_and_invalid_ones_skipped(tab: RunTab) -> None:
-    tab._bar.follow.setChecked(False)
-    tab._side_tabs.setCurrentIndex(2)
+    follow_of(tab).setChecked(False)
+    side_tabs(tab).setCurrentIndex(2)
     kept = tab.settings()
-    tab._bar.follow.setChecked(True)
+    follow_of(tab).setChecked(True)
     tab.restore({"sizes": 7, "follow": "no", "beside": None, "folder": []})
-    assert tab._bar.follow.isChecked()
+    assert follow_of(tab).isChecked()
     tab.restore(kept)
-    assert not tab._bar.follow.isChecked() and tab._side_tabs.currentIndex() == 2
+    assert not follow_of(tab).isChecked() and side_tabs(tab).currentIndex() == 2
 
 
 def test_context_menu_folds_a_node(tab: RunTab, window: Window, qtbot: QtBot) -> None:
@@ -318,15 +354,15 @@ def test_click_on_an_element_selects_it_in_other_tabs(
 ) -> None:
     chosen: list[str] = []
     window.subscribe(ElementSelected, lambda event: chosen.append(event.eid))
-    qtbot.waitUntil(lambda: "box" in tab._details.toPlainText())
-    tab._details.anchorClicked.emit(QUrl("#skirOS:Container-1"))
+    qtbot.waitUntil(lambda: "box" in details_of(tab).toPlainText())
+    details_of(tab).anchorClicked.emit(QUrl("#skirOS:Container-1"))
     assert chosen == ["skirOS:Container-1"]
-    assert 'href="#skiros:Container-' in tab._details.toHtml()
+    assert 'href="#skiros:Container-' in details_of(tab).toHtml()
 
 
 def test_breakpoints_are_added_shown_and_removed(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
-    panel = tab._breakpoints
-    tab._side_tabs.setCurrentWidget(panel)
+    panel = tab.findChild(BreakpointPanel)
+    side_tabs(tab).setCurrentWidget(panel)
     pattern, listed = panel.findChild(QLineEdit, "breakpointPattern"), panel.findChild(QListWidget, "breakpoints")
     assert not button(tab, "breakpointAdd").isEnabled()
     qtbot.keyClicks(pattern, "wait*")
@@ -363,14 +399,14 @@ def test_each_task_has_its_own_search(tab: RunTab, window: Window, qtbot: QtBot)
     tell(window, pick_and_place(task_id=1))
     tell(window, pick_and_place(task_id=2))
     drawn(tab, qtbot)
-    qtbot.keyClicks(tab._bar.search, "arm")
+    qtbot.keyClicks(search_of(tab), "arm")
     first, second = list(tab.presenter.runs)
     tab.presenter.pick(second)
     drawn(tab, qtbot)
-    assert (tab._bar.search.text(), tab._bar.count.text()) == ("", "5 nodes")
+    assert (search_of(tab).text(), count_of(tab)) == ("", "5 nodes")
     tab.presenter.pick(first)
     drawn(tab, qtbot)
-    assert (tab._bar.search.text(), tab._bar.count.text()) == ("arm", "1 found")
+    assert (search_of(tab).text(), count_of(tab)) == ("arm", "1 found")
 
 
 @pytest.fixture
@@ -429,10 +465,10 @@ def test_tab_accepts_any_messages_and_user_actions(tab: RunTab, window: Window, 
             partial(presenter.select, place),
             partial(presenter.fold, place),
             lambda: presenter.pick(chance.choice(list(presenter.runs))),
-            lambda: tab._bar.search.setText(chance.choice(["a", "x s", ""])),
-            lambda: tab._side_tabs.setCurrentIndex(chance.randrange(4)),
+            lambda: search_of(tab).setText(chance.choice(["a", "x s", ""])),
+            lambda: side_tabs(tab).setCurrentIndex(chance.randrange(4)),
             lambda: qtbot.keyClick(tab.view, chance.choice([Qt.Key_Left, Qt.Key_Down, Qt.Key_Return, Qt.Key_F])),
-            lambda: tab._draw(),
+            lambda: (tab.hide(), tab.show()),
         ])  # fmt: skip
         action()
     drawn(tab, qtbot)

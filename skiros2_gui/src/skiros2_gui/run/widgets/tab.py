@@ -103,6 +103,11 @@ class RunTab(QWidget):
     def toggle(self) -> None:
         self.presenter.toggle()
 
+    @property
+    def is_drawn(self) -> bool:
+        """Whether no change waits to be drawn."""
+        return not self._stale
+
     def close_tab(self) -> None:
         self._timer.stop()
         self._slow_timer.stop()
@@ -249,6 +254,7 @@ class RunTab(QWidget):
 
     def _lay_out(self) -> None:
         self._empty = PlainLabel("No task has run yet.\nStart a skill, or open a recorded run.")
+        self._empty.setObjectName("noTask")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
         self._source = text_label("", is_selectable=False)

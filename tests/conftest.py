@@ -43,7 +43,7 @@ _SPENT = pytest.StashKey[float]()
 #: The tests that failed in a run of several processes, each with the reason, written as they end.
 FAILURES = TESTS.parent / "build" / "failures.txt"
 
-#: The tests that failed in a whole run and passed alone, a line for each time: its date and the test. `.ci/run` adds to it.
+#: The tests that failed in a whole run and passed alone, a line for each time: date and test. `.ci/run` adds to it.
 SECOND_TRIES = TESTS / "second_tries.txt"
 
 _CPU = "cpu"  # the property of a report with the seconds of CPU since the report before
@@ -77,8 +77,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Keeps the times of all tests, set-up and teardown included, in build/test_times.txt, the slowest first. Prints the
-    slowest, the CPU of each folder, and the tests that have needed a second try."""
+    """Keeps the times of all tests, set-up and teardown included, in build/test_times.txt, the slowest first. Prints
+    the slowest, the CPU of each folder, and the tests that have needed a second try."""
     times: dict[str, float] = {}
     cpu: Counter[str] = Counter()
     for reports in terminalreporter.stats.values():

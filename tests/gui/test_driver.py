@@ -10,7 +10,7 @@ from python_qt_binding.QtCore import QAbstractTableModel, QModelIndex
 from python_qt_binding.QtWidgets import QTableView
 
 from skiros2_common.core.processes import Terminated, TerminationSignals
-from skiros2_gui.driver import Driver
+from support.window.driver import Driver
 
 
 class Interrupted(QAbstractTableModel):

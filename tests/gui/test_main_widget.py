@@ -25,8 +25,8 @@ from skiros2_gui.app.events import ConnectionChanged
 from skiros2_gui.app.widgets import main_widget
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import palette_of
-from skiros2_gui.driver import Driver
 from skiros2_skill.client.description import Step
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import break_down, fetch, furnish
 

@@ -16,7 +16,7 @@ from skiros2_gui.app.events import ConnectionChanged, EventQueue
 from skiros2_gui.app.next_step import next_step
 from skiros2_gui.app.system import MASTER, Part
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.driver import Driver
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import note
 

@@ -13,8 +13,8 @@ from python_qt_binding.QtWidgets import QTreeWidget
 
 from skiros2_gui.app.widgets.theme import palette_of
 from skiros2_gui.app.window import Window
-from skiros2_gui.driver import Driver
 from skiros2_gui.run.widgets.tab import RunTab
+from support.window.driver import Driver
 from support.window.press_cell import TOPIC, PressCell
 
 

@@ -9,8 +9,8 @@ from pytestqt.qtbot import QtBot
 from python_qt_binding.QtWidgets import QLabel, QPushButton
 
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.driver import Driver
 from skiros2_skill.testing import describe, stand_in
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 
 REASON = "Stopped since 14:03:12: emergency stop by /e_stop: data is True."

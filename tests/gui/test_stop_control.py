@@ -11,10 +11,10 @@ from python_qt_binding.QtTest import QTest
 from python_qt_binding.QtWidgets import QApplication, QLineEdit
 
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.driver import Driver
 from skiros2_gui.standalone import StandaloneWindow
 from skiros2_skill.client.description import Step
 from skiros2_skill.testing import describe, stand_in
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 
 work = stand_in(describe("Work"), label="work", execute=lambda s: s.step("working"))

@@ -10,7 +10,7 @@ from python_qt_binding.QtCore import QPoint, Qt
 from python_qt_binding.QtTest import QTest
 
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.driver import Driver
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 from support.window.teach_cell import TeachCell, taught
 

@@ -34,7 +34,7 @@ PROGRAMS = {
     "skiros2_world_model": {"check_world", "world_model_server_node", "ontology_server_node"},
     "skiros2_skill": {"check_skills", "skill_manager_node"},
     "skiros2_task": {"task_manager_node"},
-    "skiros2_gui": {"skiros_gui", "markers_node", "screenshots"},
+    "skiros2_gui": {"skiros_gui", "markers_node"},
     "skiros2_sim_skills": {"pick_place_demo"},
     "skiros2_contact_skills": {"piston_demo"},
 }

@@ -14,10 +14,10 @@ import pytest
 import rosgraph
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.display import Display
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
 from support.ros import INSTALL, Ros, wait_until
+from support.window.display import Display
 
 NODE_SH = INSTALL / "share/skiros2/launch/node.sh"
 

@@ -18,11 +18,11 @@ from visualization_msgs.msg import (
 )
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.display import Display
 from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import ROOT, Ros, wait_until
+from support.window.display import Display
 
 CELL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
 PRODUCT = "skiros:Product-14"
@@ -154,7 +154,9 @@ def green(display: Display) -> float:
 def test_embedded_rviz_draws_the_selection(ros: Ros, world: WorldModelInterface, tmp_path: Path) -> None:
     with Display() as display:
         picture = tmp_path / "window.png"
-        command = (sys.executable, "-m", "skiros2_gui.rviz_screenshot", "Product A", str(picture))
-        program = ros.program(*command, env={**ros.master.env, **display.env})
+        command = (sys.executable, "-m", "support.window.rviz_screenshot", "Product A", str(picture))
+        env = {**ros.master.env, **display.env}
+        env["PYTHONPATH"] = f"{Path(__file__).parents[1]}:{env['PYTHONPATH']}"
+        program = ros.program(*command, env=env)
         assert program.wait(60.0) == 0, "it draws, and ends without a crash"
     assert picture.is_file()

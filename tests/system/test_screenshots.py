@@ -17,12 +17,13 @@ from support.ros import install_environment
 pytestmark = pytest.mark.timeout(300)
 
 PICTURES = ("start", "goal", "skills", "running", "dark", "world", "rviz")
-SCREENSHOTS = ("rosrun", "skiros2_gui", "screenshots")
+SCREENSHOTS = (sys.executable, "-m", "support.window.screenshots")
+TESTS = Path(__file__).parents[1]
 #: Of each picture (bytes).
 MOST_BYTES = 200_000
 
 
-def start(folder: Path, *command: str, path: Path = Path(__file__).parents[1]) -> Program:
+def start(folder: Path, *command: str, path: Path = TESTS) -> Program:
     """Starts a program where there is no display and no master.
 
     :param path: of additional modules.
@@ -30,7 +31,7 @@ def start(folder: Path, *command: str, path: Path = Path(__file__).parents[1]) -
     env = {**install_environment(), "HOME": str(folder)}
     for name in ("DISPLAY", "QT_QPA_PLATFORM", "ROS_MASTER_URI"):
         env.pop(name, None)
-    env["PYTHONPATH"] = f"{path}:{env.get('PYTHONPATH', '')}"
+    env["PYTHONPATH"] = f"{path}:{TESTS}:{env.get('PYTHONPATH', '')}"
     return Program([*command, str(folder / "pictures")], env)
 
 

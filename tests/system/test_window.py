@@ -18,13 +18,13 @@ from skiros2_gui.app.next_step import next_step
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.system import Part, sentence
 from skiros2_gui.app.widgets.main_widget import MainWidget
-from skiros2_gui.driver import Driver
 from skiros2_msgs.msg import TreeProgress
 from skiros2_runs.core.states import SUCCESS
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import window_monitor
 from support.ros import INSTALL, Ros, RosMaster, wait_until
 from support.rqt_host import RqtHost, provide_rqt
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")

@@ -15,10 +15,10 @@ from python_qt_binding.QtWidgets import QApplication
 
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import LIGHT, apply_theme
-from skiros2_gui.driver import Driver
-from skiros2_gui.screenshots import HEIGHT, WIDTH, save, screenshot, virtual_display
+from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 from support.window.press_cell import PressCell
+from support.window.screenshots import HEIGHT, WIDTH, save, screenshot, virtual_display
 from support.window.teach_cell import TeachCell
 
 

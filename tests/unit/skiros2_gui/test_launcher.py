@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_gui.display import Display
 from skiros2_gui.launcher import display_problem, missing_binding, rqt_command
 from support.programs import Program
 from support.ros import ROOT
+from support.window.display import Display
 
 NODE = ROOT / "skiros2_gui/nodes/skiros_gui"
 COMMON = [str(ROOT / "skiros2/skiros2_common/src")]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skiros2_common.core.forward_clock import now
+from skiros2_gui.app.context import WindowContext
 from skiros2_gui.app.events import (
     ConnectionChanged,
     FailureExplained,
@@ -31,9 +32,6 @@ from skiros2_runs.core.task_run import Recorded, TaskRun
 from skiros2_skill.client.description import Why
 from skiros2_skill.core.runtime.history import one_line
 from skiros2_task.core.goal_sentence import goal_sentence
-
-if TYPE_CHECKING:
-    from skiros2_gui.app.window import Window
 
 #: The commands for a task.
 PAUSE, RESUME, STEP, STOP = "pause", "start", "tick_once", "preempt"
@@ -64,7 +62,7 @@ class TaskList:
     :ivar why_of: the task that `why` (in lines) explains.
     """
 
-    def __init__(self, window: Window, clock: Callable[[], float] = now) -> None:
+    def __init__(self, window: WindowContext, clock: Callable[[], float] = now) -> None:
         self._window = window
         self._clock = clock
         self._published: weakref.WeakKeyDictionary[TaskRun, TaskState] = weakref.WeakKeyDictionary()

@@ -1,4 +1,4 @@
-"""The program that takes screenshots of the window during a run: `rosrun skiros2_gui screenshots FOLDER`.
+"""Takes the docs' screenshots of the window during a run: `python3 -m support.window.screenshots FOLDER`.
 
 Starts the demo with timed motions on its own master, operates the window as a user does, and saves screenshots of the
 first start and of each tab. Without a display it uses a virtual one (Xvfb).
@@ -23,12 +23,12 @@ from skiros2_common.ros.private_system import PrivateSystem
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import DARK, LIGHT
-from skiros2_gui.display import Display
-from skiros2_gui.driver import Driver
 from skiros2_gui.launcher import display_problem
-from skiros2_gui.rviz_screenshot import HEIGHT, WIDTH, separate_rviz_screenshot
 from skiros2_gui.standalone import StandaloneWindow
 from skiros2_gui.view3d.widgets.rviz_panel import rviz_problem
+from support.window.display import Display
+from support.window.driver import Driver
+from support.window.rviz_screenshot import HEIGHT, WIDTH, separate_rviz_screenshot
 
 #: The time to draw pending changes (s).
 SETTLING_SECONDS = 0.6
@@ -149,3 +149,7 @@ def screenshot(driver: Driver) -> QImage:
     """Returns a screenshot of a window once it has drawn pending changes."""
     driver.process_for(SETTLING_SECONDS)
     return driver.window.grab().toImage()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,6 +1,6 @@
 """Screenshots of rviz in the window; `QWidget.grab` does not capture it.
 
-`python3 -m skiros2_gui.rviz_screenshot LABEL FILE` opens a window, selects the element with that label, and saves a
+`python3 -m support.window.rviz_screenshot LABEL FILE` opens a window, selects the element with that label, and saves a
 picture of rviz: a crash of rviz ends the process that draws it.
 """
 
@@ -24,8 +24,8 @@ from skiros2_common.ros.private_system import STOP_TIMEOUT, SystemDown
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import LIGHT
-from skiros2_gui.driver import Driver
 from skiros2_gui.standalone import StandaloneWindow
+from support.window.driver import Driver
 
 #: The size of windows in screenshots (pixels).
 WIDTH, HEIGHT = 1280, 800
@@ -48,7 +48,7 @@ def separate_rviz_screenshot(driver: Driver, label: str) -> QImage:
     """
     with tempfile.TemporaryDirectory(prefix="skiros2-rviz-") as folder:
         picture, log = Path(folder, "rviz.png"), Path(folder, "rviz.log")
-        command = [sys.executable, "-m", "skiros2_gui.rviz_screenshot", label, str(picture)]
+        command = [sys.executable, "-m", "support.window.rviz_screenshot", label, str(picture)]
         status = _run(driver, command, log)
         if status < 0:  # software renderers let rviz crash at times while it starts
             sys.stderr.write(f"rviz has crashed ({_name(status)}); starting it again\n")

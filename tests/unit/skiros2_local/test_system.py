@@ -44,7 +44,7 @@ def test_goal_without_a_plan_says_why(system: LocalSystem) -> None:
     goal = system.achieve(INSPECTED).wait(TIMEOUT)
     assert goal.has_ended
     assert not goal.reached
-    assert "no skill brings it about" in goal.message
+    assert "no skill achieves it" in goal.message
 
 
 def test_cancelled_goal_stops_its_robot(system: LocalSystem) -> None:

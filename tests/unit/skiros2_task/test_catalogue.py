@@ -168,7 +168,7 @@ def test_goal_without_skill_is_impossible(plan: Plan) -> None:
     world = transport_world()
     result = plan(world, f"(skiros:hasA {world.places[0]} {world.products[0]})")
     assert result.verdict is Verdict.IMPOSSIBLE
-    assert "cannot be reached: Location-1 has Product-3 (no skill brings it about)" in result.message
+    assert "cannot be reached: Location-1 has Product-3 (no skill achieves it)" in result.message
 
 
 def test_missing_condition_is_reported(plan: Plan) -> None:

@@ -80,7 +80,7 @@ def test_nearest_binding_is_explained_to_missing_fact() -> None:
     assert place.skill == "skiros:Place (place)"
     assert place.values == {"Robot": R, "Gripper": G, "Place": B, "Object": P}
     owned, held = place.unsatisfied
-    assert (owned.text, owned.note) == (f"(skiros:hasA {R} {G})", "no skill brings it about")
+    assert (owned.text, owned.note) == (f"(skiros:hasA {R} {G})", "no skill achieves it")
     assert held.text == str(contain(G, P))
     (pick,) = held.achievers
     assert pick.skill == "skiros:Pick (pick)"
@@ -121,7 +121,7 @@ def test_permanent_fact_in_negated_goal_is_reported() -> None:
     owned = Atom(HAS_A, (R, G))
     why = impossible(transport_task(1, 2, 1, Not(owned)))
     (fact,) = why.goals
-    assert (fact.text, fact.note) == (f"(not {owned})", "no skill brings it about")
+    assert (fact.text, fact.note) == (f"(not {owned})", "no skill achieves it")
 
 
 @pytest.mark.parametrize(
@@ -201,11 +201,11 @@ def test_text_has_all_levels() -> None:
     why = impossible(without(transport_task(1, 2, 1), HAS_A), reason="search space exhausted")
     lines = str(why).splitlines()
     assert lines[:5] == [
-        f"No plan: {R} has {G}: no skill brings it about.",
+        f"No plan: {R} has {G}: no skill achieves it.",
         "verdict: proven impossible (search space exhausted)",
         f"cannot be reached: {B} contains {P}",
         f"  skiros:Place (place) with Robot={R}, Gripper={G}, Place={B}, Object={P} needs",
-        f"    cannot be reached: {R} has {G} (no skill brings it about)",
+        f"    cannot be reached: {R} has {G} (no skill achieves it)",
     ]
 
 

@@ -153,8 +153,8 @@ def declared_effects(skill: Skill) -> list[tuple[Predicate, bool]]:
 
 
 def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> tuple[Action, list[str]]:
-    if skill.flaw:
-        raise Unusable(skill.flaw)
+    if skill.unreadable:
+        raise Unusable(skill.unreadable)
     if not skill.available:
         raise Unusable("it is not available for planning")
     if not skill.pre or not skill.post:

@@ -141,7 +141,7 @@ class ExecutionStateMachine:
             return self.world(task)
         is_complete = all(element.id for step in self.waiting for _, element in step.call.arguments)
         missing = self._lost & {step.call.manager for step in self.waiting}
-        if is_complete and not missing and (self.running or self.waiting) and not self._plan_flaw():
+        if is_complete and not missing and (self.running or self.waiting) and not self._why_invalid():
             self.phase, self.message = Phase.WAITING, "the plan continues after a restart"
             return [self._claim()]
         self._drop_waiting()
@@ -232,9 +232,9 @@ class ExecutionStateMachine:
         """The requested resources were granted."""
         if self.phase is not Phase.WAITING:
             return []
-        flaw = self._plan_flaw()
-        if flaw:  # the world has changed while the goal waited
-            self.message = flaw
+        reason = self._why_invalid()
+        if reason:  # the world has changed while the goal waited
+            self.message = reason
             self._drop_waiting()
             return self._plan()
         self.phase = Phase.RUNNING
@@ -325,14 +325,14 @@ class ExecutionStateMachine:
                 if done
                 else End(Verdict.NOTHING_TO_DO, "the goal holds already")
             )
-        flaw = self._plan_flaw()
-        if not flaw:
+        reason = self._why_invalid()
+        if not reason:
             self._broken_since = None
             return []
         if self._broken_since is None:
             self._broken_since = self.clock()
         remaining = self._broken_since + SETTLE_TIME - self.clock()
-        return [ReadWorld(remaining)] if remaining > 0 else self._replan(flaw)
+        return [ReadWorld(remaining)] if remaining > 0 else self._replan(reason)
 
     def unreadable(self, message: str) -> list[Command]:
         """The goal cannot be read in the current world."""
@@ -344,7 +344,7 @@ class ExecutionStateMachine:
 
     # -- transitions -------------------------------------------------------------------------------------------
 
-    def _plan_flaw(self, without: Iterable[Step] = ()) -> str:
+    def _why_invalid(self, without: Iterable[Step] = ()) -> str:
         """Returns why the running and waiting steps do not lead to the goal; "" if they do.
 
         :param without: running steps that are left out.
@@ -418,7 +418,7 @@ class ExecutionStateMachine:
         """Stops the running steps without which the plan still reaches the goal."""
         unneeded: list[Step] = []
         for step in self.running:
-            if not self._plan_flaw([*unneeded, step]):
+            if not self._why_invalid([*unneeded, step]):
                 unneeded.append(step)
         return self._stop(unneeded)
 

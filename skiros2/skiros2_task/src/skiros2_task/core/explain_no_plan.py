@@ -283,7 +283,7 @@ class _Explainer:
         fact.achievers, fact.more = straight[:MAX_LISTED], max(0, len(straight) - MAX_LISTED)
         if not achievers:
             is_skill = isinstance(formula, Atom) and formula.predicate.kind is Kind.CAN
-            fact.note = "its manager does not offer it" if is_skill else "no skill brings it about"
+            fact.note = "its manager does not offer it" if is_skill else "no skill achieves it"
             self.missing[fact.text] = formula
         self._open.pop()
         return fact

@@ -37,8 +37,8 @@ class GivenPlan:
         :raises WrongValue: it does not lead to the goal, or its steps would be others. The text says what has changed.
         """
         steps = tuple(PlanStep(step["action"][0], tuple(step["action"][1:])) for step in self.steps)
-        if flaw := validate(task, steps):
-            raise WrongValue(f"the given plan no longer works: {flaw}")
+        if reason := validate(task, steps):
+            raise WrongValue(f"the given plan no longer works: {reason}")
         needed = deorder(task, steps)
         before = frozenset((first - 1, i) for i, step in enumerate(self.steps) for first in step["after"])
         if missing := sorted(needed.before - _closure(before)):

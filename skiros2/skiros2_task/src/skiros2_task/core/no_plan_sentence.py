@@ -72,7 +72,7 @@ class Clauses:
         """Why a fact cannot be reached that no skill brings about, or only skills that need it themselves."""
         atom, state = (formula.part, False) if isinstance(formula, Not) else (formula, True)
         if not isinstance(atom, Atom) or self._world is None:
-            return f"{self.fact(formula)}: no skill brings it about"
+            return f"{self.fact(formula)}: no skill achieves it"
         kind, key = atom.predicate.kind, atom.predicate.name
         if kind is Kind.CAN:
             return f"{self.name(atom.terms[0])} does not offer the skill {key}"

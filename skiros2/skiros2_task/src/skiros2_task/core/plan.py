@@ -171,9 +171,9 @@ def make_plan(
         create, is not an argument: the skill infers it when it starts.
     :raises WrongValue: the steps do not lead to the goal.
     """
-    flaw = validate(task, steps)
-    if flaw:
-        raise WrongValue(flaw)
+    reason = validate(task, steps)
+    if reason:
+        raise WrongValue(reason)
     return plan_of(task, schedule(task, deorder(task, reduced(task, steps)), durations), objects)
 
 

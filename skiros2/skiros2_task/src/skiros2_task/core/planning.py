@@ -260,19 +260,19 @@ class TaskPlanner:
         if answer.outcome is not Outcome.SOLVED:
             return _without_plan(answer.outcome, answer.reason, task, world, cancelled), {}
         best: tuple[Plan, FoundPlan] | None = None
-        flaw, report = "", answer.log
+        reason, report = "", answer.log
         for found in answer.plans:
             try:
                 plan = make_plan(task, found.steps, self._durations, world.objects)
             except WrongValue as error:
-                flaw = str(error)
-                report += f"{found.by}, after {found.seconds:.2f} s: {flaw}\n"
+                reason = str(error)
+                report += f"{found.by}, after {found.seconds:.2f} s: {reason}\n"
                 continue
             report += f"{found.by}, after {found.seconds:.2f} s: {plan.summary}\n"
             if best is None or plan.makespan < best[0].makespan:
                 best = plan, found
         if best is None:
-            message = f"the planner gave a plan that does not work: {flaw}"
+            message = f"the planner gave a plan that does not work: {reason}"
             return PlanningResult(Verdict.FAILED, message, task.notes, task), {LOG_FILE: report}
         message = "\n".join(map(str, best[0].calls))
         files = {LOG_FILE: report, **({PLAN_FILE: best[1].text} if best[1].text else {})}

@@ -90,7 +90,7 @@ class Skill:
     :param type: the class, such as `skiros:Pick`.
     :param label: the implementation.
     :param duration: the declared duration (s), if any.
-    :param flaw: why its element cannot be read; "" if it can.
+    :param unreadable: why its element cannot be read; "" if it can.
     :param module: the Python module of the implementation; "" if unknown.
     """
 
@@ -102,7 +102,7 @@ class Skill:
     post: tuple[SkillCondition, ...]
     available: bool = True
     duration: float | None = None
-    flaw: str = ""
+    unreadable: str = ""
     module: str = field(default="", compare=False)
 
     @property
@@ -186,14 +186,14 @@ def _manager_of(robot: str, written: str, managers: Mapping[str, str]) -> str:
 
 
 def read_skill(element: Element, elements: Mapping[str, Element], learned: Collection[str] = ()) -> Skill:
-    """Returns the skill of an element; with a flaw if the element is malformed.
+    """Returns the skill of an element; `unreadable` says why if the element is malformed.
 
     :param learned: the keys of parameters with learned values.
     """
     try:
         return _read_skill(element, elements, learned)
     except WrongValue as error:
-        return Skill(element.type, element.label, (), (), (), (), flaw=str(error))
+        return Skill(element.type, element.label, (), (), (), (), unreadable=str(error))
 
 
 def _learned_keys(elements: Mapping[str, Element]) -> dict[str, set[str]]:

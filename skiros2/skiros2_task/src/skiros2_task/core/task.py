@@ -132,9 +132,9 @@ def validate(task: PlanningTask, plan: Iterable[PlanStep]) -> str:
     """Returns why a plan does not lead from the task's initial facts to its goal; "" if it does."""
     facts = set(task.init)
     for number, step in enumerate(plan, 1):
-        flaw = _flaw(task, step)
-        if flaw:
-            return f"step {number}{flaw}"
+        reason = _why_impossible(task, step)
+        if reason:
+            return f"step {number}{reason}"
         grounded = task.ground(step)
         if not grounded.can_start(facts):
             return f"step {number} {step}: {unsatisfied(grounded.precondition, facts, 3)} does not hold"
@@ -144,7 +144,7 @@ def validate(task: PlanningTask, plan: Iterable[PlanStep]) -> str:
     return f"at the end {missing} does not hold" if missing else ""
 
 
-def _flaw(task: PlanningTask, step: PlanStep) -> str:
+def _why_impossible(task: PlanningTask, step: PlanStep) -> str:
     """Returns why the task has no such step; "" if it has."""
     try:
         variables = task.action(step.action).variables

@@ -195,11 +195,11 @@ _FOR_AUTHORS: tuple[tuple[str, str, dict[str, str]], ...] = (
         "The world model",
         "`self.wmi`. A change is applied as a whole, or refused with the reason.",
         {
-            f"{_WORLD}.scene_client.SceneAbstractInterface": "get_element resolve_elements resolve_element get_branch "
+            f"{_WORLD}.scene_queries.SceneQueries": "get_element resolve_elements resolve_element get_branch "
             "get_relations",
-            f"{_WORLD}.world_model_client.WorldModelAbstractInterface": "add_element update_element "
+            f"{_WORLD}.world_model_client.WorldModelClient": "add_element update_element "
             "remove_element instanciate set_relation",
-            f"{_WORLD}.ontology_client.OntologyAbstractInterface": "is_subclass query_ontology",
+            f"{_WORLD}.ontology_client.OntologyClient": "is_subclass query_ontology",
         },
     ),
     (

@@ -37,9 +37,9 @@ OUTSIDE = {
 MOTION = {"skiros2_motion.core", "skiros2_std_reasoners.core"}
 #: Of lower packages, only the port.
 PORTS = {
-    "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.world_model_abstract_interface"},
+    "skiros2_skill": {"skiros2_runs.core", "skiros2_world_model.core.wm_errors"},
     "skiros2_task": {
-        "skiros2_world_model.core.world_model_abstract_interface",
+        "skiros2_world_model.core.wm_errors",
         "skiros2_world_model.core.datatypes",
         "skiros2_world_model.core.vocabulary",
         "skiros2_skill.core",

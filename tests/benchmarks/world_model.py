@@ -16,12 +16,13 @@ import rdflib
 from benchmarks.measurement import Measurement, paired, seconds_per_call
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.property_conditions import ConditionProperty
-from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
-from skiros2_world_model.core.queries import SceneReader
-from skiros2_world_model.core.replica import Replica, Snapshot
+from skiros2_world_model.core.replica_transport import ReplicaTransport
 from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.core.world_model_client import WorldModelClient
+from support.replicated import ReplicatedTransport
 
 RUNS = 5
 FEW, SOME, MANY = 100, 5_000, 100_000
@@ -56,7 +57,7 @@ class World:
         self.size = size
         self.model = WorldModel(source_ontologies(), self.workspace)
         fill(self.model, size)
-        self.client = Client(self.model)
+        self.client = WorldModelClient(ReplicaTransport(ReplicatedTransport("bench", self.model)))
         ids = [node.id for node in self.model.scene() if node.type != "skiros:Scene"]
         self.places = random.Random(1).choices(ids, k=PLACES)
 
@@ -66,36 +67,6 @@ class World:
         for eid in self.places:
             read(eid)
         return 1e6 * (time.perf_counter() - start) / len(self.places)
-
-
-class Client(LocalWorldModel):
-    """Reads a replica, as the interface over ROS does."""
-
-    def __init__(self, model: WorldModel) -> None:
-        super().__init__("bench", model)
-        self._replica = Replica(self._fetch)
-        self._reader = SceneReader(self._replica.lock, lambda _: [self._replica.scene()], lambda: model.ontology)
-
-    def find_element(self, eid: str, context_id: str = "scene") -> Element | None:
-        return self._local().find(eid, context_id)
-
-    def refreshed(self, e: Element, context_id: str = "scene") -> Element | None:
-        return self._local().refreshed(e, context_id)
-
-    def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
-        return self._local().holds(subj, pred, obj, "scene")
-
-    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        return self._local().related(src, pred, dst, "scene")
-
-    def _local(self) -> SceneReader:
-        self._replica.refresh()
-        return self._reader
-
-    def _fetch(self) -> Snapshot:
-        scene = self.model.scene()
-        elements = [element for node in scene if (element := scene.element(node.id)) is not None]
-        return Snapshot(self.model.snapshot_id, self.model.number, elements)
 
 
 def fill(model: WorldModel, size: int) -> None:

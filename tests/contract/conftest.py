@@ -1,4 +1,4 @@
-"""The world model behind each of its adapters: in process, over ROS, and over ROS with a replica."""
+"""The world model behind each transport: in process and over ROS, with and without a replica."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ import pytest
 
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.replica_transport import ReplicaTransport
 from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.core.world_model_client import WorldModelClient
+from support.replicated import ReplicatedTransport
 from support.ros import Ros
 
 SCENE = "skiros:Scene-0"
-ADAPTERS = ["in process", "over ROS", "over ROS with a replica"]
+ADAPTERS = ["in process", "in process with a replica", "over ROS", "over ROS with a replica"]
 
 ONTOLOGY = """@prefix : <http://x.org/Factory.owl#> .
 @prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
@@ -62,6 +65,14 @@ def connected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     if request.param == "in process":
         model = WorldModel(source_ontologies(), workspace)
         yield World(LocalWorldModel("tester", model), lambda name: LocalWorldModel(name, model), workspace)
+        return
+    if request.param == "in process with a replica":
+        model = WorldModel(source_ontologies(), workspace)
+
+        def replicated(name: str) -> WorldModelClient:
+            return WorldModelClient(ReplicaTransport(ReplicatedTransport(name, model)))
+
+        yield World(replicated("tester"), replicated, workspace)
         return
     from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 

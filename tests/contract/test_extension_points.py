@@ -29,8 +29,8 @@ from skiros2_task.core.goal_text import GoalError, parse_goals
 from skiros2_task.core.planners import planner_named
 from skiros2_task.core.task import validate
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
 from support.transport_task import transport_task
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")

@@ -9,7 +9,7 @@ import pytest
 
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from support.ros import wait_until
 
 SCENE = "skiros:Scene-0"

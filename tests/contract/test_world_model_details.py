@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 
 SCENE = "skiros:Scene-0"
 

@@ -24,7 +24,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_world_model.core.journal_file import LOG_LIMIT
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.job_cell import ROBOT, TOKENS, JobCell
 from support.programs import Program

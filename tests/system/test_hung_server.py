@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
 from support.ros import INSTALL, Ros
@@ -29,7 +29,8 @@ def node(ros: Ros, tmp_path: Path) -> Program:
 
 def limit(wmi: WorldModelInterface, seconds: float) -> None:
     """Sets the time in which services have to answer."""
-    for pool in (wmi._get_service, wmi._transaction_service, wmi._validation_service, wmi._file_service):
+    services = wmi.remote.services
+    for pool in (services.get, services.transaction, services.validation, services.files):
         pool._answer_timeout = pool.timeout = seconds
         for proxy in pool._idle:
             proxy.transport.set_limit(seconds)

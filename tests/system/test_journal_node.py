@@ -14,7 +14,7 @@ import rospy
 
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
 from support.ros import Ros, wait_until
@@ -60,11 +60,12 @@ def test_killed_node_recovers_its_scene_and_clients_continue(
     client.add_element(part)
     client.set_relation(SCENE, "skiros:contain", part)
     client.add_class("skiros:OddPart", "skiros:Part")
-    before = client._fetch_scene().snapshot_id
+    _, before = client.get_scene()
     kill(ros, node)
     again = start()
     again.wait_for_line(r"has recovered from its journal .*/wm\.journal: 2 elements in scene; .* by tester")
-    assert client._fetch_scene().snapshot_id == before
+    client.catch_up()
+    assert client.get_scene()[1] == before
     assert client.get_element(part.id).label == "first life"
     assert client.get_relations(SCENE, "skiros:contain", part.id)
     assert client.is_subclass("skiros:OddPart", "skiros:Part")

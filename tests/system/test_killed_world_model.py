@@ -16,7 +16,7 @@ from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add, Operation, Patch, Relate, Remove
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
 from support.ros import INSTALL, Ros, wait_until
@@ -43,7 +43,8 @@ class Writer:
         self._chance = chance
         self.boxes = [Element("skiros:LargeBox", f"{name} {side}") for side in ("left", "right")]
         self.wmi.add_elements(self.boxes)
-        self.wmi._transaction_service.timeout = self.wmi._get_service.timeout = 0.0  # it does not wait for a new node
+        services = self.wmi.remote.services
+        services.transaction.timeout = services.get.timeout = 0.0  # it does not wait for a new node
         self.acknowledged = 0
         self._parts: dict[str, str] = {}
         self._asked: State | None = None  # what the scene holds when the request that broke off was carried out

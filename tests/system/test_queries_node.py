@@ -16,7 +16,7 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_gateway.core.problems import Rejected, TooMany
 from skiros2_gateway.ros.queries import UserQueries
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.service_pool import ServicePool
 from support.ros import Ros

@@ -16,7 +16,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.client.manager import ALL, ManagerClient
 from skiros2_skill.client.stop_line import StopLine
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from support.ros import Ros, RosMaster, SharedSystem, wait_until
 
 pytestmark = pytest.mark.timeout(120)

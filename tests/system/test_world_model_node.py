@@ -20,7 +20,7 @@ from tf2_msgs.msg import TFMessage
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import ROOT, Ros, RosMaster, wait_until
@@ -486,10 +486,10 @@ def test_client_that_missed_an_ontology_change_queries_again(ros: Ros, start, ma
     start()
     client, other = (WorldModelInterface(name, make_cache) for name in ("tester", "other"))
     assert not client.is_subclass("skiros:OddPart", "skiros:Part")
-    client._monitor.unregister()
+    client.remote.unfollow()
     other.add_class("skiros:OddPart", "skiros:Part")
     other.add_element(Element("skiros:OddPart", "odd"))
-    client._follow()
+    client.remote.follow()
     wait_until(lambda: client.is_subclass("skiros:OddPart", "skiros:Part"))
     assert client.resolve_element(Element("skiros:Part")).label == "odd"
 
@@ -498,7 +498,7 @@ def test_replica_and_ontologies_have_the_same_revision(ros: Ros, start):
     start()
     client, other = WorldModelInterface("tester", make_cache=True), WorldModelInterface("other")
     assert not client.is_subclass("skiros:OddPart", "skiros:Part")
-    client._monitor.unregister()
+    client.remote.unfollow()
     other.add_class("skiros:OddPart", "skiros:Part")
     other.add_element(Element("skiros:OddPart", "odd"))
     client.catch_up()
@@ -508,7 +508,7 @@ def test_replica_and_ontologies_have_the_same_revision(ros: Ros, start):
 def test_call_without_a_server_raises(ros: Ros, start):
     node = start()
     client = WorldModelInterface("tester")
-    client._get_service.timeout = client._query_service.timeout = 0.2
+    client.remote.services.get.timeout = client.remote.services.query.timeout = 0.2
     node.stop()
     assert not client.is_connected()
     with pytest.raises(WmException, match="service /wm/get does not answer"):

@@ -11,8 +11,8 @@ from skiros2_bags.core.run import Run
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 BAG = Path(__file__).parents[2] / "bags/pick_place.bag"
 WORKSPACE = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_demo_skills/owl"

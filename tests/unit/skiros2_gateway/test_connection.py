@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 from skiros2_gateway.core.connection import connect
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 
 
 def test_failed_attempts_are_repeated_until_one_succeeds() -> None:

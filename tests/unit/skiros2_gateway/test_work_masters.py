@@ -11,7 +11,7 @@ from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.work_masters import DEFINITION, WORK_MASTER, WorkMasters, work_masters_of
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_skill.testing import SkillBench
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 
 PARK = """
 goal: (skiros:at cora:Robot-1 {Place})

@@ -16,7 +16,7 @@ from skiros2_live.core.markers import ElementMarker, MarkerFactory
 from skiros2_motion.core.geometry import Pose
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 
 TIMEOUT = 20.0
 

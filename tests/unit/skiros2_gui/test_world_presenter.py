@@ -19,8 +19,8 @@ from skiros2_world_model.core.changes import RESET, Change, Outcome
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
 from support.window.local_system import LocalSystem
 from support.window.synchronous import SynchronousJobs, make_window
 

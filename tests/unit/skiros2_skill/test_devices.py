@@ -13,7 +13,7 @@ from skiros2_skill.core.engine.devices import locks_in, release_stale_devices
 from skiros2_skill.core.engine.executor import Executor
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from support.ros import wait_until
 from unit.skiros2_skill.conftest import Workbench
 from unit.skiros2_skill.skills import INFERRED, LOCKED_ARM, ParamOptions, describe, primitive, running_for

@@ -14,6 +14,7 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort, read_only_calls
 from skiros2_skill.command_line import lint as lint_command
 from skiros2_skill.core import lint as lint_package
 from skiros2_skill.core.library.description import ReadOnlyWorldModel
@@ -32,7 +33,6 @@ from skiros2_world_model.core.ontology_lint import (
     WRONG_LITERAL,
 )
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, read_only_calls
 from unit.skiros2_skill.skills import REQUIRED, Note, Work, describe, primitive
 
 FAULTY = Path(__file__).parents[2] / "libraries"
@@ -266,7 +266,7 @@ def test_checked_code_has_only_the_reading_methods_of_the_port(bench):
             getattr(guard, name)
         except SkirosError:
             refused.add(name)
-    assert {"instanciate", "add_element", "transact", "_modify", "set_relation", "add_class"} <= refused
+    assert {"instanciate", "add_element", "transact", "transport", "set_relation", "add_class"} <= refused
     assert calls - refused == read_only_calls(WorldModelPort) & calls
 
 

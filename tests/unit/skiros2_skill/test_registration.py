@@ -8,7 +8,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 
 MANAGER = "/test_robot"
 

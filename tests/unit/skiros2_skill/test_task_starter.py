@@ -15,7 +15,7 @@ from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.request import TaskRefused, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.ros.messages import param_messages, skill_request, wire_code, wire_text
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, Note, contains, describe, primitive
 
 

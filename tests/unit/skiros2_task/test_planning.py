@@ -113,8 +113,8 @@ def test_reading_the_world_for_a_goal_needs_no_query(world: PlanningWorld, monke
     def refused(*_: object, **__: object) -> list[str]:
         raise AssertionError("a SPARQL query")
 
-    monkeypatch.setattr(type(world.wm), "_query", refused)
-    monkeypatch.setattr(type(world.wm), "_query_json", refused)
+    monkeypatch.setattr(world.wm.transport.server, "query", refused)
+    monkeypatch.setattr(world.wm.transport.server, "query_json", refused)
     planner = TaskPlanner(world.wm, GivenAnswer(PlannerAnswer(Outcome.FAILED)), Limits(30.0))
     for goal in (drive_goal(world), f"(forall (?p - skiros:Product) (skiros:contain {world.places[-1]} ?p))"):
         assert planner.read_task(goal).init

@@ -10,8 +10,8 @@ import pytest
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 #: `cora:robotPart` is declared from a `sumo:Device` to a `cora:Robot`, and is a subproperty of `sumo:part`.
 RELATION = "cora:robotPart"

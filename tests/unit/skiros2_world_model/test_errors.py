@@ -6,7 +6,7 @@ rospy = pytest.importorskip("rospy")
 
 from skiros2_common.core.errors import Conflict, SkirosError, UnknownName  # noqa: E402
 from skiros2_world_model.core.triple_store import QueryError  # noqa: E402
-from skiros2_world_model.core.world_model_abstract_interface import WmConflict, WmException  # noqa: E402
+from skiros2_world_model.core.wm_errors import WmConflict, WmException  # noqa: E402
 from skiros2_world_model.ros.service_pool import read_error, service_handler  # noqa: E402
 
 

@@ -7,8 +7,8 @@ import pytest
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 HEAD = """@prefix default1: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
 @prefix SUMO: <http://www.inf.ufrgs.br/phi-group/ontologies/sumo.owl#> .

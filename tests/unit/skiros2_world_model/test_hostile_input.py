@@ -14,8 +14,8 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add, Patch, Relate, Remove, Update, relation_dict
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.replica import Replica, Snapshot
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
 from support.lab import LAB
 
 SCENE = "skiros:Scene-0"

@@ -16,8 +16,8 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Change
 from skiros2_world_model.core.journal import ALWAYS, NEVER, Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 SCENE = "skiros:Scene-0"
 SCENE_TEXT = """@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .

@@ -10,7 +10,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import REMOVE, UPDATE
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.preview_copy import PreviewCopy
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.wm_errors import WmException
 
 ROOT = "skiros:Scene-0"
 

@@ -20,6 +20,7 @@ from skiros2_common.core.conditions import (
 )
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.world_element import Element
 from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -27,7 +28,6 @@ from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.query_worker import check_words
 from skiros2_world_model.core.triple_store import Graphs, QueryError, QueryNotAllowed, QueryTooLarge
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_client import Element
 
 NESTED = "SELECT ?s " + "{" * 3000 + "?s ?p ?o" + "}" * 3000
 PAIRS = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i FILTER(?a != ?i) }"

@@ -13,7 +13,7 @@ from skiros2_skill.client.description import Skill, Step, Why
 from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_skill.core.start_preview import StartPreview
 from skiros2_world_model.core.queries import SceneReader
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 #: The kinds of parts.
 MASTER, WORLD_MODEL, MANAGER, TASK_MANAGER = "ROS master", "world model", "robot", "task manager"
@@ -132,7 +132,7 @@ class System(Protocol):
         """The status of the master, the world model, the task manager and all managers seen so far."""
 
     @property
-    def world(self) -> WorldModelAbstractInterface | None:
+    def world(self) -> WorldModelClient | None:
         """The world model for blocking calls: changes, queries, files, history. For jobs only. None before it was
         found; raises `WmException` when it is down.
         """

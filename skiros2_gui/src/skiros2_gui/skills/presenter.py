@@ -23,7 +23,7 @@ from skiros2_gui.skills.form import ElementChoice, Field, Form, ValueMode, eleme
 from skiros2_gui.skills.recent import RecentValues, Values, entered
 from skiros2_skill.client.description import Skill, Step
 from skiros2_skill.core.start_preview import StartPreview
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 #: The time between attempts to read the skills of a connected manager (s).
 RETRY_PERIOD = 10.0
@@ -342,9 +342,7 @@ class SkillsPresenter:
             self.start()
 
 
-def _preview(
-    manager: Manager, step: Step, classes: Sequence[str], world: WorldModelAbstractInterface | None
-) -> Preview:
+def _preview(manager: Manager, step: Step, classes: Sequence[str], world: WorldModelClient | None) -> Preview:
     """Previews a start; in a worker.
 
     :param classes: the classes whose elements are returned as choices; "" for any.

@@ -14,7 +14,7 @@ from skiros2_world_model.core.changes import Change, Operation, Outcome
 from skiros2_world_model.core.changeset import ChangeSet, merge
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 #: The job queue of the calls that change the world model.
 QUEUE = "world"
@@ -225,7 +225,7 @@ class UndoStack:
         return UndoCommand(pending.text, change_set.effective(), numbers=numbers)
 
 
-def recorded_change(world: WorldModelAbstractInterface, command: UndoCommand) -> ChangeSet:
+def recorded_change(world: WorldModelClient, command: UndoCommand) -> ChangeSet:
     """Returns the change of a command, without what others have changed meanwhile if there is a journal. Blocks."""
     if command.numbers is None:
         return command.change

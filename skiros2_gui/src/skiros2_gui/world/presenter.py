@@ -20,7 +20,7 @@ from skiros2_world_model.core.changes import RESET, Change, Operation, Outcome
 from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.vocabulary import Vocabulary, read_vocabulary
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 #: The duration of highlights (s).
 HIGHLIGHT_SECONDS = 8.0
@@ -292,7 +292,7 @@ class WorldPresenter:
         return world.author if world is not None else ""
 
 
-def read_scene(world: WorldModelAbstractInterface) -> tuple[SceneHierarchy, Vocabulary]:
+def read_scene(world: WorldModelClient) -> tuple[SceneHierarchy, Vocabulary]:
     """Returns the scene and the ontologies. Blocks for the world model.
 
     :raises WmException: it does not answer.

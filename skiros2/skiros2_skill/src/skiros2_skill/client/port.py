@@ -11,7 +11,7 @@ from skiros2_common.core.explanation import Explanation
 from skiros2_runs.core.progress import NodeMessage
 from skiros2_skill.client.description import Skill, Step, Why
 from skiros2_skill.core.start_preview import StartPreview
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ class ManagerPort(Protocol):
         """The client."""
 
     @property
-    def world_model(self) -> WorldModelAbstractInterface | None:
+    def world_model(self) -> WorldModelClient | None:
         """Its world model; None: that of its namespace, over ROS."""
 
     def read_skills(self) -> list[Skill]:

@@ -16,7 +16,7 @@ from rospy.impl.tcpros_base import TCPROSTransport
 from skiros2_common.core.errors import TimedOut, UnknownName
 from skiros2_common.ros.connections import was_closed
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.world_model_abstract_interface import refusal
+from skiros2_world_model.core.wm_errors import refusal
 
 log = logging.getLogger(__name__)
 

@@ -20,7 +20,7 @@ from skiros2_skill.client.description import REQUIRED, Parameter, Skill, did_you
 from skiros2_skill.client.port import ManagerPort
 from skiros2_skill.core.engine.learned_parameters import has_learned_values
 from skiros2_world_model.command_line.program import connect
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 log = logging.getLogger(__name__)
 
@@ -68,7 +68,7 @@ class World:
     :param wm: a connection to it; None: a new one.
     """
 
-    def __init__(self, manager: str, author: str, wm: WorldModelAbstractInterface | None = None) -> None:
+    def __init__(self, manager: str, author: str, wm: WorldModelClient | None = None) -> None:
         self._manager = manager
         self._author = author
         self._wm = wm
@@ -79,7 +79,7 @@ class World:
         return cls(manager.name, manager.author, manager.world_model)
 
     @property
-    def _client(self) -> WorldModelAbstractInterface:
+    def _client(self) -> WorldModelClient:
         if self._wm is None:
             self._wm = connect(f"{self._manager.rpartition('/')[0]}/wm", self._author)
         return self._wm

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
+from skiros2_common.core.errors import WrongType
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_world_model.core.world_model_abstract_interface import refusal
+from skiros2_world_model.core.wm_errors import refusal
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 
 @contextmanager
@@ -27,9 +29,9 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
             delattr(owner, name)
 
 
-#: The methods that all adapters of the world model use for changes and for reading.
-_CHANGES = ("transact", "_modify", "load")
-_READS = ("find_element", "_matching", "_branch", "_related", "_holds", "_query", "_template")
+#: The calls of a transport (`skiros2_world_model.core.transport`) that change something, and the reads of its server.
+_CHANGES = ("transact", "modify", "load")
+_SERVER_READS = ("query", "query_json", "template")
 
 _GENUINE = object()
 
@@ -76,12 +78,30 @@ def refusing(wmi: WorldModelPort, reason: str, *, changes: bool = True, reads: b
 
     :param wmi: of a task or a bench.
     :param changes, reads: the refused requests.
+    :raises WrongType: the world model is a stand-in without a transport.
     """
 
     def refuse(*args: Any, **kwargs: Any) -> Any:
         raise refusal(reason)
 
+    if not isinstance(wmi, WorldModelClient):
+        raise WrongType(f"a {type(wmi).__name__} cannot be made to refuse, only a WorldModelClient")
+    transport = wmi.transport
     with ExitStack() as stack:
-        for name in (*(_CHANGES if changes else ()), *(_READS if reads else ())):
-            stack.enter_context(replaced(wmi, name, refuse))
+        for name in _CHANGES if changes else ():
+            stack.enter_context(replaced(transport, name, refuse))
+        if reads:
+            stack.enter_context(replaced(transport, "scene", _Refusing(refuse)))
+            for name in _SERVER_READS:
+                stack.enter_context(replaced(transport.server, name, refuse))
         yield
+
+
+class _Refusing:
+    """An object of which every method is `refuse`."""
+
+    def __init__(self, refuse: Callable[..., Any]) -> None:
+        self._refuse = refuse
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        return self._refuse

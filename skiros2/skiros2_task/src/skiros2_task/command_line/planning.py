@@ -17,6 +17,7 @@ from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.names import local_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.libraries import find_libraries
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.command_line.local_world_model import world_model_of
@@ -34,7 +35,6 @@ from skiros2_task.core.skills import MANAGER_PROPERTY
 from skiros2_task.core.store import DURATIONS_FILE, FOLDER, Archive, Durations
 from skiros2_world_model.command_line.program import connect
 from skiros2_world_model.core.preview_copy import PreviewCopy
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: The default time limits of planning (s), and of planning for quality `best`.
 _SECONDS, _SECONDS_FOR_BEST = 60.0, 10.0

@@ -11,10 +11,10 @@ from typing import Any, Protocol
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen
 from skiros2_common.command_line.completion import Typed, complete_by
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_task.command_line import achieve, completers, planning
 from skiros2_task.core.planners import DEFAULT_ENGINE
 from skiros2_world_model.command_line.program import connect
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 Command = Callable[..., CommandResult]
 

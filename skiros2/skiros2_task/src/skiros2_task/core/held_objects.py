@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from skiros2_common.core.manager_names import manager_of, same_node
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
+from skiros2_common.core.world_model_port import WorldModelPort
 
 _HAS, _CONTAINS = "skiros:hasA", "skiros:contain"
 

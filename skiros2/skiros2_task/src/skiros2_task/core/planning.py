@@ -13,6 +13,7 @@ from typing import Any
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.manager_names import same_node
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task, note_of_empty_class
 from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome, PlannerAnswer
@@ -30,7 +31,6 @@ from skiros2_task.core.store import Archive, Durations
 from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.unusable_skills import unusable_skills
 from skiros2_task.core.world import WorldView, WorldViews
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 log = logging.getLogger(__name__)
 

@@ -13,9 +13,9 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import full_name
 from skiros2_common.core.reasoner_registry import relations_of
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_task.core.skills import Robot, RunningManagers, no_managers, read_robots
 from skiros2_world_model.core.datatypes import PYTHON_TYPES
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: The template of an instance.
 TEMPLATE = "skiros:Template"

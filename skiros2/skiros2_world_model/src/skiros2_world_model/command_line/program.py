@@ -25,10 +25,10 @@ from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.command_line.master import check_node
 from skiros2_world_model.command_line import reading, writing
 from skiros2_world_model.core.report import VIOLATION, Report
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 
-def connect(name: str, author: str, computing: bool = False) -> WorldModelAbstractInterface:
+def connect(name: str, author: str, computing: bool = False) -> WorldModelClient:
     """Connects to a running world model node, without subscribing to its changes.
 
     :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
@@ -42,25 +42,17 @@ def connect(name: str, author: str, computing: bool = False) -> WorldModelAbstra
     check_node(full, "get", "world model")
     import rospy  # slow to import, so only after the check
 
-    from skiros2_world_model.ros.world_model_interface import WorldModelInterface, load_reasoners
-
-    class OneShotInterface(WorldModelInterface):
-        _server = full
-
-        def _wait_for_server(self) -> None:
-            """`check_node` has found the server."""
-
-        def _follow(self) -> None:
-            """A single command needs no updates."""
+    from skiros2_world_model.ros.ros_transport import RosTransport
+    from skiros2_world_model.ros.world_model_interface import load_reasoners
 
     if rosgraph.names.is_legal_base_name(author):
         rospy.names._set_caller_id(f"/{author}")  # no node is started, but the server logs this name
     if computing:
         load_reasoners(full)
-    return OneShotInterface(author)
+    return WorldModelClient(RosTransport(author, full))
 
 
-def validate(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def validate(wm: WorldModelClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Validates the current scene against the ontologies and the shapes."""
     report = wm.validate(arguments.context)
     return CommandResult(_lines(report, screen), _json(report), _status(report))
@@ -136,7 +128,7 @@ class Cell(Protocol):
 
     def scene(
         self, arguments: argparse.Namespace, author: str, reads: bool
-    ) -> AbstractContextManager[WorldModelAbstractInterface]:
+    ) -> AbstractContextManager[WorldModelClient]:
         """Opens the cell without its robots. Yields its world model.
 
         :param reads: whether nothing is changed.
@@ -176,7 +168,7 @@ def _argument(*names: str, **options: Any) -> tuple[tuple[str, ...], dict[str, A
     return names, options
 
 
-def _world_model(typed: Typed) -> WorldModelAbstractInterface:
+def _world_model(typed: Typed) -> WorldModelClient:
     """The world model of a command line that is being typed."""
     return connect(typed.options.get("wm", "wm"), user())
 

@@ -17,8 +17,8 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.formatting import format_time, format_value, format_values, summary
 from skiros2_world_model.core.history import HistoryEntry, Point, changed_lines, difference
 from skiros2_world_model.core.scene import ROOT
-from skiros2_world_model.core.world_model_abstract_interface import WmException
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.wm_errors import WmException
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _TIME_FORMATS = ("%Y-%m-%d %H:%M:%S", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
@@ -88,13 +88,13 @@ def point(text: str, now: float) -> Point:
 CONTAINS = "skiros:contain"
 
 
-def view(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def view(wm: WorldModelClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows the scene as a tree of containment."""
     elements = wm.resolve_elements(Element(""), arguments.context)
     return scene_tree(elements, predicates_of(wm, arguments.all), screen, arguments.id, arguments.all)
 
 
-def element_ids(wm: WorldModelAbstractInterface, begun: str) -> list[str]:
+def element_ids(wm: WorldModelClient, begun: str) -> list[str]:
     """The ids that may complete a word: those in the tree of the scene; if none begins so, all."""
     elements = wm.resolve_elements(Element(""))
     forest = _Forest(elements, frozenset(predicates_of(wm, False)), False)
@@ -102,7 +102,7 @@ def element_ids(wm: WorldModelAbstractInterface, begun: str) -> list[str]:
     return list(forest.shown if any(eid.startswith(begun) for eid in forest.shown) else forest.elements)
 
 
-def names_of(wm: WorldModelAbstractInterface, eid: str) -> list[str]:
+def names_of(wm: WorldModelClient, eid: str) -> list[str]:
     """The names of an element's properties and outgoing relations; [] if there is no such element."""
     element = wm.find_element(eid)
     if element is None:
@@ -111,7 +111,7 @@ def names_of(wm: WorldModelAbstractInterface, eid: str) -> list[str]:
     return ["label", "type", *(prop.key for prop in element.properties), *dict.fromkeys(relations)]
 
 
-def predicates_of(wm: WorldModelAbstractInterface, whole: bool) -> set[str]:
+def predicates_of(wm: WorldModelClient, whole: bool) -> set[str]:
     """The relations that form the tree of a scene: spatial ones, or all."""
     relation = "skiros:sceneProperty" if whole else "skiros:spatiallyRelated"
     return {relation, *wm.get_sub_properties(relation)}
@@ -215,7 +215,7 @@ def _by_number(eid: str) -> tuple[str, int, str]:
     return stem, int(number) if number.isdecimal() else -1, eid
 
 
-def get(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def get(wm: WorldModelClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows an element, or one property or relation of it."""
     element = wm.get_element(arguments.id, arguments.context)
     if arguments.property:
@@ -251,7 +251,7 @@ def _one_property(element: Element, name: str) -> CommandResult:
     return CommandResult([str(value) for value in values], values)
 
 
-def query(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def query(wm: WorldModelClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Shows the rows of a SPARQL query."""
     if arguments.file:
         try:
@@ -271,7 +271,7 @@ def query(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen
 _SHOWN = 20
 
 
-def history(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def history(wm: WorldModelClient, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The changes of the scene or of one element; with `--at`, the scene or element as it was."""
     now = time.time()
     if arguments.at:
@@ -301,7 +301,7 @@ def history(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, scre
     return CommandResult(lines, [entry_json(entry) for entry in entries])
 
 
-def _at(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, at: Point, screen: Screen) -> CommandResult:
+def _at(wm: WorldModelClient, arguments: argparse.Namespace, at: Point, screen: Screen) -> CommandResult:
     entry = wm.scene_at(at, arguments.context)
     since = f"as it was since {format_time(entry.stamp)}, {entry.author}, #{entry.number}"
     if arguments.id:
@@ -314,7 +314,7 @@ def _at(wm: WorldModelAbstractInterface, arguments: argparse.Namespace, at: Poin
     return CommandResult([screen.fitted(since), "", *answer.lines], answer.data)
 
 
-def diff(wm: WorldModelAbstractInterface | None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+def diff(wm: WorldModelClient | None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Compares two scenes; each is a file, a time in the history (`@10m`), or the current scene.
 
     :param wm: None when both are files.
@@ -332,7 +332,7 @@ def diff(wm: WorldModelAbstractInterface | None, arguments: argparse.Namespace, 
     return CommandResult(lines, entry_json(entry), REFUSED if entry else 0)
 
 
-def _side(wm: WorldModelAbstractInterface | None, side: str, now: float, context: str) -> Sequence[Element]:
+def _side(wm: WorldModelClient | None, side: str, now: float, context: str) -> Sequence[Element]:
     if wm is not None and not side:
         return wm.resolve_elements(Element(""), context)
     if wm is not None and side.startswith("@"):

@@ -12,9 +12,10 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import from_text
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_world_model.command_line.reading import element_json
 from skiros2_world_model.core.history import changed_lines, difference
-from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
+from skiros2_world_model.core.wm_errors import WmException
 
 
 def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:

@@ -1,143 +1,136 @@
-"""The world model port without ROS, in one process: for tests, notebooks and the server."""
+"""A client of a world model in the same process, without ROS: for tests, notebooks and the server."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import Change, Operation, Outcome, Statement
-from skiros2_world_model.core.history import HistoryEntry, Point
+from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import Revisions
+from skiros2_world_model.core.changes import SCENE, Operation, Outcome, Statement
+from skiros2_world_model.core.history import History
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.report import Report
+from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.transport import Listener, SceneReads
 from skiros2_world_model.core.validation import validate
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmException, wm_errors
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 
-class LocalWorldModel(WorldModelAbstractInterface):
-    """The port to a `WorldModel` in this process. Several ports may share one world model.
+class LocalTransport:
+    """The transport to a `WorldModel` in this process.
+
+    :param author: the author of the changes.
+    """
+
+    def __init__(self, author: str, model: WorldModel) -> None:
+        self.author = author
+        self.scene: SceneReads = model.reader
+        self.server = LocalServer(author, model)
+        self._model = model
+
+    @property
+    def history(self) -> History:
+        return self._model.history
+
+    @property
+    def ontology(self) -> Ontology:
+        return self._model.ontology
+
+    @property
+    def version(self) -> int:
+        return self._model.number
+
+    @property
+    def snapshot_id(self) -> str:
+        return self._model.snapshot_id
+
+    def revisions(self) -> Revisions:
+        with self._model.lock:
+            return Revisions(self.ontology, self._model.scene().record_lookup)
+
+    def catch_up(self) -> None:
+        """No effect: reads have every change."""
+
+    def snapshot(self) -> tuple[list[Element], str]:
+        with self._model.lock:
+            return self.scene.branch(ROOT, "skiros:sceneProperty", "", SCENE), self._model.snapshot_id
+
+    def subscribe(self, listener: Listener) -> None:
+        self._model.add_listener(listener)
+
+    def unsubscribe(self, listener: Listener) -> None:
+        self._model.remove_listener(listener)
+
+    def transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+        return self._model.transact(operations, self.author, context)
+
+    def modify(self, statements: Sequence[Statement], context: str) -> None:
+        self._model.modify(statements, self.author, context)
+
+    def load(self, filename: str, context: str) -> None:
+        self._model.load(filename, self.author, context)
+
+
+class LocalServer:
+    """The calls that a `WorldModel` in this process answers.
+
+    :param author: the holder of the advisory lock.
+    """
+
+    def __init__(self, author: str, model: WorldModel) -> None:
+        self._author = author
+        self._model = model
+
+    def is_connected(self) -> bool:
+        return True
+
+    def is_shut_down(self) -> bool:
+        return False
+
+    def lock(self) -> bool:
+        self._model.advisory_lock.acquire(self._author)
+        return True
+
+    def unlock(self) -> bool:
+        return self._model.advisory_lock.release()
+
+    def save(self, filename: str, context: str) -> None:
+        self._model.save(filename, context)
+
+    def query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
+        return self._model.query(query, context, cut_prefix)
+
+    def query_json(self, query: str, context: str) -> str:
+        return self._model.query_json(query, context)
+
+    def template(self, name: str) -> Element:
+        return self._model.template(name)
+
+    def validate(self, context: str) -> Report:
+        model = self._model
+        return validate(model.triples(context), f"context {context}", model.knowledge_base, context, model.strict)
+
+    def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
+        """No effect: the world model ends with its process."""
+
+    def scene_name(self) -> str:
+        return self._model.file_of(SCENE)
+
+
+class LocalWorldModel(WorldModelClient):
+    """A client of a `WorldModel` in this process. Several clients may share one world model.
 
     :param author_name: the author of the changes.
     :param model: the world model; None: a new one with the ontologies of this package.
     """
 
     def __init__(self, author_name: str = "test", model: WorldModel | None = None) -> None:
-        super().__init__()
         self.model = model if model is not None else WorldModel(source_ontologies())
-        self._author = author_name
-
-    @property
-    def author(self) -> str:
-        return self._author
-
-    def is_connected(self) -> bool:
-        return True
-
-    def lock(self) -> bool:
-        self.model.advisory_lock.acquire(self._author)
-        return True
-
-    def unlock(self) -> bool:
-        return self.model.advisory_lock.release()
-
-    def load(self, filename: str = "", context: str = "scene") -> bool:
-        with wm_errors():
-            self.model.load(filename, self._author, context)
-        return True
-
-    def save(self, filename: str = "", context: str = "scene") -> bool:
-        with wm_errors():
-            self.model.save(filename, context)
-        return True
-
-    def get_scene_name(self) -> str:
-        return self.model.file_of("scene")
-
-    def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
-        """No effect: the world model ends with its process."""
-
-    @property
-    def version(self) -> int:
-        return self.model.number
-
-    def revisions(self) -> Revisions:
-        with self.model.lock:
-            return Revisions(self._ontology, self.model.scene().record_lookup)
-
-    def add_listener(self, callback: Callable[[Change], None]) -> None:
-        self.model.add_listener(callback)
-
-    def remove_listener(self, callback: Callable[[Change], None]) -> None:
-        self.model.remove_listener(callback)
-
-    def set_monitor_cb(self, cb: Callable[[Change], None]) -> None:
-        """Calls `cb(change)` after each change."""
-        self.model.add_listener(cb)
-
-    # -- history -----------------------------------------------------------------------------------------------
-
-    def history(
-        self,
-        eid: str = "",
-        since: Point | None = None,
-        until: Point | None = None,
-        author: str = "",
-        limit: int = 0,
-        context_id: str = "scene",
-    ) -> list[HistoryEntry]:
-        with wm_errors():
-            return self.model.history.changes(eid, since, until, author, limit, context_id)
-
-    def scene_at(self, at: Point, context_id: str = "scene") -> HistoryEntry:
-        with wm_errors():
-            return self.model.history.scene_at(at, context_id)
-
-    def difference(self, since: Point, until: Point | None = None, context_id: str = "scene") -> HistoryEntry:
-        with wm_errors():
-            return self.model.history.difference(since, until, context_id)
-
-    def validate(self, context_id: str = "scene") -> Report:
-        with wm_errors():
-            triples = self.model.triples(context_id)
-            return validate(triples, f"context {context_id}", self.model.knowledge_base, context_id, self.model.strict)
-
-    @property
-    def _ontology(self) -> Ontology:
-        return self.model.ontology
-
-    def _local(self, context: str) -> SceneReader:
-        return self.model.reader
-
-    def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
-        with wm_errors():
-            return self.model.query(query, context, cut_prefix)
-
-    def _query_json(self, query: str, context: str) -> str:
-        with wm_errors():
-            return self.model.query_json(query, context)
-
-    def _modify(self, statements: Sequence[Statement], context: str) -> None:
-        with wm_errors():
-            self.model.modify(statements, self._author, context)
-
-    def get_scene(self) -> tuple[list[Element], str]:
-        with self.model.lock:
-            return self.get_scene_elements(), self.model.snapshot_id
-
-    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        return self.model.related(src, pred, dst)
-
-    def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
-        with wm_errors():
-            return self.model.transact(operations, self._author, context_id)
-
-    def _template(self, name: str) -> Element:
-        with wm_errors():
-            return self.model.template(name)
+        super().__init__(LocalTransport(author_name, self.model))
 
 
 def source_ontologies() -> Path:

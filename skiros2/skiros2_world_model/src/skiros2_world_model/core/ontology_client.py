@@ -1,10 +1,9 @@
-"""The calls that both adapters of the ontologies share."""
+"""The calls of a world model client that concern the ontologies."""
 
 from __future__ import annotations
 
 import json
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -15,9 +14,9 @@ from skiros2_common.core.property import from_text
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE, Statement
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_text
-from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.transport import Transport
+from skiros2_world_model.core.wm_errors import WmException, wm_errors
 
 _NOT_PLAIN = re.compile(r"[^\w-]")
 
@@ -51,66 +50,51 @@ def _cell(term: dict[str, str] | None, prefixes: Prefixes) -> Any:
         return term["value"]
 
 
-class OntologyAbstractInterface(ABC):
-    """The ontology port, built on the primitives that an adapter defines. Thread-safe.
+class OntologyClient:
+    """The calls of a client that concern the ontologies, and the RDF view of all contexts. Thread-safe.
 
-    Names may be written as `prefix:Name`, as `:Name` or `Name` (in the default prefix), or as IRIs.
+    Names may be written as `prefix:Name`, as `:Name` or `Name` (in the default prefix), or as IRIs. Every call may
+    raise `WmException` when the world model refuses or does not answer; then nothing has changed.
+
+    :param transport: the connection to the world model.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, transport: Transport) -> None:
+        self.transport = transport
         self._default_prefix = DEFAULT_PREFIX
 
-    # -- defined by the adapter --------------------------------------------------------------------------------
-
-    @property
-    @abstractmethod
-    def _ontology(self) -> Ontology:
-        """The index of the current ontologies."""
-
-    @abstractmethod
-    def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
-        """Answers a SPARQL query."""
-
-    @abstractmethod
-    def _query_json(self, query: str, context: str) -> str:
-        """Answers a SPARQL query in the SPARQL JSON format."""
-
-    @abstractmethod
-    def _modify(self, statements: Sequence[Statement], context: str) -> None:
-        """Adds and removes statements, all or none."""
-
-    @abstractmethod
     def is_connected(self) -> bool:
-        """Whether the server answers."""
+        """Returns whether the server answers."""
+        return self.transport.server.is_connected()
 
-    @abstractmethod
     def lock(self) -> bool:
         """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
+        return self.transport.server.lock()
 
-    @abstractmethod
     def unlock(self) -> bool:
         """Releases the advisory lock. Returns False when it is not held."""
+        return self.transport.server.unlock()
 
-    @abstractmethod
-    def load(self, filename: str = "", context: str = "scene") -> bool:
+    # -- files -------------------------------------------------------------------------------------------------
+
+    def load(self, filename: str = "", context: str = SCENE) -> bool:
         """Replaces a context with the content of a file of the server's workspace. Returns True.
 
         :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
         :raises WmException: the file is refused; the current content stays.
         """
+        with wm_errors():
+            self.transport.load(filename, context)
+        return True
 
-    @abstractmethod
-    def save(self, filename: str = "", context: str = "scene") -> bool:
+    def save(self, filename: str = "", context: str = SCENE) -> bool:
         """Writes a context to a file of the server's workspace as Turtle; `filename` as for `load`. Returns True.
 
         :raises WmException: the file is refused.
         """
-
-    def _elements_of(self, cls: str, recursive: bool) -> list[str]:
-        """The ids of the elements of the scene of a class, and with `recursive` of its subclasses."""
-        classes = self._ontology.subclasses(cls) if recursive else [cls]
-        names = " ".join(map(self._sparql, classes))
-        return self._query(f"SELECT DISTINCT ?x WHERE {{ VALUES ?c {{ {names} }} ?x a ?c }}", True, SCENE)
+        with wm_errors():
+            self.transport.server.save(filename, context)
+        return True
 
     # -- writing -----------------------------------------------------------------------------------------------
 
@@ -141,7 +125,7 @@ class OntologyAbstractInterface(ABC):
             (name, "rdf:type", self._term(element.type), True),
         ]
         for prop in element._props.values():
-            datatype = self._ontology.datatype(self._name(prop.key))
+            datatype = self.transport.ontology.datatype(self._name(prop.key))
             statements += [(name, self._term(prop.key), literal_text(v, datatype), True) for v in prop.values]
         statements += [
             (name, self._term(r["type"]), self._term(r["dst"]), True) for r in element._rels if r["src"] == "-1"
@@ -188,23 +172,27 @@ class OntologyAbstractInterface(ABC):
         :param context: as for `query_ontology`.
         :raises WmException: the query cannot be answered.
         """
-        return table(self._query_json(self._prologue() + query, context))
+        with wm_errors():
+            return table(self.transport.server.query_json(self._prologue() + query, context))
 
     def get_individuals(self, parent_class: str, recursive: bool = True) -> list[str]:
         """The individuals of a class in the ontologies (templates) and the elements of the scene, sorted.
 
         :param recursive: includes the subclasses.
         """
-        found = self._elements_of(self._name(parent_class), recursive)
+        name = self._name(parent_class)
+        with wm_errors():
+            elements = self.transport.scene.matching(Element(name), SCENE)
+        found = [e.id for e in elements if recursive or e.type == name]
         return sorted({*self.get_templates(parent_class, recursive), *found})
 
     def get_templates(self, parent_class: str, recursive: bool = True) -> list[str]:
         """The individuals of a class in the ontologies, and with `recursive` of its subclasses, sorted."""
-        return self._ontology.individuals(self._name(parent_class), recursive)
+        return self.transport.ontology.individuals(self._name(parent_class), recursive)
 
     def knows(self, name: str) -> bool:
         """Whether a name is a class, property or individual of the ontologies, or a term of RDF or OWL."""
-        return self._ontology.knows(self._name(name))
+        return self.transport.ontology.knows(self._name(name))
 
     def get_type(self, uri: str) -> list[str]:
         """The types of an element, individual, class or property, sorted; [] for an unknown name."""
@@ -219,11 +207,11 @@ class OntologyAbstractInterface(ABC):
 
         From memory.
         """
-        return self._ontology.declared(self._name(kind))
+        return self.transport.ontology.declared(self._name(kind))
 
     def properties_of_range(self, datatype: str) -> list[str]:
         """The data properties with a range such as `xsd:boolean`, sorted; from memory."""
-        ontology, wanted = self._ontology, self._name(datatype)
+        ontology, wanted = self.transport.ontology, self._name(datatype)
         return [name for name in ontology.data_properties() if ontology.datatype(name) == wanted]
 
     def get_triples(self, subj: str | None = None, pred: str | None = None, obj: str | None = None) -> list[str]:
@@ -241,7 +229,7 @@ class OntologyAbstractInterface(ABC):
 
     def get_super_class(self, child_class: str) -> str:
         """The first direct superclass; "" when there is none."""
-        return next(iter(self._ontology.direct_superclasses(self._name(child_class))), "")
+        return next(iter(self.transport.ontology.direct_superclasses(self._name(child_class))), "")
 
     def get_sub_classes(self, parent_class: str, recursive: bool = True) -> list[str]:
         """The class and all its subclasses, or without `recursive` only its direct subclasses, sorted.
@@ -250,8 +238,8 @@ class OntologyAbstractInterface(ABC):
         """
         name = self._name(parent_class)
         if not recursive:
-            return sorted(set(self._ontology.direct_subclasses(name)) - {name})
-        return sorted(self._ontology.subclasses(name)) if self._ontology.has_class(name) else []
+            return sorted(set(self.transport.ontology.direct_subclasses(name)) - {name})
+        return sorted(self.transport.ontology.subclasses(name)) if self.transport.ontology.has_class(name) else []
 
     def get_sub_properties(self, parent_property: str, recursive: bool = True) -> list[str]:
         """The property and all its subproperties, or without `recursive` only its direct subproperties, sorted.
@@ -260,22 +248,30 @@ class OntologyAbstractInterface(ABC):
         """
         name = self._name(parent_property)
         if not recursive:
-            return sorted(set(self._ontology.direct_subproperties(name)) - {name})
-        return sorted(self._ontology.subproperties(name)) if self._ontology.has_property(name) else []
+            return sorted(set(self.transport.ontology.direct_subproperties(name)) - {name})
+        return sorted(self.transport.ontology.subproperties(name)) if self.transport.ontology.has_property(name) else []
 
     def get_datatype(self, property: str) -> str | None:
         """The datatype of a property, such as `xsd:float`; None when none is declared."""
-        return self._ontology.datatype(self._name(property)) or None
+        return self.transport.ontology.datatype(self._name(property)) or None
 
     def is_subclass(self, child: str, parent: str) -> bool:
         """Whether `child` is `parent` or one of its subclasses."""
-        return child == parent or self._ontology.is_subclass(self._name(child), self._name(parent))
+        return child == parent or self.transport.ontology.is_subclass(self._name(child), self._name(parent))
 
     def is_subproperty(self, child: str, parent: str) -> bool:
         """Whether `child` is `parent` or one of its subproperties."""
-        return child == parent or self._ontology.is_subproperty(self._name(child), self._name(parent))
+        return child == parent or self.transport.ontology.is_subproperty(self._name(child), self._name(parent))
 
-    # -- names -------------------------------------------------------------------------------------------------
+    # -- helpers -----------------------------------------------------------------------------------------------
+
+    def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
+        with wm_errors():
+            return self.transport.server.query(query, cut_prefix, context)
+
+    def _modify(self, statements: Sequence[Statement], context: str) -> None:
+        with wm_errors():
+            self.transport.modify(statements, context)
 
     def _name(self, name: str) -> str:
         return _named(name, self._default_prefix)
@@ -292,7 +288,7 @@ class OntologyAbstractInterface(ABC):
             return f"<{text}>"
         name = full_name(text, self._default_prefix)
         prefix, _, local = name.partition(":")
-        if prefix not in self._ontology.prefixes():
+        if prefix not in self.transport.ontology.prefixes():
             return f"<{self._iri(name)}>"
         return f"{prefix}:" + _NOT_PLAIN.sub(lambda match: "\\" + match.group(), local)
 

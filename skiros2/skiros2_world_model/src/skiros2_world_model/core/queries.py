@@ -11,7 +11,7 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import ANY_TYPE, full_name
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import relation_dict
+from skiros2_world_model.core.changes import SCENE, relation_dict
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.scene import Provenance, Scene
 
@@ -190,6 +190,7 @@ class SceneReader:
     :param lock: guards the scenes.
     :param scenes: returns the scenes of a context; "": of all contexts. Called under the lock.
     :param ontology: returns the index of the current ontologies. Called without the lock.
+    :param home: returns the context of an element, or "". Called under the lock.
     """
 
     def __init__(
@@ -197,10 +198,12 @@ class SceneReader:
         lock: threading.RLock,
         scenes: Callable[[str], Sequence[Scene]],
         ontology: Callable[[], Ontology],
+        home: Callable[[str], str] = lambda eid: "",
     ) -> None:
         self._lock = lock
         self._scenes = scenes
         self._ontology = ontology
+        self._home = home
 
     def find(self, eid: str, context: str) -> Element | None:
         """Returns the current state of an element, or None when it does not exist."""
@@ -249,13 +252,17 @@ class SceneReader:
                     return _known_elements(scene, branch_ids(scene, ontology, eid, relation_filter, type_filter))
         raise UnknownName(no_element(eid, context))
 
-    def related(self, src: str, pred: str, dst: str, context: str) -> list[RelationDict]:
-        """The relations along a predicate and its subproperties; an empty part matches any."""
+    def related(self, src: str, pred: str, dst: str, context: str = "") -> list[RelationDict]:
+        """The relations along a predicate and its subproperties; an empty part matches any.
+
+        :param context: "": that of the subject, or the scene when no subject is given.
+        """
         ontology = self._ontology()
         with self._lock:
+            context = context or self._home(src) or SCENE
             return [r for scene in self._scenes(context) for r in relations_between(scene, ontology, src, pred, dst)]
 
-    def holds(self, subj: Element, pred: str, obj: Element, context: str) -> bool:
+    def holds(self, subj: Element, pred: str, obj: Element, context: str = SCENE) -> bool:
         """Whether a relation holds; a side without id stands for any matching element."""
         ontology = self._ontology()
         with self._lock:

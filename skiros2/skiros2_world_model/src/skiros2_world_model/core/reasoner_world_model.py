@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import Any
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.names import full_name
 from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import Element, Reasoner, RelationDict
-from skiros2_world_model.core.changes import SCENE, Change, Operation, Outcome, Relate
-from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.queries import SceneReader
+from skiros2_world_model.core.changes import Change, Operation, Outcome, Relate
+from skiros2_world_model.core.local_world_model import LocalTransport
 from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 _Closure = Callable[[str], frozenset[str]]
 
@@ -25,39 +25,36 @@ _READER = "reasoner"
 _LOCK_TIMEOUT = 0.2
 
 
-class _ParsingModel:
-    """The world model during `parse`: reads include the uncommitted request, and writes become part of it.
+class _ParsingTransport(LocalTransport):
+    """The transport during `parse`: reads include the uncommitted request, and writes become part of it.
 
     Used under `Reasoning.parse_lock`.
     """
 
-    def __init__(self, model: WorldModel) -> None:
-        self._model = model
-        self.reader = SceneReader(model.reasoning.parse_lock, model.scenes, lambda: model.ontology)
+    def __init__(self, author: str, model: WorldModel) -> None:
+        super().__init__(author, model)
+        self.scene = model.reader_under(model.reasoning.parse_lock)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
-
-    def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
+    def transact(self, operations: Sequence[Operation], context: str) -> Outcome:
         """Adds operations to the current request.
 
         :raises Refused: the request is being undone.
         """
         transaction = self._model.reasoning.transaction
         if transaction is None:
-            raise Refused(f"{author}: another change is being undone; write again when `parse` has returned")
-        return Outcome(transaction.include(operations, self._model.checks(author), author))
+            raise Refused(f"{self.author}: another change is being undone; write again when `parse` has returned")
+        return Outcome(transaction.include(operations, self._model.checks(self.author), self.author))
 
 
-class _VisitedModel(_ParsingModel):
-    """Same as `_ParsingModel`, for a thread other than that of `parse`: its writes become a request of their own."""
+class _VisitingTransport(_ParsingTransport):
+    """Same as `_ParsingTransport`, for threads other than that of `parse`: a write becomes a request of its own."""
 
-    def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
+    def transact(self, operations: Sequence[Operation], context: str) -> Outcome:
         """Applies operations for the rest of `parse`, and again after the current request.
 
         :raises Refused: the request is being undone.
         """
-        return Outcome(self._model.reasoning.visit(operations, self._model.checks(author), author))
+        return Outcome(self._model.reasoning.visit(operations, self._model.checks(self.author), self.author))
 
 
 class ReasonerWorldModel:
@@ -68,8 +65,7 @@ class ReasonerWorldModel:
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
-        self._models = model, cast("WorldModel", _ParsingModel(model)), cast("WorldModel", _VisitedModel(model))
-        self._authors: dict[str, list[LocalWorldModel]] = {}
+        self._clients: dict[str, list[WorldModelClient]] = {}  # by author: usual, during `parse`, beside it
 
     @property
     def guard(self) -> threading.RLock:
@@ -164,7 +160,7 @@ class ReasonerWorldModel:
         """
         keys = frozenset(map(full_name, data_of(reasoner))) if reasoner is not None else None
         with self._as(author) as wm:
-            wm._write_properties(e, keys, SCENE)
+            wm.write_properties(e, keys)
 
     def remove_element(self, e: Element | str, author: str) -> None:
         """Removes an element without its descendants.
@@ -203,7 +199,7 @@ class ReasonerWorldModel:
         src, pred, dst = _parts(relation)
         if is_relation:
             with self._as(_READER) as wm:
-                gone = wm._related(src, pred, dst)
+                gone = wm.transport.scene.related(src, pred, dst)
             with self._as(author) as wm:
                 wm.transact([Relate(r["src"], r["type"], r["dst"], False) for r in gone])
         else:
@@ -223,11 +219,12 @@ class ReasonerWorldModel:
         self._model.remove_listener(listener)
 
     @contextmanager
-    def _as(self, author: str) -> Iterator[LocalWorldModel]:
+    def _as(self, author: str) -> Iterator[WorldModelClient]:
         """The world model for one call of an author: during `parse`, the one that includes the current request."""
-        if author not in self._authors:
-            self._authors[author] = [LocalWorldModel(author, model) for model in self._models]
-        usual, parsing, visiting = self._authors[author]
+        if author not in self._clients:
+            transports = LocalTransport, _ParsingTransport, _VisitingTransport
+            self._clients[author] = [WorldModelClient(transport(author, self._model)) for transport in transports]
+        usual, parsing, visiting = self._clients[author]
         lock, reasoning = self._model.lock, self._model.reasoning
         while True:
             if lock.acquire(timeout=_LOCK_TIMEOUT):

@@ -13,7 +13,7 @@ import pyoxigraph as ox
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.change_notifier import ChangeNotifier, Listener, PendingChange, pending_changes
 from skiros2_world_model.core.changes import (
     ONTOLOGY,
@@ -89,7 +89,7 @@ class WorldModel:
         self._contexts = Contexts(self.knowledge_base)
         self._warned: set[tuple[str, str, str]] = set()
         self.advisory_lock = AdvisoryLock()
-        self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
+        self.reader = self.reader_under(self.lock)
         self._journal: Journal | None = None
         self._recorded = journal.path if journal is not None else recorded
         state = journal.restore() if journal is not None else recorded_state(recorded) if recorded is not None else None
@@ -145,13 +145,9 @@ class WorldModel:
         """The file that a context was last loaded from or saved to (successfully or not); "" when there is none."""
         return self._contexts.named(context).file
 
-    def related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        """The relations along a predicate and its subproperties; an empty part matches any.
-
-        Searches the context of the subject, or the scene when no subject is given.
-        """
-        with self.lock:
-            return self.reader.related(src, pred, dst, self._contexts.home(src) or SCENE)
+    def reader_under(self, lock: threading.RLock) -> SceneReader:
+        """Creates a reader of the scenes of all contexts."""
+        return SceneReader(lock, self.scenes, lambda: self.ontology, self._contexts.home)
 
     def template(self, name: str) -> Element:
         """Returns a template as an element without id.

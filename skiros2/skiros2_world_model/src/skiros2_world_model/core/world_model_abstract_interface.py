@@ -1,68 +1,17 @@
-"""The world model port, and the errors of its calls. Adapters: in process (`LocalWorldModel`) and over ROS."""
+"""The names of the contract for the clients of a world model, and the errors of their calls."""
 
 from __future__ import annotations
 
-from types import TracebackType
+from skiros2_world_model.core.ontology_client import OntologyClient
+from skiros2_world_model.core.wm_errors import WmConflict, WmException
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
-from skiros2_common.core.errors import Conflict, SkirosError
-from skiros2_common.core.world_model_port import (
-    OntologyPort,
-    Revision,
-    Revisions,
-    WorldModelPort,
-    read_only_calls,
-)
-
-__all__ = [
-    "OntologyPort",
-    "Revision",
-    "Revisions",
-    "WmConflict",
-    "WmException",
-    "WorldModelPort",
-    "read_only_calls",
-    "refusal",
-    "wm_errors",
-]
+__all__ = ["OntologyAbstractInterface", "WmConflict", "WmException", "WorldModelAbstractInterface"]
 
 
-class WmException(SkirosError):
-    """The world model does not answer, or refuses a request for the reason in the text. Nothing has changed.
-
-    :param code: the code of the world model's error; "error": it does not answer.
-    """
-
-    def __init__(
-        self, text: str = "", code: str = SkirosError.code, position: tuple[int, int] = SkirosError.position
-    ) -> None:
-        super().__init__(text)
-        self.code = code
-        self.position = position
+class OntologyAbstractInterface(OntologyClient):
+    """`OntologyClient` under its name of the contract."""
 
 
-class WmConflict(WmException):
-    """A request was refused because an element has changed since it was read; the text names the author."""
-
-
-def refusal(text: str, code: str = "refused", position: tuple[int, int] = SkirosError.position) -> WmException:
-    """The exception for an error of the world model, given by its text, code and position."""
-    return (WmConflict if code == Conflict.code else WmException)(text, code, position)
-
-
-class _WmErrors:
-    """Converts errors of the world model to `WmException`."""
-
-    def __enter__(self) -> None:
-        """No preparation."""
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if isinstance(error, SkirosError) and not isinstance(error, WmException):
-            raise refusal(str(error), error.code, error.position) from error
-
-
-_WM_ERRORS = _WmErrors()  # stateless, shared by all calls
-
-
-def wm_errors() -> _WmErrors:
-    """A context manager that converts errors of the world model to `WmException`."""
-    return _WM_ERRORS
+class WorldModelAbstractInterface(WorldModelClient):
+    """`WorldModelClient` under its name of the contract."""

@@ -1,8 +1,7 @@
-"""The world model port: the calls that all adapters share."""
+"""The client of a world model: one class for all transports."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Collection, Sequence
 
 from skiros2_common.core.discrete_reasoner import reasoners
@@ -10,6 +9,7 @@ from skiros2_common.core.names import full_name
 from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
 from skiros2_world_model.core.changes import (
+    SCENE,
     TEMPLATE,
     Apply,
     Expect,
@@ -27,29 +27,32 @@ from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.report import Report
-from skiros2_world_model.core.scene_client import SceneAbstractInterface, id_of
-from skiros2_world_model.core.world_model_abstract_interface import WmException
-
-_SCENE = "scene"
-
-_NO_JOURNAL = "this world model has no journal, so its history is unknown"
+from skiros2_world_model.core.scene_queries import SceneQueries, id_of
+from skiros2_world_model.core.wm_errors import WmException, wm_errors
 
 
-class WorldModelAbstractInterface(SceneAbstractInterface):
-    """The world model port, built on the primitives that an adapter defines. Thread-safe.
+class WorldModelClient(SceneQueries):
+    """A client of a world model: all calls of the port, over a transport. Thread-safe.
 
     Every call may raise `WmException` when the world model refuses or does not answer; then nothing has changed.
     Subjects and objects may be given as elements or as ids.
     """
 
-    # -- defined by the adapter ----------------------------------------------------------------------------------
-
     @property
-    @abstractmethod
     def author(self) -> str:
         """The author of this client's changes."""
+        return self.transport.author
 
-    @abstractmethod
+    # -- writing -------------------------------------------------------------------------------------------------
+
+    def transact(self, operations: Sequence[Operation], context_id: str = SCENE) -> Outcome:
+        """Applies operations (`skiros2_world_model.core.changes`) as one request, all or none.
+
+        :raises WmConflict: an element of an `Expect` has changed since it was read.
+        """
+        with wm_errors():
+            return self.transport.transact(operations, context_id)
+
     def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
         """Sets the cleanup actions that the world model runs when the node of this process dies.
 
@@ -57,17 +60,10 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
 
         :param actions: the cleanup actions; none withdraws the last will.
         """
+        with wm_errors():
+            self.transport.server.set_last_will(actions)
 
-    @abstractmethod
-    def transact(self, operations: Sequence[Operation], context_id: str = _SCENE) -> Outcome:
-        """Applies operations (`skiros2_world_model.core.changes`) as one request, all or none.
-
-        :raises WmConflict: an element of an `Expect` has changed since it was read.
-        """
-
-    # -- writing -------------------------------------------------------------------------------------------------
-
-    def add_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[Element]:
+    def add_elements(self, es: Sequence[Element], context_id: str = SCENE) -> list[Element]:
         """Adds elements and their local children, all or none. Returns the new elements.
 
         The given elements and children are updated with their ids and the changes of reasoners.
@@ -77,11 +73,11 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         self._refresh(given, outcome, context_id)
         return [element.view() for element in es]
 
-    def add_element(self, e: Element, context_id: str = _SCENE) -> Element:
+    def add_element(self, e: Element, context_id: str = SCENE) -> Element:
         """Adds an element and returns the new element; see `add_elements`."""
         return self.add_elements([e], context_id)[0]
 
-    def update_element(self, e: Element, context_id: str = _SCENE) -> str:
+    def update_element(self, e: Element, context_id: str = SCENE) -> str:
         """Writes an element and returns its id.
 
         Of an element that was read from a world model, only the changes since then are written. A hand-made element
@@ -91,17 +87,17 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         """
         return self.update_elements([e], context_id)[0]
 
-    def update_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[str]:
+    def update_elements(self, es: Sequence[Element], context_id: str = SCENE) -> list[str]:
         """Writes elements in one request and returns their ids; see `update_element`."""
         return self._write(es, context_id, ())
 
-    def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = _SCENE) -> str:
+    def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = SCENE) -> str:
         """Writes the properties of an element, but not its relations, and returns its id; see `update_element`.
 
         :param reasoner: writes only the properties that this reasoner owns.
         :raises WmException: the element or the reasoner does not exist.
         """
-        return self._write_properties(e, self._keys_of(reasoner) if reasoner else None, context_id)
+        return self.write_properties(e, self._keys_of(reasoner) if reasoner else None, context_id)
 
     def remove_element(
         self,
@@ -109,7 +105,7 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         recursive: bool = True,
         rel_filter: str = "skiros:sceneProperty",
         type_filter: str = "",
-        context_id: str = _SCENE,
+        context_id: str = SCENE,
     ) -> int:
         """Removes an element, and with `recursive` its descendants along a relation that no other element holds.
 
@@ -130,7 +126,7 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         relations: Sequence[RelationDict] = list(),  # noqa: C408 - the contract's default, never changed
         relation_filter: Sequence[str] = ["skiros:hasA", "skiros:contain"],
         antiloop_bind: Collection[str] = set(),
-        context_id: str = _SCENE,
+        context_id: str = SCENE,
     ) -> Element:
         """Copies a template into the scene in one request and returns the copy.
 
@@ -155,10 +151,10 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         :param subj, obj: elements of any context, or individuals of the ontologies.
         :raises WmException: an element does not exist in any context, or would contain itself.
         """
-        self.transact([Relate(id_of(subj), self._name(pred), id_of(obj), value)], _SCENE)
+        self.transact([Relate(id_of(subj), self._name(pred), id_of(obj), value)], SCENE)
         return True
 
-    def update_elements_if_unchanged(self, es: Sequence[Element], context_id: str = "scene") -> list[str]:
+    def update_elements_if_unchanged(self, es: Sequence[Element], context_id: str = SCENE) -> list[str]:
         """Writes elements as `update_elements` does, unless one of them has changed since it was read.
 
         :raises WmConflict: an element has changed; the text names the author and the time. Nothing was written.
@@ -169,11 +165,11 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
             raise WmException(f"{made_by_hand[0]!r} was not read from the world model, so it has no version to compare")
         return self._write(es, context_id, [Expect(e.id, e.version) for e in es])
 
-    def update_element_if_unchanged(self, e: Element, context_id: str = "scene") -> str:
+    def update_element_if_unchanged(self, e: Element, context_id: str = SCENE) -> str:
         """Writes an element and returns its id; see `update_elements_if_unchanged`."""
         return self.update_elements_if_unchanged([e], context_id)[0]
 
-    def revert(self, change: HistoryEntry | ChangeSet, context_id: str = "scene") -> Outcome:
+    def revert(self, change: HistoryEntry | ChangeSet, context_id: str = SCENE) -> Outcome:
         """Undoes a change, such as an entry of `history`, in one request. Later changes of other parts stay.
 
         :raises WmConflict: parts of it have changed since; the text has all of them, with their authors. Nothing has
@@ -192,7 +188,7 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         until: Point | None = None,
         author: str = "",
         limit: int = 0,
-        context_id: str = _SCENE,
+        context_id: str = SCENE,
     ) -> list[HistoryEntry]:
         """The changes after one point and up to another: an entry for each request, oldest first.
 
@@ -204,23 +200,26 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         :param context_id: the context; `ontology`: the statements of the ontologies.
         :raises WmException: no journal, an unknown element or context, or a point outside the journal.
         """
-        raise WmException(_NO_JOURNAL)
+        with wm_errors():
+            return self.transport.history.changes(eid, since, until, author, limit, context_id)
 
-    def scene_at(self, at: Point, context_id: str = _SCENE) -> HistoryEntry:
+    def scene_at(self, at: Point, context_id: str = SCENE) -> HistoryEntry:
         """A past state of a context: `after` has its elements, each with its outgoing relations.
 
         :param at: as `since` in `history`. The other fields of the entry describe the change that led to this state.
         :raises WmException: as for `history`.
         """
-        raise WmException(_NO_JOURNAL)
+        with wm_errors():
+            return self.transport.history.scene_at(at, context_id)
 
-    def difference(self, since: Point, until: Point | None = None, context_id: str = _SCENE) -> HistoryEntry:
+    def difference(self, since: Point, until: Point | None = None, context_id: str = SCENE) -> HistoryEntry:
         """The difference of a context between two points: one entry, which is false when there is none.
 
         :param since, until: as for `history`.
         :raises WmException: as for `history`.
         """
-        raise WmException(_NO_JOURNAL)
+        with wm_errors():
+            return self.transport.history.difference(since, until, context_id)
 
     def last_change(self, eid: str) -> HistoryEntry:
         """The last change of an element, with its time (`stamp`) and its `author`.
@@ -229,12 +228,13 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         """
         return self.history(eid, limit=1)[-1]
 
-    @abstractmethod
-    def validate(self, context_id: str = _SCENE) -> Report:
+    def validate(self, context_id: str = SCENE) -> Report:
         """Validates the current state of a context against the ontologies and shapes. Takes a second or more.
 
         :raises WmException: a shape file is invalid.
         """
+        with wm_errors():
+            return self.transport.server.validate(context_id)
 
     # -- helpers -------------------------------------------------------------------------------------------------
 
@@ -249,7 +249,12 @@ class WorldModelAbstractInterface(SceneAbstractInterface):
         self._refresh(unchanged, Outcome([self._known(element, context_id) for element in unchanged]), context_id)
         return [element.id for element in elements]
 
-    def _write_properties(self, e: Element, keys: frozenset[str] | None, context_id: str) -> str:
+    def write_properties(self, e: Element, keys: frozenset[str] | None, context_id: str = SCENE) -> str:
+        """Writes properties of an element, but not its relations, and returns its id.
+
+        :param keys: the properties to write; None: all. Changes of other ones stay in the element.
+        :raises WmException: the element does not exist.
+        """
         operations = written_properties(e, keys)
         outcome = self.transact(operations, context_id) if operations else Outcome([self._known(e, context_id)])
         remaining = remaining_changes(e, keys)

@@ -19,7 +19,7 @@ from rospy.impl.tcpros_base import TCPROSTransport
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.ros.connections import was_closed
-from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
+from skiros2_world_model.core.wm_errors import WmException, refusal
 
 _Request = TypeVar("_Request")
 _Response = TypeVar("_Response")

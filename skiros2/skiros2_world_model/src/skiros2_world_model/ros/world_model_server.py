@@ -185,7 +185,7 @@ class WorldModelServer:
 
     def _on_query_relations(self, request: srvs.WmQueryRelationsRequest) -> srvs.WmQueryRelationsResponse:
         asked = request.relation
-        found = self._model.related(_any(asked.subjectId), _any(asked.predicate), _any(asked.objectId))
+        found = self._model.reader.related(_any(asked.subjectId), _any(asked.predicate), _any(asked.objectId))
         return srvs.WmQueryRelationsResponse([relation2msg(r) for r in found])
 
     def _on_history(self, request: srvs.WmHistoryRequest) -> srvs.WmHistoryResponse:

@@ -17,7 +17,7 @@ from skiros2_common.core.signals import SignalSource
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
 from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner, Simulator
 from skiros2_world_model.core.queries import SceneReader
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 #: s.
 TIMEOUT = 2.0
@@ -75,7 +75,7 @@ class RosSystem:
         return [self._master, *connections.parts()]
 
     @property
-    def world(self) -> WorldModelAbstractInterface | None:
+    def world(self) -> WorldModelClient | None:
         return self._connections.world.world if self._connections is not None else None
 
     @property

@@ -17,10 +17,11 @@ from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.replica import Snapshot
-from skiros2_world_model.core.scene import Scene
-from skiros2_world_model.ros.ontology_interface import SERVER
+from skiros2_world_model.core.replica_transport import ReplicaTransport
+from skiros2_world_model.core.world_model_client import WorldModelClient
+from skiros2_world_model.ros.ros_transport import SERVER, RosTransport
 from skiros2_world_model.ros.service_pool import ServicePool
-from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from skiros2_world_model.ros.world_model_interface import load_reasoners
 
 log = logging.getLogger(__name__)
 
@@ -31,45 +32,51 @@ PERIOD, TIMEOUT = 1.0, 5.0
 _NO_MATCH = ("skiros:Scene", "(none)")
 
 
-class CachedWorldModel(WorldModelInterface):
-    """A world model with a replica whose last state can be read without blocking.
+class _WatchedTransport(RosTransport):
+    """A transport that reports each fetch and remembers the last ontologies.
 
     :param on_fetch: called, in any thread, when the scene or the ontologies were fetched.
     """
 
-    def __init__(self, author_name: str, on_fetch: Callable[[], None]) -> None:
+    def __init__(self, author: str, on_fetch: Callable[[], None]) -> None:
+        super().__init__(author)
         self._on_fetch = on_fetch
         self._last_ontology: Ontology | None = None
         self.scenes_fetched = 0
-        super().__init__(author_name, make_cache=True)
-        assert self._replica is not None
-        self.known_scene = SceneReader(self._replica.lock, self._known_scenes, lambda: self.known_ontology)
-
-    def close(self) -> None:
-        """Disconnects."""
-        self._monitor.unregister()
 
     @property
     def known_ontology(self) -> Ontology:
         """The ontologies as fetched last; fetches them if they never were."""
         if self._last_ontology is None:
-            return self._ontology
+            return self.ontology
         return self._last_ontology
 
-    def _known_scenes(self, _: str) -> list[Scene]:
-        assert self._replica is not None
-        return [self._replica.scene()]
-
-    def _fetch_scene(self) -> Snapshot:
-        snapshot = super()._fetch_scene()
+    def fetch(self) -> Snapshot:
+        snapshot = super().fetch()
         self.scenes_fetched += 1
         self._on_fetch()
         return snapshot
 
-    def _fetch_ontology(self) -> Ontology:
-        self._last_ontology = super()._fetch_ontology()
+    def fetch_ontology(self) -> Ontology:
+        self._last_ontology = super().fetch_ontology()
         self._on_fetch()
         return self._last_ontology
+
+
+class CachedWorldModel(WorldModelClient):
+    """A client of a world model with a replica whose last state can be read without blocking.
+
+    :param on_fetch: called, in any thread, when the scene or the ontologies were fetched.
+    """
+
+    def __init__(self, author_name: str, on_fetch: Callable[[], None]) -> None:
+        self.remote = remote = _WatchedTransport(author_name, on_fetch)
+        transport = ReplicaTransport(remote)
+        super().__init__(transport)
+        replica = transport.replica
+        self.known_scene = SceneReader(replica.lock, lambda _: [replica.scene()], lambda: remote.known_ontology)
+        remote.follow()
+        load_reasoners(SERVER)
 
 
 class WorldModelConnection:
@@ -118,8 +125,9 @@ class WorldModelConnection:
                 world = self._update()
                 self._asked_at = 0.0
                 self._set(True, "")
-                event = WorldChanged((), world.scenes_fetched != scene, world.known_ontology is not ontology)
-                scene, ontology = world.scenes_fetched, world.known_ontology
+                fetched, known = world.remote.scenes_fetched, world.remote.known_ontology
+                event = WorldChanged((), fetched != scene, known is not ontology)
+                scene, ontology = fetched, known
                 if event.is_reset or event.ontology:
                     self._on_event(event)
             except SkirosError as error:
@@ -133,7 +141,7 @@ class WorldModelConnection:
             self._wanted.wait(PERIOD)
         self._ping.close()
         if self.world is not None:
-            self.world.close()
+            self.world.remote.unfollow()
 
     def _update(self) -> CachedWorldModel:
         """Returns the world model with an up-to-date replica.

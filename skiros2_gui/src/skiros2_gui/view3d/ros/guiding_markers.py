@@ -19,7 +19,7 @@ from skiros2_gui.view3d.guiding import HandGuiding
 from skiros2_gui.view3d.ros.marker_messages import guiding_marker
 from skiros2_gui.view3d.ros.selected_marker import MarkerServer
 from skiros2_motion.core.geometry import Vector
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ class GuidingMarkers:
     :param world: names the grippers; used in the thread of this class.
     """
 
-    def __init__(self, world: WorldModelAbstractInterface) -> None:
+    def __init__(self, world: WorldModelClient) -> None:
         self._world = world
         self._lock = threading.Lock()  # guards the hands
         self._hands: dict[str, HandGuiding] = {}

@@ -21,8 +21,8 @@ from skiros2_gui.view3d.ros.marker_messages import interactive_marker, pose_mess
 from skiros2_live.core.markers import ElementMarker
 from skiros2_motion.core.geometry import Pose, normalized
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_world_model.core.world_model_abstract_interface import WmException
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.wm_errors import WmException
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ class SelectedMarker:
 
     def __init__(
         self,
-        world: WorldModelAbstractInterface,
+        world: WorldModelClient,
         on_problem: OnProblem | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:

@@ -18,7 +18,7 @@ from skiros2_gateway.core.values import Value
 from skiros2_world_model.core.changes import Expect, Operation, Patch, Relate
 from skiros2_world_model.core.history import changed_lines, difference
 from skiros2_world_model.core.preview_copy import PreviewCopy
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 
 class PropertyEdit(BaseModel):
@@ -65,7 +65,7 @@ class EditPreview:
     versions: Mapping[str, int] = field(default_factory=dict)
 
 
-def preview_edits(wm: WorldModelAbstractInterface, edits: Edits) -> EditPreview:
+def preview_edits(wm: WorldModelClient, edits: Edits) -> EditPreview:
     """Checks edits as the world model does with `strict`, and returns what they would change. Blocks; changes nothing.
 
     :raises Rejected: with the problems of all edits.
@@ -96,7 +96,7 @@ def preview_edits(wm: WorldModelAbstractInterface, edits: Edits) -> EditPreview:
     return EditPreview(tuple(map(visible, lines)), versions)
 
 
-def apply_edits(wm: WorldModelAbstractInterface, edits: Edits, preview: EditPreview) -> None:
+def apply_edits(wm: WorldModelClient, edits: Edits, preview: EditPreview) -> None:
     """Applies previewed edits in one transaction. Blocks.
 
     :raises SkirosError: the world model refuses them, for example because an edited element has changed since the
@@ -115,7 +115,7 @@ def _operations(edits: Edits) -> Iterator[tuple[list[tuple[str, str]], str, Call
         yield fields, edit.relation, partial(Relate, edit.subject, edit.relation, edit.object, edit.holds)
 
 
-def _near(wm: WorldModelAbstractInterface, name: str) -> tuple[str, ...]:
+def _near(wm: WorldModelClient, name: str) -> tuple[str, ...]:
     """Returns the nearest names of properties and relations, if the ontologies lack a name."""
     full = wm.add_prefix(name)
     kinds = ("owl:DatatypeProperty", "owl:ObjectProperty")

@@ -10,11 +10,11 @@ from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.goal_text import GoalError
 from skiros2_task.core.world import WorldView
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 
 def goal_problems(
-    wm: WorldModelAbstractInterface, robots: Sequence[str], goal: str, elements: Mapping[str, tuple[str, str]]
+    wm: WorldModelClient, robots: Sequence[str], goal: str, elements: Mapping[str, tuple[str, str]]
 ) -> list[Problem]:
     """Returns what is wrong with the names in a goal. Blocks.
 

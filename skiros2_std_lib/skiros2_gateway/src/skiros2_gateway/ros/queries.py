@@ -14,8 +14,8 @@ from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.ontology_client import table
 from skiros2_world_model.core.query_budget import BudgetUsedUp
 from skiros2_world_model.core.triple_store import QueryError, QueryNotAllowed, QueryTooLarge
-from skiros2_world_model.core.world_model_abstract_interface import WmException
-from skiros2_world_model.ros.ontology_interface import SERVER
+from skiros2_world_model.core.wm_errors import WmException
+from skiros2_world_model.ros.ros_transport import SERVER
 from skiros2_world_model.ros.service_pool import ServicePool
 
 #: Queries at once: of all users, and of one.

@@ -23,7 +23,7 @@ from skiros2_skill.core.start_preview import StartPreview
 from skiros2_task.core.preview import preview_skill
 from skiros2_task.core.skills import read_robots
 from skiros2_world_model.core.preview_copy import PreviewCopy
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 #: How many of the newest runs are kept.
 _MAX_RUNS = 200
@@ -48,7 +48,7 @@ class SkillRuns:
     def start(
         self,
         client: ManagerClient,
-        wm: WorldModelAbstractInterface,
+        wm: WorldModelClient,
         skill: str,
         parameters: Mapping[str, Any],
         values: Mapping[str, Any],
@@ -94,7 +94,7 @@ class SkillRuns:
 
 
 def check_start(
-    client: ManagerClient, wm: WorldModelAbstractInterface, skill: str, parameters: Mapping[str, Any]
+    client: ManagerClient, wm: WorldModelClient, skill: str, parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Returns what a start would do now, as of `Cell.check_start`; blocks.
 
@@ -113,15 +113,13 @@ def check_start(
     }
 
 
-def _steps(
-    client: ManagerClient, wm: WorldModelAbstractInterface, skill: str, parameters: Mapping[str, Any]
-) -> list[Step]:
+def _steps(client: ManagerClient, wm: WorldModelClient, skill: str, parameters: Mapping[str, Any]) -> list[Step]:
     words = [skill, *(f"{key}={_text(value)}" for key, value in parameters.items())]
     world = World(client.name, client.author, wm)
     return read_steps(words, client.read_skills(), world.find_element, world.has_learned_values)
 
 
-def expected_changes(manager: str, wm: WorldModelAbstractInterface, preview: StartPreview) -> list[str]:
+def expected_changes(manager: str, wm: WorldModelClient, preview: StartPreview) -> list[str]:
     """Returns the changes that a start is expected to make, a line each; blocks.
 
     An element that it makes has the name `new CLASS NUMBER`: which id it gets is open.

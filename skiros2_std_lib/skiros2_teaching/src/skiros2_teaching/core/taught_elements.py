@@ -27,7 +27,7 @@ from skiros2_teaching.core.taught_path import TaughtPath
 from skiros2_world_model.core.changes import Operation, Remove, added_elements, written
 from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.history import HistoryEntry
-from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.core.world_model_client import WorldModelClient
 
 POSE, LIFTING_POSE, PATH = "skiros:TaughtPose", "skiros:LiftingPose", "skiros:TaughtPath"
 SAMPLES, EVENTS = "skiros:PathSamples", "skiros:GripperEvents"
@@ -212,7 +212,7 @@ def removed(wmi: WorldModelPort, taught: Element) -> list[Operation]:
     return [Remove(element.id)]
 
 
-def last_edit(wmi: WorldModelAbstractInterface) -> HistoryEntry:
+def last_edit(wmi: WorldModelClient) -> HistoryEntry:
     """Returns the last edit of taught elements that has not been undone, by whatever client; `wmi.revert` undoes it.
 
     :raises Refused: there is none among the last requests.

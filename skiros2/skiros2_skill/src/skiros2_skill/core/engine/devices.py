@@ -20,7 +20,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.failures import PRE_FAILED, Failure
 from skiros2_skill.core.tree.skill_node import SkillWrapper
-from skiros2_world_model.core.world_model_abstract_interface import WmConflict
+from skiros2_world_model.core.wm_errors import WmConflict
 
 log = logging.getLogger(__name__)
 

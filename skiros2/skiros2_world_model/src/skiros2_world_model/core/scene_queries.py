@@ -1,11 +1,10 @@
-"""The calls of the world model port that read the scene or wait for it."""
+"""The calls of a world model client that read the scene or wait for it."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -14,89 +13,85 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.reasoner_registry import relations_of
 from skiros2_common.core.world_element import Element, Reasoner, RelationDict
-from skiros2_world_model.core.changes import (
-    relation_dict,
-)
-from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
-from skiros2_world_model.core.queries import SceneReader, no_element
+from skiros2_common.core.world_model_port import Revisions
+from skiros2_world_model.core.changes import SCENE, Change, relation_dict, snapshot_number
+from skiros2_world_model.core.ontology_client import OntologyClient
+from skiros2_world_model.core.queries import no_element
 from skiros2_world_model.core.scene import ROOT, Provenance
-from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmException, wm_errors
+from skiros2_world_model.core.wm_errors import WmException, wm_errors
 
 #: How often a wait checks its condition without a change (s): for computed relations, and for the node's shutdown.
 _CHECK_PERIOD = 0.5
 
 log = logging.getLogger(__name__)
 
-_SCENE = "scene"
 
-
-class SceneAbstractInterface(OntologyAbstractInterface):
-    """The ontologies and the scene, built on the primitives that an adapter defines. Thread-safe.
+class SceneQueries(OntologyClient):
+    """The calls of a client that read the scene or wait for it. Thread-safe.
 
     Subjects and objects may be given as elements or as ids.
     """
 
-    # -- defined by the adapter ----------------------------------------------------------------------------------
-
     @property
-    @abstractmethod
     def version(self) -> int:
         """A counter that changes when anything that a condition reads may have changed; -1: unknown, do not cache."""
+        return self.transport.version
 
-    @abstractmethod
-    def add_listener(self, callback: Callable[[Any], None]) -> None:
+    @property
+    def last_change_number(self) -> int:
+        """The number of the last known change of the scene; 0: unknown."""
+        return snapshot_number(self.transport.snapshot_id)
+
+    @property
+    def session(self) -> str:
+        """The name of the scene's line of changes: it stays if the server recovers the scene."""
+        self.revisions()  # a replica that does not know the scene fetches it
+        return self.transport.snapshot_id.partition("-")[0]
+
+    def add_listener(self, callback: Callable[[Change], None]) -> None:
         """Calls `callback(change)` after each change that this client sees, in order. It must return quickly."""
+        self.transport.subscribe(callback)
 
-    @abstractmethod
-    def remove_listener(self, callback: Callable[[Any], None]) -> None:
+    def remove_listener(self, callback: Callable[[Change], None]) -> None:
         """Removes a listener."""
-
-    @abstractmethod
-    def get_scene(self) -> tuple[list[Element], str]:
-        """Returns the root of the scene and its descendants, and the snapshot id of that state."""
-
-    @abstractmethod
-    def _local(self, context: str) -> SceneReader:
-        """The reader of scenes in this process. Adapters without one for a context override the calls that use it."""
-
-    @abstractmethod
-    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        """The relations along a predicate and its subproperties; an empty part matches any."""
-
-    @abstractmethod
-    def _template(self, name: str) -> Element:
-        """Returns a template as an element without id."""
+        self.transport.unsubscribe(callback)
 
     # -- reading -------------------------------------------------------------------------------------------------
 
     def revisions(self) -> Revisions | None:
         """The current revisions of the ontologies and elements; None: unknown, do not cache."""
-        return None
+        return self.transport.revisions()
 
     def catch_up(self) -> None:
         """Waits until reads are at least as new as the server's state at this call. Blocks for one service call.
 
         Call it before handling a request of another node, which may refer to its latest changes.
         """
+        self.transport.catch_up()
 
-    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
+    def get_scene(self) -> tuple[list[Element], str]:
+        """Returns the root of the scene and its descendants, and the snapshot id of that state."""
+        with wm_errors():
+            return self.transport.snapshot()
+
+    def find_element(self, eid: str, context_id: str = SCENE) -> Element | None:
         """Returns the current state of an element, or None when it does not exist."""
         with wm_errors():
-            return self._local(context_id).find(eid, context_id)
+            return self.transport.scene.find(eid, context_id)
 
-    def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
+    def refreshed(self, e: Element, context_id: str = SCENE) -> Element | None:
         """Returns the given element if it has not changed since it was read, else the result of `find_element`."""
         with wm_errors():
-            return self._local(context_id).refreshed(e, context_id)
+            return self.transport.scene.refreshed(e, context_id)
 
-    def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:
+    def removal_of(self, eid: str, context_id: str = SCENE) -> Provenance | None:
         """Returns the change that removed an element, or None when it exists or nothing is known."""
         with wm_errors():
-            return self._local(context_id).removal(eid, context_id)
+            return self.transport.scene.removal(eid, context_id)
 
     def get_scene_name(self) -> str:
         """The scene file with which the world model started, relative to its workspace; "": none."""
-        return ""
+        return self.transport.server.scene_name()
 
     def get_scene_elements(self) -> list[Element]:
         """Returns the root of the scene and its descendants."""
@@ -106,7 +101,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
         """Whether the scene has an element."""
         return self.find_element(eid) is not None
 
-    def get_element(self, eid: str, context_id: str = _SCENE) -> Element:
+    def get_element(self, eid: str, context_id: str = SCENE) -> Element:
         """Returns the current state of an element.
 
         :raises WmException: it does not exist.
@@ -116,37 +111,40 @@ class SceneAbstractInterface(OntologyAbstractInterface):
             raise WmException(no_element(eid, context_id), UnknownName.code)
         return found
 
-    def get_template_element(self, uri: str, context_id: str = _SCENE) -> Element:
+    def get_template_element(self, uri: str, context_id: str = SCENE) -> Element:
         """Returns a template (an individual of the ontologies) as an element without id.
 
         :raises WmException: it does not exist.
         """
-        return self._template(self._name(uri))
+        with wm_errors():
+            return self.transport.server.template(self._name(uri))
 
     def get_branch(
         self,
         eid: str,
         relation_filter: str = "skiros:sceneProperty",
         type_filter: str = "",
-        context_id: str = _SCENE,
+        context_id: str = SCENE,
     ) -> list[Element]:
         """Returns an element and its descendants along a relation and its subproperties, nearest first.
 
         :param type_filter: returns only elements of this class or its subclasses; "": all.
         :raises WmException: the element does not exist.
         """
-        return self._branch(id_of(eid), relation_filter, type_filter, context_id)
+        with wm_errors():
+            return self.transport.scene.branch(id_of(eid), relation_filter, type_filter, context_id)
 
-    def resolve_elements(self, e: Element, context_id: str = _SCENE) -> list[Element]:
+    def resolve_elements(self, e: Element, context_id: str = SCENE) -> list[Element]:
         """Returns the elements of the class of `e` or its subclasses that have its label and its property values.
 
         An empty label, and a value "" or None, matches any.
         """
-        return self._matching(e, context_id)
+        with wm_errors():
+            return self.transport.scene.matching(e, context_id)
 
-    def resolve_element(self, e: Element, context_id: str = _SCENE) -> Element | None:
+    def resolve_element(self, e: Element, context_id: str = SCENE) -> Element | None:
         """Returns the first result of `resolve_elements`, or None."""
-        return next(iter(self._matching(e, context_id)), None)
+        return next(iter(self.resolve_elements(e, context_id)), None)
 
     def get_relations(self, subj: Element | str, pred: str, obj: Element | str) -> list[RelationDict]:
         """Returns the relations along a predicate and its subproperties, as dicts; an empty part matches any, and so
@@ -196,11 +194,12 @@ class SceneAbstractInterface(OntologyAbstractInterface):
             return self._stated(subj, pred, obj) == state
         if self._computes(pred) is not None:
             return bool(self.get_reasoner_relations(subj, pred, obj)) == state
-        return self._holds(subj, pred, obj) == state
+        with wm_errors():
+            return self.transport.scene.holds(subj, pred, obj) == state
 
     def allows_relation(self, subject_type: str, pred: str, object_type: str) -> bool:
         """Whether the class restrictions of the ontologies allow a relation between two classes."""
-        return self._ontology.allows(*map(self._name, (subject_type, pred, object_type)))
+        return self.transport.ontology.allows(*map(self._name, (subject_type, pred, object_type)))
 
     def _resolve_elements2(
         self, keys: str | Sequence[str], ph: Any, verbose: bool = False
@@ -238,7 +237,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
         try:
             while not check():
                 remaining = _CHECK_PERIOD if deadline is None else min(_CHECK_PERIOD, deadline - time.monotonic())
-                if remaining <= 0 or self._is_shut_down():
+                if remaining <= 0 or self.transport.server.is_shut_down():
                     return False
                 changed.wait(remaining)
                 changed.clear()
@@ -258,30 +257,13 @@ class SceneAbstractInterface(OntologyAbstractInterface):
 
     # -- helpers -------------------------------------------------------------------------------------------------
 
-    def _is_shut_down(self) -> bool:
-        """Whether the node is shutting down."""
-        return False
+    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
+        with wm_errors():
+            return self.transport.scene.related(src, pred, dst)
 
     def _exists(self, eid: str, context_id: str) -> bool:
         """Whether an element exists in a context, or in any other one."""
         return self.find_element(eid, context_id) is not None or self.find_element(eid, "") is not None
-
-    def _elements_of(self, cls: str, recursive: bool) -> list[str]:
-        return [e.id for e in self._matching(Element(cls), _SCENE) if recursive or e.type == cls]
-
-    def _matching(self, wanted: Element, context: str) -> list[Element]:
-        """The elements that match an abstract element."""
-        with wm_errors():
-            return self._local(context).matching(wanted, context)
-
-    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
-        """An element and its descendants."""
-        with wm_errors():
-            return self._local(context).branch(eid, relation_filter, type_filter, context)
-
-    def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
-        """Whether a relation of the scene or one of its subproperties holds."""
-        return self._local(_SCENE).holds(subj, pred, obj, _SCENE)
 
     def _stated(self, subj: Element, pred: str, obj: Element) -> bool:
         """Implements `check_relation` with `abstract`."""
@@ -289,7 +271,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
         if not ones or not others:
             return self.allows_relation(subj.type, pred, obj.type)
         return any(
-            self._ontology.individuals_related(one, pred, other) or bool(self._related(one, pred, other))
+            self.transport.ontology.individuals_related(one, pred, other) or bool(self._related(one, pred, other))
             for one in ones
             for other in others
         )
@@ -309,7 +291,7 @@ class SceneAbstractInterface(OntologyAbstractInterface):
 
     def _like(self, wanted: Element | str) -> list[Element]:
         element = self._element(wanted)
-        return self._matching(element, _SCENE) if element.isAbstract() else [element]
+        return self.resolve_elements(element) if element.isAbstract() else [element]
 
     def _element(self, given: Element | str) -> Element:
         if isinstance(given, Element):
@@ -333,7 +315,7 @@ def id_of(given: Element | str) -> str:
     return given.id if isinstance(given, Element) else str(given or "")
 
 
-def _combinations(wm: SceneAbstractInterface, keys: Sequence[str], params: Any) -> Any:
+def _combinations(wm: SceneQueries, keys: Sequence[str], params: Any) -> Any:
     """The combinations of elements that match the abstract elements of parameters and their relations.
 
     :param params: a `ParamHandler`.
@@ -354,7 +336,7 @@ def _combinations(wm: SceneAbstractInterface, keys: Sequence[str], params: Any) 
 
 
 def _satisfies(
-    wm: SceneAbstractInterface,
+    wm: SceneQueries,
     row: dict[str, Element],
     own: str,
     newest: str,

@@ -180,6 +180,12 @@ def test_skills_of_real_arms_need_no_simulator() -> None:
                 waiting.append(found)
 
 
+def test_only_the_adapter_of_physics_uses_the_engine() -> None:
+    """The test load runs in a process of its own."""
+    users = {file.module for file in FILES for _, name in file.imports() if _under(name, ("pybullet",))}
+    assert users == {"skiros2_sim.core.bullet", "skiros2_sim.core.load_test_program"}
+
+
 def test_imports_have_no_circles() -> None:
     """Also not through imports inside functions."""
     modules = {file.module: file for file in FILES if file.part != "nodes"}

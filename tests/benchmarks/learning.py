@@ -299,7 +299,7 @@ def _bare(scenario: Scenario, configuration: dict[str, Value]) -> float:
     begin = time.thread_time()
     with World(scene, rate=scenario.simulation.step_rate, visuals=False) as world:
         for command, arguments, named in calls:
-            command(*arguments, **named, physicsClientId=world.bullet.id)
+            command(*arguments, **named, physicsClientId=world.physics.id)
     return time.thread_time() - begin
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -253,6 +254,28 @@ def test_retraction_moves_back_along_the_tool_axis(rig: Rig) -> None:
     task = rig.run(rig.command("RetractTool", Height=0.1))
     assert task.state is State.Success, task.why
     assert rig.arm.pose.position == pytest.approx((0.5, 0.0, 0.42), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("skill", "params"),
+    [
+        ("RetractTool", {"Height": 0.2, "Speed": 0.2}),
+        ("MoveUntilContact", {"MaxDistance": 0.02, "Speed": 0.02, "NeedsContact": False}),
+    ],
+)
+def test_late_tick_delays_the_motion_without_a_jump_of_the_reference(
+    rig: Rig, skill: str, params: dict[str, Any]
+) -> None:
+    rig.arm.pose = rig.arm.reference = Pose((0.5, 0.0, 0.5), DOWN)
+    task, heights = rig.command(skill, **params), []
+    for tick in range(400):
+        if task.tick() is not State.Running:
+            break
+        heights.append(rig.arm.reference.position[2])
+        rig.arm.step()
+        rig.arm.time += 3.0 if tick == 10 else 0.0
+    assert task.state is State.Success, task.why
+    assert max(abs(b - a) for a, b in itertools.pairwise(heights)) <= 0.1 * params["Speed"] + 1e-9
 
 
 @pytest.mark.parametrize("value", [0.0, 500.0])

@@ -39,7 +39,7 @@ def test_forward_kinematics_match_the_physics(world: World, controller: ArmContr
     arm = controller.arm
     for posture in postures(controller.kinematics, 20):
         for joint, position in zip(arm.joints, posture, strict=True):
-            world.bullet.resetJointState(arm.body, joint.index, position)
+            world.physics.set_joint(arm.body, joint.index, position)
         assert distances(controller.kinematics.forward(posture), controller.tool_pose()) < (1e-5, 1e-5)
     world.reset()
 

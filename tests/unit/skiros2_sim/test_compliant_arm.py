@@ -60,7 +60,7 @@ def place(robot: MovedRobot, tool: Pose) -> None:
     solution = robot.controller.kinematics.inverse(tool, np.array(robot.arm.rest))
     assert solution.converged
     for joint, position in zip(robot.arm.joints, solution.positions, strict=True):
-        robot.world.bullet.resetJointState(robot.arm.body, joint.index, position)
+        robot.world.physics.set_joint(robot.arm.body, joint.index, position)
     robot.controller.hold()
     robot.controller.switch("compliant")
     robot.world.step(200)

@@ -185,5 +185,5 @@ def test_negative_tolerances_are_unlimited(robot: MovedRobot) -> None:
     motion = goal(robot, JointPoint(0.5, turned(robot, 0.1)), path_tolerance=free, goal_tolerance=free)
     world.motions.add(motion)
     world.step(10)
-    world.bullet.resetJointState(arm.body, arm.joints[0].index, 1.0)
+    world.physics.set_joint(arm.body, arm.joints[0].index, 1.0)
     succeeded(robot.run(motion))

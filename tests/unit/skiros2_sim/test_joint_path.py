@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
-from skiros2_sim.core.bullet import Joint
 from skiros2_sim.core.joint_motion import JointGoal, JointPath, JointPoint, JointTolerance
+from skiros2_sim.core.physics import Joint
 
 
 def joint(name: str, lower: float = -2.0, upper: float = 2.0, velocity: float = 1.0, effort: float = 10.0) -> Joint:

@@ -138,7 +138,7 @@ def test_crashing_model_ends_a_separate_process_only(tmp_path: Path, monkeypatch
     program = tmp_path / "crash.py"
     program.write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     (tmp_path / "m.obj").write_text(TRIANGLE)
-    monkeypatch.setattr(load_test, "__file__", str(program))
+    monkeypatch.setattr(load_test, "PROGRAM", program)
     assert "PyBullet crashes on it" in load_test.load_error(tmp_path / "m.obj")
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import pybullet
 import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongType, WrongValue
@@ -47,7 +48,9 @@ def reach(world: World, position: Vector, seconds: float = 1.0) -> None:
     """Moves the tool of the Panda there, pointing down, in a straight line of its joints."""
     arm = world.arms[ARM]
     start = np.array(arm.positions())
-    found = world.bullet.calculateInverseKinematics(arm.body, arm.tool_link, position, DOWN, maxNumIterations=100)
+    found = pybullet.calculateInverseKinematics(
+        arm.body, arm.tool_link, position, DOWN, maxNumIterations=100, physicsClientId=world.physics.id
+    )
     goal = np.array(found[: len(start)])
     steps = round(seconds / world.dt)
     for step in range(1, steps + 1):

@@ -18,6 +18,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
 from skiros2_motion.core.geometry import Vector, rotated
+from skiros2_motion.core.time_scaling import MAX_PERIOD
 
 #: Progress codes of failures.
 NOT_READY = -120
@@ -54,7 +55,7 @@ class ContactPrimitive(PrimitiveBase):
     def move(self, state: ArmState, dt: float) -> State:
         """To override: one tick. Returns `step`, `success` or `fail`.
 
-        :param dt: time since the last tick, by the arm's clock (s).
+        :param dt: time since the last tick, by the arm's clock; at most `MAX_PERIOD` (s).
         """
         raise NotImplementedError(f"{type(self).__name__} has to define move")
 
@@ -99,7 +100,7 @@ class ContactPrimitive(PrimitiveBase):
             self._begun, self.start, self._last = True, state, state.stamp
             self.arm.set_damping(self.damping)
             self.begin(state)
-        dt, self._last = max(0.0, state.stamp - self._last), state.stamp
+        dt, self._last = min(max(0.0, state.stamp - self._last), MAX_PERIOD), state.stamp
         return self.move(state, dt)
 
     def onEnd(self) -> bool:

@@ -9,13 +9,14 @@ from skiros2_contact_skills.descriptions import ApproachGrasp, ApproachTarget, R
 from skiros2_motion.core.arm_kinematics import between, distances
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed
+from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
 
 #: Ratio of angular and linear speed of a motion (rad/m), and time to settle at its end (s).
 _TURN, _SETTLING_TIME = 4.0, 2.0
 
 
 class _CompliantLine(ContactPrimitive):
-    """Moves the reference on a straight line to a goal, with a minimum-jerk profile (Flash and Hogan, 1985)."""
+    """Moves the reference on a straight line to a goal, with a minimum-jerk profile."""
 
     def goal(self, state: ArmState) -> Pose:
         """To override: returns the goal of the tool, in the base frame."""
@@ -27,21 +28,21 @@ class _CompliantLine(ContactPrimitive):
         self._goal = self.goal(state)
         self._has_to_zero = self.value("ZeroSensor")
         length, turn = distances(state.pose, self._goal)
-        self._duration = max(0.1, 1.875 * max(length, turn / _TURN) / self.value("Speed"))
+        self._passed = 0.0
+        self._duration = max(0.1, PEAK_SPEED * max(length, turn / _TURN) / self.value("Speed"))
 
     def move(self, state: ArmState, dt: float) -> State:
-        passed = state.stamp - self.start.stamp
-        t = min(1.0, passed / self._duration)
-        part = t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+        self._passed += dt
+        part = minimum_jerk(self._passed, self._duration)
         self.arm.set_reference(between(self.start.pose, self._goal, part))
         off, turned = distances(state.pose, self._goal)
-        if t == 1.0 and off <= self.value("Tolerance"):
+        if part == 1.0 and off <= self.value("Tolerance"):
             if self._has_to_zero:
                 self._has_to_zero = False
                 self.arm.zero_sensor()
                 return self.step("Zeroing the sensor")
             return self.success(f"There, {1000 * off:.1f} mm and {turned:.3f} rad off ({forces(state)})")
-        if passed > self._duration + _SETTLING_TIME:
+        if self._passed > self._duration + _SETTLING_TIME:
             return self.fail(f"{1000 * off:.1f} mm and {turned:.3f} rad from the goal ({forces(state)})", NOT_REACHED)
         return self.step(f"Approaching: {1000 * off:.0f} mm to go, {forces(state)}")
 

@@ -137,7 +137,7 @@ class Episode:
 
     def _prepare(self) -> None:
         for eid, value in self.draw.friction.items():
-            self.world.bullet.changeDynamics(self.world.bodies[eid].body, -1, lateralFriction=value)
+            self.world.physics.set_surface(self.world.bodies[eid].body, -1, value)
         if self.draw.start:
             self._take_posture(self.draw.start)
         self.drivers = LocalDrivers(self.world)
@@ -163,7 +163,7 @@ class Episode:
             if wanted.keys() != joints.keys():
                 raise WrongValue(f"posture {name!r} of {eid}: joints {sorted(wanted)}, expected {sorted(joints)}")
             for key, joint in joints.items():
-                self.world.bullet.resetJointState(arm.body, joint.index, wanted[key])
+                self.world.physics.set_joint(arm.body, joint.index, wanted[key])
             arm.drive([wanted[key] for key in joints])
 
     def _command(self, step: Step, configuration: Mapping[str, Value]) -> tuple[str, str, dict[str, Any]]:

@@ -98,12 +98,5 @@ class Recorder:
         return math.hypot(*(wrench[:3] if quantity.endswith("force") else wrench[3:]))
 
     def _distance(self, label: str, other: str) -> float:
-        (body, link), (body_2, link_2) = (self._handle(self._ids[each]) for each in (label, other))
-        found = self._world.bullet.getClosestPoints(body, body_2, _FAR, linkIndexA=link, linkIndexB=link_2)
-        return min((float(point[8]) for point in found), default=_FAR)
-
-    def _handle(self, eid: str) -> tuple[int, int]:
-        if eid in self._world.bodies:
-            return self._world.bodies[eid].body, -1
-        gripper = self._world.grippers[eid]
-        return gripper.body, gripper.tool_link
+        one, two = (self._world.part_of(self._ids[each]) for each in (label, other))
+        return min(self._world.physics.distance(one, two, _FAR), _FAR)

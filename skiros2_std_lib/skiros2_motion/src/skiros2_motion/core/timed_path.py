@@ -1,9 +1,8 @@
 """Makes a trajectory of a path with corners, within limits of joint velocities and accelerations.
 
 The corners are rounded by parabolas, so that the arm does not stop at them. The speed along the path is as high as the
-limits allow, by a pass forward and a pass backward over the path (Bobrow, Dubowsky and Gibson, Time-Optimal Control of
-Robotic Manipulators Along Specified Paths, 1985; Kunz and Stilman, Time-Optimal Trajectory Generation for Path
-Following with Bounded Acceleration and Velocity, 2012). With the position q along the path s:
+limits allow (Kunz and Stilman, Time-Optimal Trajectory Generation for Path Following with Bounded Acceleration and
+Velocity, 2012). With the position q along the path s:
 
     q. = q' s.      q.. = q'' s.^2 + q' s..
 """
@@ -18,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_motion.core.motion import Pieces
+from skiros2_motion.core.time_scaling import fastest_speeds
 
 Array = npt.NDArray[np.float64]
 
@@ -131,23 +131,19 @@ def _timed(pieces: Sequence[_Piece], velocities: Array, accelerations: Array) ->
     for piece in pieces:
         ends = np.linspace(0.0, piece.length, max(4, int(piece.length / _GRID)) + 1)
         cells += [(piece, float(a), float(b)) for a, b in itertools.pairwise(ends)]
-    # s.^2 at the ends of the cells, first the maximum
+    # maximum of s. at the ends of the cells
     most = np.full(len(cells) + 1, np.inf)
     push = np.empty(len(cells))  # maximum of |s..| in each cell
     tiny = 1e-12
     for i, (piece, a, b) in enumerate(cells):
         slope = np.maximum(np.abs(piece.slope_at(a)), np.abs(piece.slope_at(b))) + tiny
         bend = np.abs(piece.bend) + tiny
-        cell_most = min(np.min(velocities / slope) ** 2, _TURNING * np.min(accelerations / bend))
-        push[i] = np.min((accelerations - bend * cell_most) / slope)
+        cell_most = min(np.min(velocities / slope), np.sqrt(_TURNING * np.min(accelerations / bend)))
+        push[i] = np.min((accelerations - bend * cell_most**2) / slope)
         most[i], most[i + 1] = min(most[i], cell_most), min(most[i + 1], cell_most)
     most[0] = most[-1] = 0.0
     lengths = np.array([b - a for _, a, b in cells])
-    for i in range(len(cells)):
-        most[i + 1] = min(most[i + 1], most[i] + 2 * push[i] * lengths[i])
-    for i in reversed(range(len(cells))):
-        most[i] = min(most[i], most[i + 1] + 2 * push[i] * lengths[i])
-    speeds = np.sqrt(most)
+    speeds = fastest_speeds(most, push, push, lengths)
     durations = 2 * lengths / (speeds[:-1] + speeds[1:])
     times = np.concatenate([[0.0], np.cumsum(durations)])
     count = min(max(2, int(np.ceil(times[-1] / PERIOD))), _MOST_POINTS)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from skiros2_motion.core.geometry import Pose, Vector, conjugated, rotated
 from skiros2_motion.core.numbers import finite
-from skiros2_sim.core.bullet import Bullet, Joint
 from skiros2_sim.core.gripper import Gripper
+from skiros2_sim.core.physics import Joint, Part, Physics
 from skiros2_sim.core.robot_model import ArmModel
 from skiros2_sim.core.wrist_sensor import MountedSensor, SensorModel
 
@@ -20,12 +19,12 @@ Wrench = tuple[float, float, float, float, float, float]
 class Arm:
     """An arm. It starts at rest in its posture `rest`, held by position motors.
 
-    :param dofs: index of each moving joint of the robot, in the order of PyBullet's dynamics.
+    :param dofs: index of each moving joint of the robot, in the order of the engine's dynamics.
     """
 
     def __init__(
         self,
-        bullet: Bullet,
+        physics: Physics,
         body: int,
         model: ArmModel,
         joints: Mapping[str, Joint],
@@ -41,13 +40,13 @@ class Arm:
         self.rest = model.rest
         self.mount_link = links[model.mount]
         self.tool_link = links[model.tool]
-        self._bullet = bullet
+        self._physics = physics
         self._indices = [joint.index for joint in self.joints]
         self._efforts = [joint.effort for joint in self.joints]
         self._dofs = list(dofs)
         self._columns = [self._dofs.index(index) for index in self._indices]
         #: The links after the last joint: their contacts produce the wrench.
-        self._hand = frozenset(_links_after(bullet, body, self._indices[-1]))
+        self._hand = frozenset(links_after(physics, body, self._indices[-1]))
         self._is_torque_driven = False
         #: The wrench of the last step, once it is read.
         self._wrench: Wrench | None = None
@@ -57,39 +56,38 @@ class Arm:
         #: The force/torque sensor at the wrist, if a fixed joint is there.
         self.sensor: MountedSensor | None = None
         for joint, position in zip(self.joints, self.rest, strict=True):
-            bullet.resetJointState(body, joint.index, position)
+            physics.set_joint(body, joint.index, position)
         spec = model.spec.gripper
         self.gripper: Gripper | None = None
         if spec is not None:
-            self.gripper = Gripper(bullet, body, spec, [joints[name] for name in model.fingers], self.tool_link)
+            self.gripper = Gripper(physics, body, spec, [joints[name] for name in model.fingers], self.tool_link)
         self.drive(self.rest)
 
     # -- state ------------------------------------------------------------------------------------------------
 
     def positions(self) -> list[float]:
         """Joint positions (rad or m)."""
-        return [state[0] for state in self._bullet.getJointStates(self.body, self._indices)]
+        return [state.position for state in self._physics.joint_states(self.body, self._indices)]
 
     def velocities(self) -> list[float]:
         """Joint velocities (rad/s or m/s)."""
-        return [state[1] for state in self._bullet.getJointStates(self.body, self._indices)]
+        return [state.velocity for state in self._physics.joint_states(self.body, self._indices)]
 
     def efforts(self) -> list[float]:
         """Motor efforts in the last step (Nm or N)."""
-        return [state[3] for state in self._bullet.getJointStates(self.body, self._indices)]
+        return [state.effort for state in self._physics.joint_states(self.body, self._indices)]
 
     def tool_pose(self) -> Pose:
         """Pose of the tool frame in the map."""
-        return self._link_pose(self.tool_link)
+        return self._physics.link_pose(Part(self.body, self.tool_link))
 
     def mount_pose(self) -> Pose:
         """Pose of the first link of the arm in the map."""
-        return self._link_pose(self.mount_link)
+        return self._physics.link_pose(Part(self.body, self.mount_link))
 
     def tool_velocity(self) -> tuple[Vector, Vector]:
         """Linear (m/s) and angular (rad/s) velocity of the tool, in the map."""
-        state = self._bullet.getLinkState(self.body, self.tool_link, computeLinkVelocity=1, computeForwardKinematics=1)
-        return state[6], state[7]
+        return self._physics.velocity(Part(self.body, self.tool_link))
 
     def wrench(self) -> Wrench:
         """Returns the external wrench on the hand in the tool frame: force (N), torque (Nm) about its origin.
@@ -104,9 +102,9 @@ class Arm:
     def _contact_wrench(self) -> Wrench:
         # In contacts of two bodies the requested one is first; in contacts within the robot the hand may be second.
         pressed = [
-            _exerted(contact, contact[3] in self._hand)
-            for contact in self._bullet.getContactPoints(bodyA=self.body)
-            if (contact[3] in self._hand) != (contact[2] == self.body and contact[4] in self._hand)
+            contact.exerted(contact.link in self._hand)
+            for contact in self._physics.contacts(self.body)
+            if (contact.link in self._hand) != (contact.other_body == self.body and contact.other_link in self._hand)
         ]
         if not pressed:
             return (0.0,) * 6
@@ -125,13 +123,15 @@ class Arm:
 
         :param seed: of the noise.
         """
-        link, parent = self.tool_link, self._parent(self.tool_link)
-        while parent not in (self._indices[-1], -1):
-            link, parent = parent, self._parent(parent)
-        if parent < 0 or Joint.of(self._bullet.getJointInfo(self.body, link)).moves:
+        joints = self._physics.joints(self.body)
+        joint = joints[self.tool_link]
+        while joint.parent not in (self._indices[-1], -1):
+            joint = joints[joint.parent]
+        if joint.parent < 0 or joint.moves:
             return
-        links = _links_after(self._bullet, self.body, link)
-        sensor = MountedSensor(self._bullet, self.body, link, links, model, np.random.default_rng((seed, link)))
+        links = links_after(self._physics, self.body, joint.index)
+        random = np.random.default_rng((seed, joint.index))
+        sensor = MountedSensor(self._physics, Part(self.body, joint.index), links, model, random)
         if sensor.mass > 0.0:
             self.sensor = sensor
 
@@ -165,10 +165,6 @@ class Arm:
         fx, fy, fz, tx, ty, tz = self.sensor.wrench(self.tool_pose())
         return fx, fy, fz, tx, ty, tz
 
-    def _parent(self, link: int) -> int:
-        parent: int = self._bullet.getJointInfo(self.body, link)[16]
-        return parent
-
     # -- motors -----------------------------------------------------------------------------------------------
 
     def drive(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
@@ -181,14 +177,7 @@ class Arm:
         wanted = finite(positions, count, f"{self.id}: positions")
         speeds = [0.0] * count if velocities is None else finite(velocities, count, f"{self.id}: velocities")
         self._is_torque_driven = False
-        self._bullet.setJointMotorControlArray(
-            self.body,
-            self._indices,
-            self._bullet.POSITION_CONTROL,
-            targetPositions=wanted,
-            targetVelocities=speeds,
-            forces=self._efforts,
-        )
+        self._physics.drive_positions(self.body, self._indices, wanted, speeds, self._efforts)
 
     def drive_torques(self, torques: Sequence[float]) -> None:
         """Sets the joint torques (Nm, or N) for the next step, limited by the joints, and releases the position motors.
@@ -198,46 +187,29 @@ class Arm:
         wanted = finite(torques, len(self.joints), f"{self.id}: torques")
         if not self._is_torque_driven:
             self._is_torque_driven = True
-            self._bullet.setJointMotorControlArray(
-                self.body, self._indices, self._bullet.VELOCITY_CONTROL, forces=[0.0] * len(self.joints)
-            )
-        self._bullet.setJointMotorControlArray(
-            self.body,
-            self._indices,
-            self._bullet.TORQUE_CONTROL,
-            forces=[min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)],
-        )
+            none = [0.0] * len(self.joints)
+            self._physics.drive_velocities(self.body, self._indices, none, none)
+        limited = [min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)]
+        self._physics.drive_torques(self.body, self._indices, limited)
 
     def masses(self) -> list[list[float]]:
         """Mass matrix at the current joint positions (kg m2, or kg)."""
-        positions = [state[0] for state in self._bullet.getJointStates(self.body, self._dofs)]
-        masses = self._bullet.calculateMassMatrix(self.body, positions)
+        positions = [state.position for state in self._physics.joint_states(self.body, self._dofs)]
+        masses = self._physics.mass_matrix(self.body, positions)
         return [[masses[row][column] for column in self._columns] for row in self._columns]
 
     def bias(self) -> list[float]:
         """Torques of gravity, Coriolis and centrifugal forces at the current state (Nm, or N)."""
-        states = self._bullet.getJointStates(self.body, self._dofs)
-        q, dq = [state[0] for state in states], [state[1] for state in states]
-        bias = self._bullet.calculateInverseDynamics(self.body, q, dq, [0.0] * len(self._dofs))
+        states = self._physics.joint_states(self.body, self._dofs)
+        q, dq = [state.position for state in states], [state.velocity for state in states]
+        bias = self._physics.bias(self.body, q, dq)
         return [bias[column] for column in self._columns]
 
-    def _link_pose(self, index: int) -> Pose:
-        state = self._bullet.getLinkState(self.body, index, computeForwardKinematics=1)
-        return Pose(state[4], state[5])
 
-
-def _exerted(contact: Sequence[Any], on_first: bool) -> tuple[Vector, Vector]:
-    """Returns the position of a PyBullet contact, and its force on the first or the second body."""
-    normal, pushed = contact[7], contact[9]
-    one, along_one, other, along_other = contact[10:14]
-    x, y, z = (pushed * normal[i] + one * along_one[i] + other * along_other[i] for i in range(3))
-    return (contact[5], (x, y, z)) if on_first else (contact[6], (-x, -y, -z))
-
-
-def _links_after(bullet: Bullet, body: int, link: int) -> list[int]:
+def links_after(physics: Physics, body: int, link: int) -> list[int]:
     """Returns a link and all its descendants."""
     found = {link}
-    for index in range(bullet.getNumJoints(body)):  # parents have smaller indices
-        if bullet.getJointInfo(body, index)[16] in found:
-            found.add(index)
+    for joint in physics.joints(body):
+        if joint.parent in found:
+            found.add(joint.index)
     return sorted(found)

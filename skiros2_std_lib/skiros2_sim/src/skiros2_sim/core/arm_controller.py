@@ -349,11 +349,9 @@ class ArmController:
 
 def _kinematics(world: World, robot: Robot, arm: Arm) -> ArmKinematics:
     """Derives the kinematics of the arm, in the robot's frame, from the loaded model."""
-    bullet = world.bullet
+    frames = world.physics.link_poses(robot.body, [joint.index for joint in arm.joints])
     joints = []
-    for joint, position in zip(arm.joints, arm.positions(), strict=True):
-        state = bullet.getLinkState(robot.body, joint.index, computeForwardKinematics=1)
-        axis = bullet.getJointInfo(robot.body, joint.index)[13]
+    for joint, position, frame in zip(arm.joints, arm.positions(), frames, strict=True):
         lower, upper = max(joint.lower, -2 * np.pi), min(joint.upper, 2 * np.pi)
-        joints.append(ChainJoint(position, Pose(state[4], state[5]), axis, joint.kind == "prismatic", lower, upper))
+        joints.append(ChainJoint(position, frame, joint.axis, joint.kind == "prismatic", lower, upper))
     return ArmKinematics(joints, robot.pose(), arm.tool_pose(), arm.rest)

@@ -14,8 +14,9 @@ from skiros2_common.core.errors import Refused
 from skiros2_motion.core.geometry import Pose, rotated, to_euler
 from skiros2_motion.core.motion import Outcome, Pieces, State, advance
 from skiros2_sim.core.body import Body
-from skiros2_sim.core.contacts import PartContacts, contacts_of_part, format_contacts
 from skiros2_sim.core.drive_path import Floor, Footprint, Leg, Obstacle, Pose2D, heading, wrapped
+from skiros2_sim.core.part_contacts import PartContacts, contacts_of_part, format_contacts
+from skiros2_sim.core.physics import Part
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World
 
@@ -48,7 +49,7 @@ def obstacles(world: World, robot: Robot) -> list[Obstacle]:
     top = robot.base_box[1][2]
     found = []
     for body in world.bodies.values():
-        low, high = world.bullet.getAABB(body.body)
+        low, high = world.physics.bounding_box(Part(body.body))
         # movable bodies lie around or are held: only those as low as the base are obstacles
         overhead = top if body.movable else _OVERHEAD
         if high[2] < _FLAT or low[2] > overhead or (body.movable and body.id in carried):
@@ -85,7 +86,7 @@ def predicted_robots(world: World, robot: Robot) -> list[Obstacle]:
 
 def outside(world: World, pose: Pose2D) -> str:
     """Returns why a pose is outside the area of this world; "" if it is inside."""
-    boxes = [world.bullet.getAABB(body.body) for body in world.bodies.values()]
+    boxes = [world.physics.bounding_box(Part(body.body)) for body in world.bodies.values()]
     poses = [robot.pose().position for robot in world.robots.values()]
     for i, (name, value) in enumerate((("x", pose.x), ("y", pose.y))):
         low = min([box[0][i] for box in boxes] + [at[i] for at in poses]) - _AROUND

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_motion.core.geometry import Pose, Vector
 from skiros2_sim.core.bored_box import bored_box
-from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.load_test import load_error
-from skiros2_sim.core.robot import load_urdf, place_root, root_pose
+from skiros2_sim.core.physics import Part, Physics
 from skiros2_sim.core.scene_spec import BodySpec, Colour
 from skiros2_sim.core.urdf import MESHES, as_text, boxes_link, find_model, read_urdf
 
@@ -40,38 +39,31 @@ class Body:
     :raises WrongValue: a bore is invalid.
     """
 
-    def __init__(self, bullet: Bullet, spec: BodySpec, folders: Sequence[str] = (), number: int = 0) -> None:
+    def __init__(self, physics: Physics, spec: BodySpec, folders: Sequence[str] = (), number: int = 0) -> None:
         self.id = spec.id
         self.spec = spec
         self.movable = spec.movable
-        self._bullet = bullet
+        self._physics = physics
         colours = _MOVABLE_COLOURS if spec.movable else _FIXED_COLOURS
         self.colour: Colour = spec.colour or colours[number % len(colours)]
         if spec.model:
             self.body = self._load_model(folders)
         else:
             self.body = self._make_bored_box() if spec.bores else self._make_box()
-        bullet.changeDynamics(
-            self.body,
-            -1,
-            lateralFriction=_FRICTION if spec.friction is None else spec.friction,
-            spinningFriction=0.005,
-            rollingFriction=0.0005,
-            restitution=0.0,
-        )
+        friction = _FRICTION if spec.friction is None else spec.friction
+        physics.set_surface(self.body, -1, friction, spinning=0.005, rolling=0.0005, bounce=0.0)
 
     def pose(self) -> Pose:
         """Pose in the map: of the centre of a box, of the root frame of a model."""
-        return root_pose(self._bullet, self.body)
+        return self._physics.pose(self.body)
 
     def velocity(self) -> tuple[Vector, Vector]:
         """Linear (m/s) and angular (rad/s) velocity in the map."""
-        found: tuple[Vector, Vector] = self._bullet.getBaseVelocity(self.body)
-        return found
+        return self._physics.velocity(Part(self.body))
 
     def place(self, pose: Pose) -> None:
         """Moves the body to a pose, at rest."""
-        place_root(self._bullet, self.body, pose)
+        self._physics.place(self.body, pose)
 
     @property
     def mass(self) -> float:
@@ -88,10 +80,7 @@ class Body:
         size = self.spec.size
         if size is None:
             raise ConfigurationError(f"{self.id}: expected a size or a model")
-        half = [edge / 2 for edge in size]
-        shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half)
-        seen = self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=self.colour)
-        return self._make(shape, seen)
+        return self._physics.add_box(size, self.mass, self.spec.pose, self.colour)
 
     def _make_bored_box(self) -> int:
         """Makes a model of boxes around the bores: a shape of PyBullet has at most 16."""
@@ -102,35 +91,16 @@ class Body:
         x, y, z = (edge**2 for edge in size)
         inertia = (mass * (y + z) / 12, mass * (x + z) / 12, mass * (x + y) / 12)
         text = as_text("bored_box", [boxes_link("box", shapes, mass, inertia, self.colour)])
-        body = load_urdf(self._bullet, text, self.spec.pose, not self.movable)
-        self._bullet.changeDynamics(body, -1, collisionMargin=_BROKEN_EDGE)
-        return body
+        return self._physics.load_urdf(text, self.spec.pose, not self.movable, margin=_BROKEN_EDGE)
 
     def _load_model(self, folders: Sequence[str]) -> int:
         file = find_model(self.spec.model, folders)
         if file.suffix.lower() == ".urdf":
             text = read_urdf(file).text()
-            return load_urdf(self._bullet, text, self.spec.pose, not self.movable, exact_cylinders=True)
+            return self._physics.load_urdf(text, self.spec.pose, not self.movable, exact_cylinders=True)
         if file.suffix.lower() not in MESHES:
             raise ConfigurationError(f"{file}: expected a .urdf, {' or '.join(MESHES)} file")
         fault = load_error(file)
         if fault:
             raise ConfigurationError(f"{file}: {fault}")
-        # A movable mesh collides as its convex hull, a fixed one with its exact shape.
-        flags = 0 if self.movable else self._bullet.GEOM_FORCE_CONCAVE_TRIMESH
-        try:
-            shape = self._bullet.createCollisionShape(self._bullet.GEOM_MESH, fileName=str(file), flags=flags)
-            seen = self._bullet.createVisualShape(self._bullet.GEOM_MESH, fileName=str(file), rgbaColor=self.colour)
-        except self._bullet.error as error:
-            raise ConfigurationError(f"{file}: PyBullet does not load it: {error}") from None
-        return self._make(shape, seen)
-
-    def _make(self, shape: int, seen: int) -> int:
-        body: int = self._bullet.createMultiBody(
-            baseMass=self.mass,
-            baseCollisionShapeIndex=shape,
-            baseVisualShapeIndex=seen,
-            basePosition=self.spec.pose.position,
-            baseOrientation=self.spec.pose.orientation,
-        )
-        return body
+        return self._physics.add_mesh(file, self.mass, self.spec.pose, self.colour)

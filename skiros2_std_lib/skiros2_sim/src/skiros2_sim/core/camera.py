@@ -1,6 +1,6 @@
 """Renders images of the simulated world: colour, depth, and the element of each pixel.
 
-Uses PyBullet's TinyRenderer, on the CPU. Call in the stepping thread.
+On the CPU. Call in the stepping thread.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_motion.core.geometry import IDENTITY, Pose, Quaternion, composed, rotated
+from skiros2_motion.core.geometry import Pose, Quaternion
 from skiros2_sim.core.world import World
 
 #: Near and far clipping plane (m).
@@ -25,8 +25,6 @@ NEAR = 0.02
 FAR = 20.0
 #: Maximum number of pixels per edge; larger images would stop the world for seconds.
 MAX_PIXELS = 2048
-#: Direction and distance (m) of the light; with a smaller distance, the shadow map's border would be visible.
-_LIGHT, _LIGHT_DISTANCE = (1.0, 1.0, 2.0), 20.0
 #: Index of pixels without element in `Picture.segments`.
 NOTHING = -1
 
@@ -142,30 +140,9 @@ def picture_from(world: World, pose: Pose, lens: Lens, shadow: bool = False) -> 
     :param pose: of the optical frame in the map.
     :param shadow: whether to render shadows, which triples the time.
     """
-    eye = pose.position
-    bullet = world.bullet
-    ahead = composed(pose, Pose((0.0, 0.0, 1.0), IDENTITY.orientation)).position
-    up = rotated(pose.orientation, (0.0, -1.0, 0.0))
-    _, _, rgba, buffer, mask = bullet.getCameraImage(
-        lens.width,
-        lens.height,
-        viewMatrix=bullet.computeViewMatrix(eye, ahead, up),
-        projectionMatrix=bullet.computeProjectionMatrixFOV(
-            math.degrees(lens.field_of_view), lens.width / lens.height, NEAR, FAR
-        ),
-        shadow=int(shadow),
-        lightDirection=_LIGHT,
-        lightDistance=_LIGHT_DISTANCE,
-        renderer=bullet.ER_TINY_RENDERER,
-    )
-    shape = lens.height, lens.width
-    nearness = np.asarray(buffer, np.float32).reshape(shape)
-    # OpenGL's depth buffer: 0 at the near plane, 1 at the far plane
-    depth = np.asarray(FAR * NEAR / (FAR - (FAR - NEAR) * nearness), np.float32)
-    bodies = np.asarray(mask, np.int32).reshape(shape)
+    rgb, depth, bodies = world.physics.render(pose, lens.width, lens.height, lens.field_of_view, NEAR, FAR, shadow)
     depth[bodies < 0] = np.nan
     segments, ids = _segments(bodies, world)
-    rgb = np.ascontiguousarray(np.asarray(rgba, np.uint8).reshape(*shape, 4)[:, :, :3])
     return Picture(rgb, depth, segments, ids, lens, pose, world.time)
 
 
@@ -193,7 +170,7 @@ def quaternion_of(rotation: npt.NDArray[np.float64]) -> Quaternion:
 
 
 def _segments(bodies: npt.NDArray[np.int32], world: World) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
-    """Converts PyBullet's body ids to indices of elements; returns these and the elements' ids."""
+    """Converts the engine's bodies to indices of elements; returns these and the elements' ids."""
     seen = np.flatnonzero(np.bincount(bodies.ravel() + 1)) - 1  # a background is -1
     indices = np.full(seen[-1] + 2, NOTHING, np.int32)
     ids: list[str] = []

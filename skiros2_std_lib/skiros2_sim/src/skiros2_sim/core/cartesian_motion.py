@@ -17,8 +17,8 @@ from skiros2_motion.core.geometry import Pose, composed, inverted, normalized, r
 from skiros2_motion.core.impedance import MAX_STIFFNESS, checked
 from skiros2_motion.core.motion import Outcome, Pieces, State, advance
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.bullet import Joint
-from skiros2_sim.core.contacts import PartContacts
+from skiros2_sim.core.part_contacts import PartContacts
+from skiros2_sim.core.physics import Joint
 
 Array = npt.NDArray[np.float64]
 

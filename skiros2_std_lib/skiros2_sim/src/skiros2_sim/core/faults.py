@@ -1,58 +1,18 @@
-"""Disturbances of the simulated world: external forces for a limited time, and faults of robots, injected for tests."""
+"""Faults of robots in the simulated world, injected for tests."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_motion.core.geometry import Pose, Vector, rotated
-from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.scene_spec import BodySpec
-
-
-@dataclass
-class _Push:
-    body: int
-    link: int
-    force: Vector
-    torque: Vector
-    steps: int
-
-
-class Pushes:
-    """The active pushes."""
-
-    def __init__(self, bullet: Bullet) -> None:
-        self._bullet = bullet
-        self._active: list[_Push] = []
-
-    def add(self, body: int, link: int, force: Vector, torque: Vector, steps: int) -> None:
-        """Applies a force (N) and a torque (Nm), in the map, at the centre of a link for a number of steps."""
-        self._active.append(_Push(body, link, force, torque, steps))
-
-    def remove(self, body: int) -> None:
-        """Removes all pushes of a body."""
-        self._active = [push for push in self._active if push.body != body]
-
-    def update(self) -> None:
-        """Applies the forces for the next step."""
-        bullet = self._bullet
-        for push in self._active:
-            if push.link < 0:
-                at = bullet.getBasePositionAndOrientation(push.body)[0]
-            else:
-                at = bullet.getLinkState(push.body, push.link)[0]
-            bullet.applyExternalForce(push.body, push.link, push.force, at, bullet.WORLD_FRAME)
-            bullet.applyExternalTorque(push.body, push.link, push.torque, bullet.WORLD_FRAME)
-            push.steps -= 1
-        self._active = [push for push in self._active if push.steps > 0]
-
-
-if TYPE_CHECKING:
-    from skiros2_sim.core.world import World
+from skiros2_motion.core.geometry import Pose, rotated
+from skiros2_sim.core.arm import Arm
+from skiros2_sim.core.gripper import Gripper
+from skiros2_sim.core.robot import Robot
+from skiros2_sim.core.scene_spec import BodySpec, CameraSpec
 
 SLIPPING_GRIPPER = "slipping_gripper"
 BLOCKED_PATH = "blocked_path"
@@ -98,10 +58,33 @@ class _Kind:
     end: Callable[[str], None]
 
 
+class FaultyWorld(Protocol):
+    """What faults need of a `World`."""
+
+    @property
+    def robots(self) -> Mapping[str, Robot]: ...
+
+    @property
+    def arms(self) -> Mapping[str, Arm]: ...
+
+    @property
+    def grippers(self) -> Mapping[str, Gripper]: ...
+
+    @property
+    def cameras(self) -> Mapping[str, CameraSpec]: ...
+
+    @property
+    def time(self) -> float: ...
+
+    def add_body(self, spec: BodySpec) -> None: ...
+
+    def remove_body(self, eid: str) -> None: ...
+
+
 class Faults:
     """The faults of a world. A reset clears them."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: FaultyWorld) -> None:
         self._world = world
         self._active: dict[tuple[str, str], Fault] = {}
         self._kinds = {

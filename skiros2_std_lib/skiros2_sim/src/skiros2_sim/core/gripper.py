@@ -8,15 +8,14 @@ from collections.abc import Sequence
 from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.geometry import Pose, angle_between
 from skiros2_motion.core.motion import Outcome, State
-from skiros2_sim.core.bullet import Bullet, Joint
+from skiros2_sim.core.physics import Joint, Part, Physics
 from skiros2_sim.core.scene_spec import GripperSpec
 
 #: Friction of the rubber pads; PyBullet multiplies the values of both contact partners.
 FRICTION = 1.2
 _SPINNING = 0.02
 _SPEED = 0.1  # m/s, of a finger
-#: PyBullet's defaults: the group of movable bodies, which collide with all groups.
-_GROUP_AND_MASK = (1, -1)
+_COUPLING = 50.0  # N, between the fingers
 #: Anchored contacts keep the direction of their first normal: they are made again after a turn of this size (rad),
 #: which is looked for every so many steps. Without it, fingers stick to an object after half a turn.
 _TURN, _STEPS = 0.05, 10
@@ -31,7 +30,9 @@ class Gripper:
     :param tool_link: index of the link between the fingertips.
     """
 
-    def __init__(self, bullet: Bullet, body: int, spec: GripperSpec, fingers: Sequence[Joint], tool_link: int) -> None:
+    def __init__(
+        self, physics: Physics, body: int, spec: GripperSpec, fingers: Sequence[Joint], tool_link: int
+    ) -> None:
         self.id = spec.id
         self.name = spec.name
         self.spec = spec
@@ -40,33 +41,31 @@ class Gripper:
         self.tool_link = tool_link
         self.min_width = sum(joint.lower for joint in fingers)
         self.max_width = sum(joint.upper for joint in fingers)
-        self._bullet = bullet
+        self._physics = physics
         self._indices = [joint.index for joint in fingers]
         for joint in fingers:
-            bullet.resetJointState(body, joint.index, joint.upper)
+            physics.set_joint(body, joint.index, joint.upper)
         self.set_friction(1.0)
         if len(fingers) == 2:
-            self._couple(*self._indices)
+            physics.couple(body, self._indices[0], self._indices[1], _COUPLING)  # so that a gripped object is centred
         self.drive(self.max_width)
         self._steps = 0
         self._direction = self.tool_pose().orientation
 
     def width(self) -> float:
         """Distance between the fingers (m)."""
-        states = self._bullet.getJointStates(self.body, self._indices) if self.joints else ()
-        return sum((float(state[0]) for state in states), 0.0)
+        return sum((state.position for state in self._physics.joint_states(self.body, self._indices)), 0.0)
 
     def force(self) -> float:
         """Mean motor force of the fingers in the last step (N)."""
         if not self.joints:
             return 0.0
-        pressed = [abs(float(state[3])) for state in self._bullet.getJointStates(self.body, self._indices)]
+        pressed = [abs(state.effort) for state in self._physics.joint_states(self.body, self._indices)]
         return sum(pressed) / len(pressed)
 
     def tool_pose(self) -> Pose:
         """Pose of the frame between the fingertips, in the map."""
-        state = self._bullet.getLinkState(self.body, self.tool_link, computeForwardKinematics=1)
-        return Pose(state[4], state[5])
+        return self._physics.link_pose(Part(self.body, self.tool_link))
 
     def drive(self, width: float, effort: float = 0.0) -> None:
         """Sets the target width (m) and maximum force (N) of the fingers, until the next call.
@@ -78,24 +77,15 @@ class Gripper:
             raise WrongValue(f"{self.id}: expected a finite width and an effort of 0 or more, got {width}, {effort}")
         for joint in self.joints:
             most = joint.effort or _EFFORT
-            self._bullet.setJointMotorControl2(
-                self.body,
-                joint.index,
-                self._bullet.POSITION_CONTROL,
-                targetPosition=min(max(width / len(self.joints), joint.lower), joint.upper),
-                force=min(effort or most, most),
-                maxVelocity=min(joint.velocity or _SPEED, _SPEED),
-            )
+            position = min(max(width / len(self.joints), joint.lower), joint.upper)
+            speed = min(joint.velocity or _SPEED, _SPEED)
+            self._physics.drive_to(self.body, joint.index, position, min(effort or most, most), speed)
 
     def set_friction(self, part: float) -> None:
         """Scales the friction of the fingers, 0 to 1. Without anchors a held object creeps under a load."""
         for index in self._indices:
-            self._bullet.changeDynamics(
-                self.body,
-                index,
-                lateralFriction=FRICTION * part,
-                spinningFriction=_SPINNING * part,
-                frictionAnchor=part == 1.0,
+            self._physics.set_surface(
+                self.body, index, FRICTION * part, spinning=_SPINNING * part, anchored=part == 1.0
             )
         self._renew_contacts()
 
@@ -109,16 +99,8 @@ class Gripper:
                 self._renew_contacts()
 
     def _renew_contacts(self) -> None:
-        """Forgets present contacts and their anchors: with a new proxy in the broad phase they are made again."""
         for index in self._indices:
-            self._bullet.setCollisionFilterGroupMask(self.body, index, *_GROUP_AND_MASK)
-
-    def _couple(self, one: int, other: int) -> None:
-        """Couples the fingers, so that a gripped object is centred."""
-        gear = self._bullet.createConstraint(
-            self.body, one, self.body, other, self._bullet.JOINT_GEAR, (1, 0, 0), (0, 0, 0), (0, 0, 0)
-        )
-        self._bullet.changeConstraint(gear, gearRatio=-1, erp=0.1, maxForce=50)
+            self._physics.forget_contacts(self.body, index)
 
 
 #: Tolerance of the width (m).

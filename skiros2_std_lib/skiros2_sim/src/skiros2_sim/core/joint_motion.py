@@ -19,8 +19,8 @@ from scipy.interpolate import PPoly
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_motion.core.motion import Outcome, State
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.bullet import Joint
-from skiros2_sim.core.contacts import PartContacts
+from skiros2_sim.core.part_contacts import PartContacts
+from skiros2_sim.core.physics import Joint
 
 Array = npt.NDArray[np.float64]
 

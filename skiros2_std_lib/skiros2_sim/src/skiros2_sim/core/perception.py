@@ -169,9 +169,8 @@ def _visible_by_rays(world: World, camera: Pose, lens: Lens, wanted: Callable[[B
         in_picture = ahead & (np.abs(seen[:, :2]) <= limits * seen[:, 2:]).all(axis=1)
         if not in_picture.any():
             continue
-        rays = targets[in_picture].tolist()
-        hits = world.bullet.rayTestBatch([camera.position] * len(rays), rays)
-        in_view = sum(world.element_of(hit[0]) == body.id for hit in hits if hit[0] >= 0) / len(targets)
+        hits = world.physics.first_hits(camera.position, targets[in_picture].tolist())
+        in_view = sum(world.element_of(hit) == body.id for hit in hits if hit >= 0) / len(targets)
         if in_view >= MIN_VISIBILITY:
             pose = Pose(pose.position, least_turned(pose.orientation, size))
             yield Detection(body.id, body.type, body.label, pose, in_view)

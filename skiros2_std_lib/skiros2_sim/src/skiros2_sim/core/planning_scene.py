@@ -1,7 +1,7 @@
 """Collision checks of an arm in a copy of the simulated world.
 
-The copy is in a PyBullet world of its own, which is never stepped: a check does not touch the running physics.
-PyBullet's distances ignore its collision filters, so the links of one arm are checked against each other too, which
+The copy is in a world of its own, which is never stepped: a check does not touch the running physics.
+The engine's distances ignore its collision filters, so the links of one arm are checked against each other too, which
 the physics does not do.
 """
 
@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_motion.core.geometry import composed, inverted
-from skiros2_sim.core.arm import Arm
+from skiros2_sim.core.arm import Arm, links_after
 from skiros2_sim.core.body import Body
-from skiros2_sim.core.bullet import Joint
+from skiros2_sim.core.physics import Part
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.world import World
@@ -30,13 +30,6 @@ _PRESSED = 0.003
 _GIVE = 0.001
 #: Maximum number of pairs in a text.
 _MOST_NAMED = 3
-
-
-class Part(NamedTuple):
-    """A link with collision shapes, as PyBullet numbers it; -1 is the first link of a body."""
-
-    body: int
-    link: int
 
 
 class Collision(NamedTuple):
@@ -110,19 +103,17 @@ class ArmCollisions:
 
     def __init__(self, copy: World, robot: Robot, arm: Arm, held: Sequence[str], clearance: float) -> None:
         self.held = tuple(held)
-        self._world, self._bullet, self._arm = copy, copy.bullet, arm
+        self._world, self._physics, self._arm = copy, copy.physics, arm
         self._indices = [joint.index for joint in arm.joints]
         back = inverted(arm.tool_pose())
         self._carried = [(copy.bodies[eid], composed(back, copy.bodies[eid].pose())) for eid in held]
-        links = _descendants(copy, robot, self._indices[0])
-        hand = _descendants(copy, robot, self._indices[-1])
-        mine = [part for part in self._parts(robot.body) if part.link in links]
-        carried = [part for body, _ in self._carried for part in self._parts(body.body)]
-        bodies = [self._bullet.getBodyUniqueId(i) for i in range(self._bullet.getNumBodies())]
-        everything = [part for body in bodies for part in self._parts(body)]
-        self._moving = mine + carried
+        physics = self._physics
+        links = links_after(physics, robot.body, self._indices[0])
+        hand = {*links_after(physics, robot.body, self._indices[-1])}
+        mine = [part for part in physics.parts(robot.body) if part.link in links]
+        self._moving = mine + [part for body, _ in self._carried for part in physics.parts(body.body)]
         moving = set(self._moving)
-        self._fixed = [part for part in everything if part not in moving]
+        self._fixed = [part for part in physics.parts() if part not in moving]
         self._fixed_boxes = self._boxes(self._fixed)
         neighbours = _neighbours(copy, robot, arm)
 
@@ -173,7 +164,7 @@ class ArmCollisions:
         :param own: only pairs of links of the robot.
         """
         for index, position in zip(self._indices, positions, strict=True):
-            self._bullet.resetJointState(self._arm.body, index, float(position))
+            self._physics.set_joint(self._arm.body, index, float(position))
         if self._carried:
             tool = self._arm.tool_pose()
             for body, offset in self._carried:
@@ -189,8 +180,7 @@ class ArmCollisions:
                 one, other, least = self._moving[i], others[j], limits[i, j]
                 if own and not one.body == other.body == self._robot_body:
                     continue
-                points = self._bullet.getClosestPoints(one.body, other.body, max(least, 0.0), one.link, other.link)
-                distance = min((point[8] for point in points), default=np.inf)
+                distance = self._physics.distance(one, other, max(least, 0.0))
                 if distance < least:
                     yield (one, other), distance
 
@@ -201,13 +191,9 @@ class ArmCollisions:
         else:
             self._inner[i, self._moving.index(other)] = least
 
-    def _parts(self, body: int) -> list[Part]:
-        links = range(-1, self._bullet.getNumJoints(body))
-        return [Part(body, link) for link in links if self._bullet.getCollisionShapeData(body, link)]
-
     def _boxes(self, parts: Sequence[Part]) -> tuple[Array, Array]:
         """Returns the minimum and maximum corners of the bounding boxes of parts in the map."""
-        boxes = np.array([self._bullet.getAABB(*part) for part in parts], dtype=float).reshape(-1, 2, 3)
+        boxes = np.array([self._physics.bounding_box(part) for part in parts], dtype=float).reshape(-1, 2, 3)
         return boxes[:, 0], boxes[:, 1]
 
     def _collision(self, pair: tuple[Part, Part], distance: float) -> Collision:
@@ -234,29 +220,18 @@ def _shape(spec: BodySpec) -> tuple[object, ...]:
 
 def _copy_state(world: World, thing: Body | Robot, copy: World, its_copy: Body | Robot) -> None:
     """Copies the pose and the joint positions of a body or a robot."""
-    pose = world.bullet.getBasePositionAndOrientation(thing.body)
-    copy.bullet.resetBasePositionAndOrientation(its_copy.body, *pose)
-    for index in range(world.bullet.getNumJoints(thing.body)):
-        copy.bullet.resetJointState(its_copy.body, index, world.bullet.getJointState(thing.body, index)[0])
-
-
-def _descendants(world: World, robot: Robot, link: int) -> frozenset[int]:
-    """Returns a link and all links after it."""
-    found = {link}
-    for index in range(link + 1, world.bullet.getNumJoints(robot.body)):  # parents have smaller indices
-        if world.bullet.getJointInfo(robot.body, index)[16] in found:
-            found.add(index)
-    return frozenset(found)
+    copy.physics.place(its_copy.body, world.physics.pose(thing.body))
+    joints = [joint.index for joint in world.physics.joints(thing.body)]
+    for index, state in zip(joints, world.physics.joint_states(thing.body, joints), strict=True):
+        copy.physics.set_joint(its_copy.body, index, state.position)
 
 
 def _neighbours(world: World, robot: Robot, arm: Arm) -> frozenset[frozenset[int]]:
     """Returns the pairs of links with at most one moving joint between them, and the pairs of fingers."""
-    bullet = world.bullet
     root, parent = {-1: -1}, {-1: -1}  # of each link: first link of its rigid group; of a group: the one before
-    for index in range(bullet.getNumJoints(robot.body)):
-        info = bullet.getJointInfo(robot.body, index)
-        root[index] = index if Joint.of(info).moves else root[info[16]]
-        parent[index] = root[info[16]]
+    for joint in world.physics.joints(robot.body):
+        root[joint.index] = joint.index if joint.moves else root[joint.parent]
+        parent[joint.index] = root[joint.parent]
     fingers = {joint.index for joint in arm.gripper.joints} if arm.gripper is not None else set()
     return frozenset(
         frozenset((one, other))

@@ -12,6 +12,7 @@ from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_motion.core.arm_kinematics import between, distances
 from skiros2_motion.core.geometry import Pose
 from skiros2_motion.core.motion import Outcome, State
+from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
 from skiros2_sim.core.arm_controller import SENSOR_AGE, ArmController
 
 #: Codes of the action's result.
@@ -32,8 +33,6 @@ _FASTEST, _FASTEST_TURN = 1.0, 3.0
 _MAX_LENGTH = 3.0
 #: Maximum distance of the start from the current reference (m, rad).
 _MAX_JUMP, _MAX_TURN = 0.02, 0.1
-#: Ratio of the maximum and the mean speed of a minimum-jerk profile.
-_PEAK = 1.875
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class TrajectoryGoal:
 
 
 class ReferenceMotion:
-    """A motion with a minimum-jerk profile (Flash and Hogan, 1985): s = 10 t^3 - 15 t^4 + 6 t^5."""
+    """A motion with a minimum-jerk profile."""
 
     def __init__(self, controller: ArmController, goal: TrajectoryGoal) -> None:
         self.outcome: Outcome | None = None
@@ -74,15 +73,12 @@ class ReferenceMotion:
         else:
             length, turn = distances(self._start, goal.goal)
             speeds = goal.speed or SPEED, goal.angular_speed or ANGULAR_SPEED
-            self._duration = _PEAK * max(length / speeds[0], turn / speeds[1])
+            self._duration = PEAK_SPEED * max(length / speeds[0], turn / speeds[1])
 
     @property
     def progress(self) -> float:
         """Completed fraction of the line, of the reference."""
-        if self._time >= self._duration:
-            return 1.0
-        t = self._time / self._duration
-        return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+        return minimum_jerk(self._time, self._duration)
 
     def errors(self) -> tuple[float, float]:
         """Returns the distance (m) and the angle (rad) between the tool and its reference, without overlay motion."""

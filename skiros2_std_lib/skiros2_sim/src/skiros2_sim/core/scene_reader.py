@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import pybullet_data
-
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_motion.core.bore import Bore
@@ -164,7 +162,7 @@ def read_scene(
     :param is_subclass: whether a class is equal to, or a subclass of, another one.
     :param folders: searched for models before PyBullet's data.
     """
-    return _Reader(SceneTree(elements), is_subclass).read((*map(str, folders), pybullet_data.getDataPath()))
+    return _Reader(SceneTree(elements), is_subclass).read(tuple(map(str, folders)))
 
 
 class _Reader:

@@ -14,12 +14,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import pybullet_data
-
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, to_euler
 from skiros2_sim.core.bored_box import BoxShape
-from skiros2_sim.core.load_test import load_error
+from skiros2_sim.core.load_test import ENGINE_MODELS, load_error
 
 #: Types of meshes of bodies, and of links in a URDF.
 MESHES = (".obj", ".stl")
@@ -43,7 +41,7 @@ def find_model(name: str, folders: Sequence[str | Path] = ()) -> Path:
         places = [folder / rest for folder in _package_folders(package)]
     else:
         path = Path(name.removeprefix("file://"))
-        places = [Path(folder) / path for folder in (*folders, pybullet_data.getDataPath())]
+        places = [Path(folder) / path for folder in (*folders, ENGINE_MODELS)]
     for place in places:
         if place.is_file():
             return _of_bounded_size(place)

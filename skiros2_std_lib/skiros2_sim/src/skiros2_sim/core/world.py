@@ -16,9 +16,12 @@ from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.body import Body
 from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.contacts import Contact, joined_contacts, separate_overlaps
-from skiros2_sim.core.faults import Faults, Pushes
+from skiros2_sim.core.contacts import Contact, joined_contacts
+from skiros2_sim.core.faults import Faults
 from skiros2_sim.core.gripper import Gripper
+from skiros2_sim.core.overlaps import separate_overlaps
+from skiros2_sim.core.physics import Part, Physics
+from skiros2_sim.core.pushes import Pushes
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.robot_model import BASE_LINK, merge_models
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, RobotSpec, SceneSpec
@@ -27,6 +30,7 @@ from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
 #: Default number of steps per second, and its limits.
 RATE, MIN_RATE, MAX_RATE = 240, 240, 2000
 GROUND = "ground"
+_GROUND_FRICTION = 0.9
 
 _MAX_DISTANCE = 1000.0  # m; beyond it the floats of the engine are too coarse
 _MAX_FORCE = 1e5  # N or Nm
@@ -64,7 +68,7 @@ class World:
         self._sensor, self._visuals = sensor, visuals
         self._noise = (*finite((position_noise, yaw_noise), 2, "noise of the world"),)
         self._seed = _check_seed(seed)
-        self.bullet = Bullet(gui)
+        self.physics: Physics = Bullet(gui)
         try:
             self._build()
         except SkirosError:
@@ -72,11 +76,9 @@ class World:
             raise
 
     def _build(self) -> None:
-        bullet = self.bullet
-        bullet.show(False)
-        bullet.resetSimulation()
-        bullet.setGravity(0, 0, -9.81)
-        bullet.setPhysicsEngineParameter(fixedTimeStep=self.dt, deterministicOverlappingPairs=1)
+        physics = self.physics
+        physics.show(False)
+        physics.reset(self.dt)
         self.random = np.random.default_rng(self._seed)
         self.steps = 0
         self.motions = MotionList()
@@ -87,9 +89,9 @@ class World:
         self.arms: dict[str, Arm] = {}
         self.grippers: dict[str, Gripper] = {}
         self.cameras: dict[str, CameraSpec] = {camera.id: camera for camera in self.scene.cameras}
-        self._pushes = Pushes(bullet)
+        self._pushes = Pushes(physics)
         self._elements: dict[int, str] = {}
-        self._ground = self._make_ground()
+        self._ground = physics.add_ground(_GROUND_FRICTION)
         for spec in self.scene.bodies:
             self.add_body(self._with_noise(spec))
         for robot in self.scene.robots:
@@ -97,8 +99,8 @@ class World:
         for camera in [camera for camera in self.cameras.values() if camera.parent and camera.parent not in self]:
             del self.cameras[camera.id]
             self.problems.append(Problem(camera.id, f"omitted: its parent {camera.parent} does not exist"))
-        self.problems += separate_overlaps(self)
-        bullet.show(True)
+        self.problems += separate_overlaps(physics, self.bodies, lambda body: self._elements.get(body, GROUND))
+        physics.show(True)
 
     # -- time -------------------------------------------------------------------------------------------------
 
@@ -119,7 +121,7 @@ class World:
             for robot in self.robots.values():
                 robot.before_step()
             self._pushes.update()
-            self.bullet.stepSimulation()
+            self.physics.step()
             self.steps += 1
             for arm in self.arms.values():
                 arm.after_step()
@@ -136,7 +138,7 @@ class World:
 
     def close(self) -> None:
         """Disconnects from the engine. Further calls do nothing."""
-        self.bullet.close()
+        self.physics.close()
 
     def __enter__(self) -> World:
         return self
@@ -165,17 +167,30 @@ class World:
             return composed(self._pose_of_parent(camera), camera.pose)
         raise UnknownName(f"{eid!r} is not in the simulated world; in it are: {', '.join(self._ids()) or 'none'}")
 
+    def part_of(self, eid: str) -> Part:
+        """Returns the link of an element: of a gripper, the tool; of an arm, the mount; of a camera, its parent's.
+
+        :raises UnknownName: the element is not in the simulated world.
+        """
+        if eid in self.bodies:
+            return Part(self.bodies[eid].body)
+        if eid in self.robots:
+            robot = self.robots[eid]
+            return Part(robot.body, robot.links[BASE_LINK])
+        if eid in self.arms:
+            return Part(self.arms[eid].body, self.arms[eid].mount_link)
+        if eid in self.grippers:
+            return Part(self.grippers[eid].body, self.grippers[eid].tool_link)
+        if eid in self.cameras and self.cameras[eid].parent:
+            return self.part_of(self.cameras[eid].parent)
+        raise UnknownName(f"{eid!r} is not in the simulated world; in it are: {', '.join(self._ids()) or 'none'}")
+
     def velocity_of(self, eid: str) -> tuple[Vector, Vector]:
         """Returns the linear (m/s) and angular (rad/s) velocity of an element, in the map; of a part, that of its link.
 
         :raises UnknownName: the element is not in the simulated world.
         """
-        body, link = self._handle(eid)
-        if link < 0:
-            found: tuple[Vector, Vector] = self.bullet.getBaseVelocity(body)
-            return found
-        state = self.bullet.getLinkState(body, link, computeLinkVelocity=1, computeForwardKinematics=1)
-        return state[6], state[7]
+        return self.physics.velocity(self.part_of(eid))
 
     def set_pose(self, eid: str, pose: Pose) -> None:
         """Moves a body or a robot to a pose, at rest.
@@ -203,14 +218,14 @@ class World:
         :raises Refused: it is fixed.
         :raises WrongValue: a number is not finite or too large.
         """
-        body, link = self._handle(eid)
+        part = self.part_of(eid)
         if eid in self.bodies and not self.bodies[eid].movable:
             raise Refused(f"{eid} is fixed: it cannot be pushed")
         numbers = finite((*force, *torque, duration), 7, f"push of {eid}")
         if max(map(abs, numbers)) > _MAX_FORCE or duration < 0:
             raise WrongValue(f"push of {eid}: expected up to {_MAX_FORCE} N, Nm and s, got {numbers}")
         fx, fy, fz, tx, ty, tz, _ = numbers
-        self._pushes.add(body, link, (fx, fy, fz), (tx, ty, tz), max(1, round(duration * self.rate)))
+        self._pushes.add(part, (fx, fy, fz), (tx, ty, tz), max(1, round(duration * self.rate)))
 
     # -- contacts ---------------------------------------------------------------------------------------------
 
@@ -220,11 +235,10 @@ class World:
         :param eid: only contacts of this element.
         :raises UnknownName: it is not in the simulated world.
         """
-        points = self.bullet.getContactPoints() if not eid else self.bullet.getContactPoints(self._handle(eid)[0])
-        return joined_contacts(points, self.name_of)
+        return joined_contacts(self.physics.contacts(self.part_of(eid).body if eid else None), self.name_of)
 
     def element_of(self, body: int) -> str | None:
-        """Returns the id of the element of a PyBullet body; None for the ground."""
+        """Returns the id of the element of a body; None for the ground."""
         return self._elements.get(body)
 
     def name_of(self, body: int, link: int = -1) -> str:
@@ -235,19 +249,6 @@ class World:
 
     # -- things ----------------------------------------------------------------------------------------------
 
-    def _make_ground(self) -> int:
-        bullet = self.bullet
-        shape = bullet.createCollisionShape(bullet.GEOM_PLANE)
-        seen = bullet.createVisualShape(
-            bullet.GEOM_BOX,
-            halfExtents=(15, 15, 0.01),
-            rgbaColor=(0.8, 0.8, 0.78, 1),
-            visualFramePosition=(0, 0, -0.01),
-        )
-        body: int = bullet.createMultiBody(0, shape, seen)
-        bullet.changeDynamics(body, -1, lateralFriction=0.9)
-        return body
-
     def add_body(self, spec: BodySpec) -> None:
         """Adds a body. If its model does not load, it becomes a box, or is omitted without a size; see `problems`."""
         if spec.id in self:
@@ -255,13 +256,13 @@ class World:
             return
         number = sum(body.movable == spec.movable for body in self.bodies.values())
         try:
-            body = Body(self.bullet, spec, self.scene.models, number)
+            body = Body(self.physics, spec, self.scene.models, number)
         except ConfigurationError as error:
             if spec.size is None:
                 self.problems.append(Problem(spec.id, f"omitted: {error}", spec.model))
                 return
             self.problems.append(Problem(spec.id, f"replaced by a box: {error}", spec.model))
-            body = Body(self.bullet, dataclasses.replace(spec, model=""), (), number)
+            body = Body(self.physics, dataclasses.replace(spec, model=""), (), number)
         self.bodies[spec.id] = body
         self._elements[body.body] = spec.id
 
@@ -269,7 +270,7 @@ class World:
         model = merge_models(spec, self.scene.models)
         self.problems += model.problems
         try:
-            robot = Robot(self.bullet, spec, model, self._visuals)
+            robot = Robot(self.physics, spec, model, self._visuals)
         except ConfigurationError as error:
             self.problems.append(Problem(spec.id, f"omitted: {error}"))
             return
@@ -280,7 +281,7 @@ class World:
         self.cameras |= {camera.id: camera for camera in spec.cameras}
         self._elements[robot.body] = spec.id
         for link in robot.base_links:  # the drives keep it upright; fixed wheels would brake it
-            self.bullet.setCollisionFilterPair(robot.body, self._ground, link, -1, 0)
+            self.physics.ignore_collisions(Part(robot.body, link), Part(self._ground))
 
     def remove_body(self, eid: str) -> None:
         """Removes a body.
@@ -292,7 +293,7 @@ class World:
         body = self.bodies.pop(eid)
         self._pushes.remove(body.body)
         self._elements.pop(body.body)
-        self.bullet.removeBody(body.body)
+        self.physics.remove(body.body)
 
     def _with_noise(self, spec: BodySpec) -> BodySpec:
         far, turn = self._noise
@@ -312,21 +313,6 @@ class World:
     def _ids(self) -> Iterator[str]:
         for known in (self.bodies, self.robots, self.arms, self.grippers, self.cameras):
             yield from known
-
-    def _handle(self, eid: str) -> tuple[int, int]:
-        """Returns PyBullet's body and link of an element."""
-        if eid in self.bodies:
-            return self.bodies[eid].body, -1
-        if eid in self.robots:
-            robot = self.robots[eid]
-            return robot.body, robot.links[BASE_LINK]
-        if eid in self.arms:
-            return self.arms[eid].body, self.arms[eid].mount_link
-        if eid in self.grippers:
-            return self.grippers[eid].body, self.grippers[eid].tool_link
-        if eid in self.cameras and self.cameras[eid].parent:
-            return self._handle(self.cameras[eid].parent)
-        raise UnknownName(f"{eid!r} is not in the simulated world; in it are: {', '.join(self._ids()) or 'none'}")
 
     def _pose_of_parent(self, camera: CameraSpec) -> Pose:
         if not camera.parent:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.geometry import Pose, Vector, conjugated, rotated
 from skiros2_motion.core.numbers import finite
-from skiros2_sim.core.bullet import Bullet
+from skiros2_sim.core.physics import Part, Physics
 
 Array = npt.NDArray[np.float64]
 
@@ -82,27 +82,26 @@ class WristSensor:
 
 
 class MountedSensor:
-    """A sensor on a fixed joint of a simulated robot. PyBullet measures the force on the child link, in the frame of
+    """A sensor on a fixed joint of a simulated robot. The engine measures the force on the child link, in the frame of
     its centre of mass.
 
-    :param joint: index of the joint and of its child link.
+    :param part: the child link of the joint.
     :param links: the child link and all its descendants.
     :param random: source of the noise.
     """
 
     def __init__(
         self,
-        bullet: Bullet,
-        body: int,
-        joint: int,
+        physics: Physics,
+        part: Part,
         links: Sequence[int],
         model: SensorModel,
         random: np.random.Generator,
     ) -> None:
-        self._bullet, self._body, self._joint = bullet, body, joint
-        bullet.enableJointForceTorqueSensor(body, joint, True)
-        masses = [float(bullet.getDynamicsInfo(body, link)[0]) for link in links]
-        centres = [bullet.getLinkState(body, link, computeForwardKinematics=1)[0] for link in links]
+        self._physics, self._part = physics, part
+        physics.add_force_sensor(*part)
+        masses = [physics.mass(Part(part.body, link)) for link in links]
+        centres = [physics.mass_pose(Part(part.body, link)).position for link in links]
         pose = self._frame()
         #: Mass of the hand (kg).
         self.mass = sum(masses)
@@ -138,14 +137,13 @@ class MountedSensor:
 
     def _measure(self) -> Array:
         if self._measured is None:
-            reaction = np.array(self._bullet.getJointState(self._body, self._joint)[2])
+            reaction = np.array(self._physics.joint_states(self._part.body, (self._part.link,))[0].reaction)
             self._measured = self._sensor.measure(-reaction, self._frame().orientation)
         return self._measured
 
     def _frame(self) -> Pose:
         """Returns the pose of the sensor in the map."""
-        state = self._bullet.getLinkState(self._body, self._joint, computeForwardKinematics=1)
-        return Pose(state[0], state[1])
+        return self._physics.mass_pose(self._part)
 
 
 def _cross(a: Sequence[float], b: Sequence[float]) -> Vector:

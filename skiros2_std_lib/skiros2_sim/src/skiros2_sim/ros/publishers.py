@@ -144,14 +144,13 @@ class StatePublisher:
 
     def _joints(self, eid: str) -> JointState:
         robot = self._world.robots[eid]
-        joints = list(robot.joints.values())
-        states = self._world.bullet.getJointStates(robot.body, [joint.index for joint in joints]) if joints else ()
+        states = robot.joint_states()
         return JointState(
             header=Header(stamp=self._clock.now),
-            name=[joint.name for joint in joints],
-            position=[state[0] for state in states],
-            velocity=[state[1] for state in states],
-            effort=[state[3] for state in states],
+            name=list(robot.joints),
+            position=[state.position for state in states],
+            velocity=[state.velocity for state in states],
+            effort=[state.effort for state in states],
         )
 
     def _odometry(self, eid: str) -> Odometry:

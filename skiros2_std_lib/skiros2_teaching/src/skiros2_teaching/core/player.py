@@ -8,6 +8,7 @@ from typing import NamedTuple
 from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
 from skiros2_motion.core.gripper import Gripper, GripperEvent
+from skiros2_motion.core.time_scaling import MAX_PERIOD
 from skiros2_teaching.core.timed_motion import TimedMotion
 
 #: Progress codes of failures: the tool does not follow its reference, does not arrive, the gripper fails.
@@ -17,8 +18,6 @@ BLOCKED, NOT_REACHED, GRIPPER_FAILED = -130, -131, -132
 _MAX_LAG, _MAX_TURN_LAG = 0.05, 0.4
 #: Times after the end of a motion at which the tool counts as at rest, and by which it must have arrived (s).
 _RESTING, _SETTLING = 0.3, 2.0
-#: Time by which a motion advances at most between two updates (s): a late one delays it, the reference does not jump.
-_MAX_PERIOD = 0.1
 #: Time in which a gripper has to end a command (s).
 _GRIPPING = 15.0
 
@@ -74,7 +73,7 @@ class Player:
         now = self._arm.now()
         if self._began is None:
             self._began = self._updated = now
-        self._began += max(0.0, now - self._updated - _MAX_PERIOD)
+        self._began += max(0.0, now - self._updated - MAX_PERIOD)
         self._updated = now
         while not self.has_ended and self.failure is None:
             part = self._parts[self._index]

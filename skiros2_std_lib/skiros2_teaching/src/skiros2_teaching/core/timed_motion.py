@@ -15,6 +15,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.arm_kinematics import between, distances
 from skiros2_motion.core.geometry import Pose
 from skiros2_motion.core.gripper import GripperEvent
+from skiros2_motion.core.time_scaling import PEAK_ACCELERATION, PEAK_SPEED, fastest_speeds, minimum_jerk
 from skiros2_teaching.core.taught_path import TaughtPath
 
 Array = npt.NDArray[np.float64]
@@ -27,8 +28,6 @@ _RADIUS = 0.1
 _SHARE = 0.7
 #: Minimum speed within a path, so that slow taught motions do not stand still (m/s).
 _SLOWEST = 0.005
-#: Maxima of a minimum-jerk profile of length and duration 1: speed, acceleration.
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.7735
 
 
 @dataclass(frozen=True)
@@ -67,27 +66,24 @@ class TimedMotion(Protocol):
 
 
 class Line:
-    """A straight line with a minimum-jerk profile (Flash and Hogan, 1985): s = 10 t^3 - 15 t^4 + 6 t^5."""
+    """A straight line with a minimum-jerk profile."""
 
     def __init__(self, start: Pose, goal: Pose, limits: Limits) -> None:
         self._start, self._goal = start, goal
         length, turn = distances(start, goal)
-        fast = _PEAK_SPEED * max(length / limits.speed, turn / limits.angular_speed)
+        fast = PEAK_SPEED * max(length / limits.speed, turn / limits.angular_speed)
         strong = max(length / limits.acceleration, turn / limits.angular_acceleration)
-        self.duration = max(fast, math.sqrt(_PEAK_ACCELERATION * strong))
+        self.duration = max(fast, math.sqrt(PEAK_ACCELERATION * strong))
 
     def pose(self, time: float) -> Pose:
-        if time >= self.duration:
-            return self._goal
-        t = max(time, 0.0) / self.duration
-        return between(self._start, self._goal, t**3 * (10.0 - 15.0 * t + 6.0 * t**2))
+        part = minimum_jerk(time, self.duration)
+        return between(self._start, self._goal, part) if part < 1.0 else self._goal
 
 
 class Section:
     """A part of a taught path, at most as fast as taught times a factor. Pauses are dropped.
 
-    The speed profile is the fastest one within the limits, found by one pass forwards and one backwards (Bobrow,
-    Dubowsky and Gibson, Time-Optimal Control of Robotic Manipulators Along Specified Paths, 1985).
+    The speed profile is the fastest one within the limits.
 
     :param begin, end: s, as taught.
     :param scaling: of the taught speed.
@@ -109,7 +105,7 @@ class Section:
         fastest[[0, -1]] = 0.0
         strongest = _SHARE * np.minimum(limits.acceleration / per_rate, limits.angular_acceleration / turn_per_rate)
         length = (rate[1:] + rate[:-1]) / 2.0 * np.diff(taught)
-        rates = _backwards(_backwards(fastest, strongest, length)[::-1], strongest[::-1], length[::-1])[::-1]
+        rates = fastest_speeds(fastest, strongest[1:], strongest[:-1], length)
         steps = 2.0 * length / np.maximum(rates[1:] + rates[:-1], 1e-9)
         times = np.concatenate(([0.0], np.cumsum(steps)))
         distinct = np.concatenate(([True], np.diff(times) > 1e-6))
@@ -135,11 +131,3 @@ def sections(path: TaughtPath, limits: Limits, scaling: float = 1.0) -> Iterator
         yield event
     if path.duration > begin + _STEP:
         yield Section(path, begin, path.duration, limits, scaling)
-
-
-def _backwards(fastest: Array, strongest: Array, length: Array) -> Array:
-    """Returns the speeds from which the tool can brake to the next ones: v_i^2 <= v_(i+1)^2 + 2 a l."""
-    speeds = fastest.copy()
-    for i in range(len(speeds) - 2, -1, -1):
-        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2.0 * strongest[i] * length[i]))
-    return speeds

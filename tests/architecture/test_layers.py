@@ -26,7 +26,7 @@ OUTSIDE = {
     "skiros2_std_skills": set(),
     "skiros2_perception": {"numpy", "scipy"},
     "skiros2_bags": {"numpy", "rosbags", "lz4", "matplotlib", "mcap", "rerun"},
-    "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl"},
+    "skiros2_sim": {"numpy", "scipy", "PyKDL", "pybullet", "pybullet_data", "PIL", "ompl", "shapely"},
     "skiros2_sim_skills": set(),
     "skiros2_contact_skills": {"numpy"},
     "skiros2_teaching": {"numpy", "scipy"},

@@ -15,16 +15,19 @@ import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from skiros2_common.core.errors import Refused
 from skiros2_motion.core.motion import Pieces, complete
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.integer]
+Shape = Any  # a polygon of shapely
+Shapes = npt.NDArray[np.object_]
 
 #: Period of the tried lengths of a straight exit from a narrow pose, and its maximum (m).
 _STEP, _WAY_OUT = 0.05, 2.0
@@ -54,23 +57,10 @@ class Obstacle:
     half_x: float
     half_y: float
 
-    def distance(self, x: Array, y: Array) -> Array:
-        """Returns the distances of points from its edge (m); 0 inside."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        dx, dy = x - self.x, y - self.y
-        outside_x = np.maximum(np.abs(c * dx + s * dy) - self.half_x, 0.0)
-        outside_y = np.maximum(np.abs(c * dy - s * dx) - self.half_y, 0.0)
-        distance: Array = np.hypot(outside_x, outside_y)
-        return distance
-
-    def octagon(self, radius: float) -> tuple[Array, Array]:
-        """Returns the octagon around all points closer than a radius (m): outward normals (8 x 2), counterclockwise,
-        and the distances of its edges from the origin."""
-        half = self.half_x, self.half_y
-        angles = np.arange(8) * (math.pi / 4)
-        normals = np.stack((np.cos(angles + self.yaw), np.sin(angles + self.yaw)), axis=1)
-        reach = np.abs(np.cos(angles)) * half[0] + np.abs(np.sin(angles)) * half[1] + radius
-        return normals, reach + normals @ (self.x, self.y)
+    def shape(self) -> Shape:
+        """Return the rectangle."""
+        rectangle: Shape = _rectangles([Pose2D(self.x, self.y, self.yaw)], self.half_x, self.half_x, self.half_y)[0]
+        return rectangle
 
 
 @dataclass(frozen=True)
@@ -86,12 +76,9 @@ class Footprint:
         """Radius of the circle around its origin that contains it."""
         return math.hypot(max(self.front, self.back), self.side)
 
-    def outline(self) -> tuple[Array, Array]:
-        """Points on the outline, at most 5 cm apart, in the base's frame."""
-        xs = np.linspace(-self.back, self.front, max(2, math.ceil((self.front + self.back) / 0.05) + 1))
-        ys = np.linspace(-self.side, self.side, max(2, math.ceil(2 * self.side / 0.05) + 1))
-        x, y = np.meshgrid(xs, ys)
-        return x.ravel(), y.ravel()
+    def at(self, poses: Sequence[Pose2D]) -> Shapes:
+        """Return the rectangles at poses."""
+        return _rectangles(poses, self.front, self.back, self.side)
 
 
 class Leg(NamedTuple):
@@ -106,27 +93,35 @@ class Floor:
     """The obstacles around a base."""
 
     def __init__(self, footprint: Footprint, obstacles: Sequence[Obstacle]) -> None:
-        self._outline = footprint.outline()
-        self._obstacles = tuple(obstacles)
-        octagons = [o.octagon(footprint.radius + _MARGIN) for o in obstacles]
-        #: Where the base cannot turn: normals (n x 8 x 2) and distances from the origin (n x 8) of the octagons' edges.
-        self._normals = np.array([normals for normals, _ in octagons]).reshape(-1, 8, 2)
-        self._reach = np.array([reach for _, reach in octagons]).reshape(-1, 8)
+        self._footprint = footprint
+        self._ids = [obstacle.id for obstacle in obstacles]
+        self._shapes = np.array([obstacle.shape() for obstacle in obstacles], dtype=object)
+        self._tree = shapely.STRtree(self._shapes)
+        radius = footprint.radius + _MARGIN
+        #: Where the base cannot turn: octagons around all points that are nearer than its radius.
+        self._octagons = _octagons(self._shapes, radius)
+        shapely.prepare(self._octagons)
+        self._octagon_tree = shapely.STRtree(self._octagons)
+        corners = shapely.get_coordinates(_octagons(self._shapes, radius + _BESIDE))
+        #: The corners of paths: those of all octagons where the base can turn (n x 2).
+        self._corners: Array = np.delete(
+            corners, self._octagon_tree.query(shapely.points(corners), "within")[0], axis=0
+        )
 
     def collision_at(self, pose: Pose2D) -> str | None:
         """Returns the id of the obstacle that the base collides with at a pose; None without one."""
-        return _hit(self._outline, self._obstacles, [pose])
+        return self._hit([pose])
 
     def first_collision(self, start: Pose2D, legs: Sequence[Leg], ahead: float) -> str | None:
         """Returns the id of the first obstacle within `ahead` metres of the path, except those at the start."""
-        others = self._not_touched(start)
+        touched = self._touched([start])[1]
         here = start
         for leg in legs:
             length = math.hypot(leg.x - here.x, leg.y - here.y)
             if length > 1e-6:
                 part = min(1.0, ahead / length)
                 end = Pose2D(here.x + part * (leg.x - here.x), here.y + part * (leg.y - here.y), heading(here, leg))
-                hit = _hit(self._outline, others, _between(Pose2D(here.x, here.y, end.yaw), end))
+                hit = self._hit(_between(Pose2D(here.x, here.y, end.yaw), end), touched)
                 if hit is not None:
                     return hit
                 here = Pose2D(leg.x, leg.y, end.yaw)
@@ -177,7 +172,7 @@ class Floor:
                 arrived = Pose2D(goal.x, goal.y, ahead)
                 ways = [_turning(start, ahead), _between(turned, arrived), _turning(arrived, goal.yaw)]
                 leg_list = [leg]
-            if all(_hit(self._outline, self._obstacles, way) is None for way in ways):
+            if all(self._hit(way) is None for way in ways):
                 return leg_list
             yield
         return None
@@ -185,7 +180,7 @@ class Floor:
     def _way_out(self, pose: Pose2D, what: str) -> Pieces[_WayOut]:
         """Returns the nearest pose straight ahead or behind where the base can turn."""
         blocking = None
-        others = self._not_touched(pose)
+        touched = self._touched([pose])[1]
         for step in range(int(_WAY_OUT / _STEP) + 1):
             for backward in (True, False):
                 length = step * _STEP
@@ -193,7 +188,7 @@ class Floor:
                 free = Pose2D(pose.x + sign * math.cos(pose.yaw), pose.y + sign * math.sin(pose.yaw), pose.yaw)
                 if self._near(free.x, free.y) is not None:
                     continue
-                blocking = _hit(self._outline, others, _between(pose, free))
+                blocking = self._hit(_between(pose, free), touched)
                 if blocking is None:
                     return _WayOut(free, backward, length)
             yield
@@ -202,18 +197,18 @@ class Floor:
 
     def _near(self, x: float, y: float) -> str | None:
         """Returns the id of an obstacle that prevents a turn at a point; None without one."""
-        near = np.flatnonzero((self._normals @ (x, y) < self._reach).all(axis=1))
-        return self._obstacles[near[0]].id if len(near) else None
+        near = self._octagon_tree.query(shapely.Point(x, y), "within")
+        return self._ids[min(near)] if len(near) else None
 
     def _search(self, start: Pose2D, goal: Pose2D) -> Pieces[list[tuple[float, float]]]:
         """Returns the corners of the shortest path of the circle, without the start (Dijkstra's algorithm).
 
         :raises Refused: there is none.
         """
-        points = np.vstack(((start.x, start.y), (goal.x, goal.y), self._corners()))
+        points = np.vstack(((start.x, start.y), (goal.x, goal.y), self._corners))
         lengths, before, closed = {0: 0.0}, {0: 0}, set()
         waiting = [(0.0, 0)]
-        blocking = np.zeros(len(self._obstacles), dtype=bool)
+        blocking: set[int] = set()
         while waiting:
             length, here = heapq.heappop(waiting)
             if here in closed:
@@ -224,50 +219,47 @@ class Floor:
                 while before[path[-1]] != 0:
                     path.append(before[path[-1]])
                 return [(float(points[k, 0]), float(points[k, 1])) for k in reversed(path)]
-            blocked = self._blocked(points[here], points)
-            blocking |= blocked.any(axis=0)
+            blocked, by = self._blocked(points[here], points)
+            blocking |= by
             distances = np.hypot(*(points - points[here]).T)
-            for there in np.flatnonzero(~blocked.any(axis=1)).tolist():
+            for there in np.flatnonzero(~blocked).tolist():
                 further = length + float(distances[there])
                 if further < lengths.get(there, math.inf):
                     lengths[there], before[there] = further, here
                     heapq.heappush(waiting, (further, there))
             yield
-        raise Refused(f"no path to the goal: {self._names(np.flatnonzero(blocking), goal)} in the way")
+        raise Refused(f"no path to the goal: {self._names(sorted(blocking), goal)} in the way")
 
-    def _corners(self) -> Array:
-        """Returns the corners of all octagons where the base can turn (n x 2)."""
-        reach = self._reach + _BESIDE
-        # the intersection of an edge with the next one, which is turned by an eighth
-        along = (np.roll(reach, -1, axis=1) - reach * math.cos(math.pi / 4)) / math.sin(math.pi / 4)
-        tangents = np.stack((-self._normals[..., 1], self._normals[..., 0]), axis=-1)
-        corners = (reach[..., None] * self._normals + along[..., None] * tangents).reshape(-1, 2)
-        inside = (np.einsum("oek,ck->coe", self._normals, corners) < self._reach).all(axis=2).any(axis=1)
-        free: Array = corners[~inside]
-        return free
+    def _blocked(self, start: Array, ends: Array) -> tuple[npt.NDArray[np.bool_], set[int]]:
+        """Return which straight lines from a point to others are blocked, and the octagons that do so."""
+        lines = shapely.linestrings(np.stack((np.broadcast_to(start, ends.shape), ends), axis=1))
+        near, octagons = self._octagon_tree.query(lines)
+        crossed = shapely.intersects(self._octagons[octagons], lines[near])
+        blocked = np.zeros(len(ends), dtype=bool)
+        blocked[near[crossed]] = True
+        return blocked, set(octagons[crossed].tolist())
 
-    def _blocked(self, start: Array, ends: Array) -> npt.NDArray[np.bool_]:
-        """Returns which octagons (columns) block the straight lines from a point to others (rows)."""
-        ahead = self._reach - self._normals @ start  # distance to each edge's line, o x e; negative outside
-        speed = np.einsum("oek,ck->coe", self._normals, ends - start)  # towards it
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = ahead / speed
-        entry = np.where(speed < 0, crossing, np.where((speed == 0) & (ahead <= 0), np.inf, -np.inf)).max(axis=2)
-        leaving = np.where(speed > 0, crossing, np.inf).min(axis=2)
-        blocked: npt.NDArray[np.bool_] = np.maximum(entry, 0.0) < np.minimum(leaving, 1.0)
-        return blocked
-
-    def _names(self, indices: Indices, goal: Pose2D) -> str:
+    def _names(self, indices: Sequence[int], goal: Pose2D) -> str:
         """Names obstacles, the nearest to the goal first."""
-        at = np.array([goal.x]), np.array([goal.y])
-        found = sorted((self._obstacles[k] for k in indices), key=lambda o: float(o.distance(*at)[0]))
-        names = [repr(obstacle.id) for obstacle in found]
+        at = shapely.Point(goal.x, goal.y)
+        nearest = sorted(indices, key=lambda k: float(shapely.distance(self._shapes[k], at)))
+        names = [repr(self._ids[k]) for k in nearest]
         rest = f" and {len(names) - 3} more" if len(names) > 3 else ""
         return f"{', '.join(names[:3])}{rest} {'is' if len(names) == 1 else 'are'}"
 
-    def _not_touched(self, pose: Pose2D) -> list[Obstacle]:
-        """Returns the obstacles that the base does not touch at a pose."""
-        return [obstacle for obstacle in self._obstacles if _hit(self._outline, [obstacle], [pose]) is None]
+    def _touched(self, poses: Sequence[Pose2D]) -> tuple[Indices, Indices]:
+        """Return the pairs of a pose and an obstacle that the base touches there: two lists of indices."""
+        poses_at, obstacles = self._tree.query(self._footprint.at(poses), "dwithin", _TIGHT)
+        return poses_at, obstacles
+
+    def _hit(self, poses: Sequence[Pose2D], ignored: Indices | None = None) -> str | None:
+        """Return the id of the first obstacle that the base touches in one of the poses.
+
+        :param ignored: obstacles.
+        """
+        at, obstacles = self._touched(poses)
+        hits = [pair for pair in zip(at, obstacles, strict=True) if ignored is None or pair[1] not in ignored]
+        return self._ids[min(hits)[1]] if hits else None
 
 
 class _WayOut(NamedTuple):
@@ -276,20 +268,20 @@ class _WayOut(NamedTuple):
     length: float
 
 
-def _hit(outline: tuple[Array, Array], obstacles: Sequence[Obstacle], poses: Sequence[Pose2D]) -> str | None:
-    """Returns the id of the first obstacle that the base's rectangle touches in one of the poses."""
+def _rectangles(poses: Sequence[Pose2D], front: float, back: float, side: float) -> Shapes:
     at = np.array(poses)
-    reach = float(np.hypot(*outline).max()) + _TIGHT
-    first: tuple[int, str] | None = None
-    for obstacle in obstacles:
-        near = np.flatnonzero(obstacle.distance(at[:, 0], at[:, 1]) < reach)
-        c, s = np.cos(at[near, 2])[:, None], np.sin(at[near, 2])[:, None]
-        x = at[near, 0][:, None] + c * outline[0] - s * outline[1]
-        y = at[near, 1][:, None] + s * outline[0] + c * outline[1]
-        touched = near[(obstacle.distance(x, y) < _TIGHT).any(axis=1)]
-        if len(touched) and (first is None or touched[0] < first[0]):
-            first = int(touched[0]), obstacle.id
-    return first[1] if first else None
+    c, s = np.cos(at[:, 2:]), np.sin(at[:, 2:])
+    x, y = np.array((front, front, -back, -back)), np.array((-side, side, side, -side))
+    corners = np.stack((at[:, :1] + c * x - s * y, at[:, 1:2] + s * x + c * y), axis=-1)
+    rectangles: Shapes = shapely.polygons(corners)
+    return rectangles
+
+
+def _octagons(rectangles: Shapes, radius: float) -> Shapes:
+    """Return the octagons around all points that are nearer to a rectangle than a radius."""
+    # a mitre limit of 1 cuts each corner with a line that touches the circle around it
+    octagons: Shapes = shapely.buffer(rectangles, radius, join_style="mitre", mitre_limit=1.0)
+    return octagons
 
 
 def heading(here: Pose2D, leg: Leg) -> float:

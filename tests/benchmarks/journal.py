@@ -11,9 +11,9 @@ from pathlib import Path
 
 from benchmarks.measurement import Measurement, paired, seconds_per_call
 from skiros2_common.core.element_content import ElementChanges
+from skiros2_common.core.operations import Add, Patch
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Patch
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.world_model import WorldModel

@@ -17,10 +17,10 @@ import rospy
 from benchmarks.measurement import Measurement, paired, seconds_per_call
 from benchmarks.services import _bare_service, _echo, _size
 from skiros2_common.core.element_content import ElementChanges
+from skiros2_common.core.operations import Patch
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import Patch
 from skiros2_world_model.ros.wire import operation2msg
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros

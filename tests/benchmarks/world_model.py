@@ -14,10 +14,10 @@ import pyoxigraph as ox
 import rdflib
 
 from benchmarks.measurement import Measurement, paired, seconds_per_call
+from skiros2_common.core.operations import Add
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.property_conditions import ConditionProperty
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.replica_transport import ReplicaTransport
 from skiros2_world_model.core.world_model import WorldModel

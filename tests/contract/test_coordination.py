@@ -8,9 +8,9 @@ import time
 import pytest
 
 from skiros2_common.core.element_content import ElementChanges
+from skiros2_common.core.operations import Add, Expect, Patch, Relate, Remove
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Expect, Patch, Relate, Remove
 from skiros2_world_model.core.wm_errors import WmConflict, WmException
 
 SCENE = "skiros:Scene-0"

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import Add
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import Event, EventQueue, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
@@ -18,7 +19,6 @@ from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.client.description import Step
 from skiros2_skill.core.breakpoint import Breakpoint
-from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 from support import hand_skills

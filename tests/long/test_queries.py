@@ -10,8 +10,8 @@ import threading
 import time
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import Add
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.world_model import WorldModel

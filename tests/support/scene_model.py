@@ -15,7 +15,7 @@ from typing import Any
 
 import rdflib
 
-from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Relate, Remove, Update
+from skiros2_common.core.operations import Add, Instantiate, Operation, Patch, Relate, Remove, Update
 from support.lab import DATATYPES, LAB, MOST_VALUES, NAMESPACES, TEMPLATES
 from support.ros import ROOT as REPOSITORY
 
@@ -137,7 +137,7 @@ class _Request:
         things = self.scene.things
         if isinstance(operation, Add):
             e = operation.element
-            self.add(e.type, e.label, e.id, _given_values(e), _facts(e._rels), operation.reference)
+            self.add(e.type, e.label, e.id, _given_values(e), _facts(e.relation_view), operation.reference)
         elif isinstance(operation, Instantiate):
             self.copy_template(operation)
         elif isinstance(operation, Remove):
@@ -164,9 +164,9 @@ class _Request:
             else:
                 things[e.id] = Thing(etype, text(e.label), checked(etype, _given_values(e)))
             if operation.relations:
-                wanted = [self.ends(e.id, r) for r in _facts(e._rels)]
+                wanted = [self.ends(e.id, r) for r in _facts(e.relation_view)]
                 self.scene.relations -= {r for r in self.scene.relations if e.id in (r[0], r[2]) and r not in wanted}
-                self.links += [(e.id, r) for r in _facts(e._rels)]
+                self.links += [(e.id, r) for r in _facts(e.relation_view)]
         else:
             assert isinstance(operation, Patch)
             self.patch(operation)
@@ -373,7 +373,7 @@ def _as(value: Any, datatype: type, key: str) -> Any:
 
 
 def _given_values(element: Any) -> dict[str, Any]:
-    return {key: prop.values for key, prop in element._props.items()}
+    return {key: prop.values for key, prop in element.property_view.items()}
 
 
 def _facts(relations: Iterable[Any]) -> list[Relation]:

@@ -16,18 +16,10 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from skiros2_common.core.element_content import relation_dict
+from skiros2_common.core.operations import Add, Instantiate, Operation, Patch, Relate, Remove, Update
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import (
-    Add,
-    Instantiate,
-    Operation,
-    Patch,
-    Relate,
-    Remove,
-    Update,
-    relation_dict,
-)
 from support.scene_model import ROOT, Refusal, SceneModel, Thing
 
 TYPES = ["skiros:Part", "skiros:LargeBox", "skiros:Starter", "lab:Crate", "lab:Pump", ":Part", "Product"]
@@ -160,14 +152,14 @@ class WorldModelMachine(RuleBasedStateMachine):
         for key, value in data.draw(
             st.dictionaries(st.sampled_from(KEYS), st.sampled_from(VALUES), max_size=3)
         ).items():
-            element._props[key] = _property(key, [value])
+            element.property_view[key] = _property(key, [value])
         if data.draw(st.integers(0, 4)) == 0:
-            element._props["lab:note"] = Property(
+            element.property_view["lab:note"] = Property(
                 "lab:note", data.draw(st.lists(st.sampled_from(["a", "b"]), max_size=2))
             )
-            element._props["skiros:Template"] = Property("skiros:Template", "lab:kit")
+            element.property_view["skiros:Template"] = Property("skiros:Template", "lab:kit")
         relations = [self.draw_relation(data) for _ in range(data.draw(st.integers(0, 2)))]
-        element._rels = relations
+        element._relations = relations
         return element
 
     def draw_operation(self, data: st.DataObject, references: list[str]) -> Operation:
@@ -181,7 +173,7 @@ class WorldModelMachine(RuleBasedStateMachine):
             element = self.draw_element(data, wish)
             if references and data.draw(st.booleans()):
                 relation = relation_dict("-1", "skiros:contain", f"#{data.draw(st.sampled_from(references))}")
-                element._rels = [*element._rels, relation]
+                element._relations = [*element.relation_view, relation]
             references.append(str(len(references)))
             return Add(element, references[-1])
         eid = self.draw_id(data)
@@ -202,9 +194,9 @@ class WorldModelMachine(RuleBasedStateMachine):
         element = self.draw_element(data)
         own = sorted(r for r in self.scene.relations if eid in (r[0], r[2]))
         return ElementChanges(
-            element._props,
+            element.property_view,
             data.draw(st.lists(st.sampled_from(KEYS), max_size=1)),
-            list(element._rels),
+            list(element.relation_view),
             [relation_dict(*r) for r in (data.draw(st.lists(st.sampled_from(own), max_size=1)) if own else [])],
             data.draw(st.sampled_from([None, "renamed", *LABELS])),
             data.draw(st.sampled_from([None, None, *TYPES])),
@@ -220,15 +212,15 @@ class WorldModelMachine(RuleBasedStateMachine):
         if kind == 0:
             element.type = name
         elif kind == 1:
-            element._props = {name: _property(name, [1])}
+            element._properties = {name: _property(name, [1])}
         elif kind == 2:
-            element._props = {key: _property(key, [value])}
+            element._properties = {key: _property(key, [value])}
         elif kind == 3:
-            element._rels = [relation_dict(nobody, "skiros:contain", "-1")]
+            element._relations = [relation_dict(nobody, "skiros:contain", "-1")]
         elif kind == 4:
-            element._rels = [relation_dict("-1", "skiros:at", nobody)]
+            element._relations = [relation_dict("-1", "skiros:at", nobody)]
         elif kind == 5:
-            element._rels = [relation_dict("-1", name, ROOT)]
+            element._relations = [relation_dict("-1", name, ROOT)]
         elif kind == 6:
             return Update(Element("skiros:Part", "", nobody))
         elif kind == 7:
@@ -246,7 +238,7 @@ class WorldModelMachine(RuleBasedStateMachine):
         else:
             return Remove(ROOT, False)
         return Add(element) if data.draw(st.booleans()) else Update(Element.shared(
-            element.type, element.label, eid, element._props, element._rels))  # fmt: skip
+            element.type, element.label, eid, element.property_view, element.relation_view))  # fmt: skip
 
     # -- the rules ---------------------------------------------------------------------------------------------
 
@@ -348,7 +340,7 @@ class WorldModelMachine(RuleBasedStateMachine):
 
 def thing_of(element: Any) -> Thing:
     """What an element or node of the scene holds."""
-    properties = element._props if isinstance(element, Element) else element.properties
+    properties = element.property_view if isinstance(element, Element) else element.properties
     return Thing(element.type, element.label, {key: list(p.values) for key, p in properties.items()})
 
 

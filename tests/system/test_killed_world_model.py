@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.element_content import ElementChanges
+from skiros2_common.core.operations import Add, Operation, Patch, Relate, Remove
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Operation, Patch, Relate, Remove
 from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.programs import Program
@@ -73,7 +73,7 @@ class Writer:
 
     def _found(self, elements: dict[str, Element]) -> State:
         counts = [elements[box.id].value_of("skiros:Count") or 0 for box in self.boxes]
-        holders = {r["dst"]: eid for eid, element in elements.items() for r in element._rels}
+        holders = {r["dst"]: eid for eid, element in elements.items() for r in element.relation_view}
         parts = {eid for eid, element in elements.items() if element.label == f"part of {self._name}"}
         return counts[0], counts[1], {elements[eid].value_of("skiros:Key"): holders.get(eid, "") for eid in parts}
 
@@ -152,7 +152,7 @@ def test_no_acknowledged_change_is_lost_when_the_node_is_killed(start: Any) -> N
     node = start()
     reader = WorldModelInterface("reader")
     writers = [Writer(f"writer {i}", random.Random(chance.random())) for i in range(WRITERS)]
-    session = reader._fetch_scene().snapshot_id.split("-")[0]
+    session = reader.session
     for _ in range(KILLS):
         before = [writer.acknowledged for writer in writers]
         for writer in writers:
@@ -164,7 +164,7 @@ def test_no_acknowledged_change_is_lost_when_the_node_is_killed(start: Any) -> N
         for writer in writers:
             writer.join()
         node = start()
-        snapshot = reader._fetch_scene()
+        snapshot = reader.remote.fetch()
         elements = {element.id: element for element in snapshot.elements}
         assert snapshot.snapshot_id.split("-")[0] == session
         for writer in writers:

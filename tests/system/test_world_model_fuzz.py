@@ -11,10 +11,10 @@ import rospy
 from hypothesis import strategies as st
 from hypothesis.stateful import rule, run_state_machine_as_test
 
+from skiros2_common.core.operations import Add, Operation, Relate, Remove, Update
 from skiros2_common.ros.utils import element2msg, msg2element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import Add, Operation, Relate, Remove, Update
 from skiros2_world_model.ros.wire import operation2msg
 from support.lab import LAB
 from support.ros import Ros, RosMaster
@@ -95,7 +95,7 @@ class Node:
     def state(self) -> tuple[str, SceneModel]:
         answer = self.call("snapshot", "")
         elements = [msg2element(message) for message in answer.elements]
-        relations = {(e.id, r["type"], r["dst"]) for e in elements for r in e._rels}
+        relations = {(e.id, r["type"], r["dst"]) for e in elements for r in e.relation_view}
         return answer.snapshot_id, SceneModel({e.id: thing_of(e) for e in elements}, relations)
 
 

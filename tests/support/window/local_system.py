@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.operations import RESET, Change
 from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
@@ -25,7 +26,6 @@ from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.start_preview import StartPreview
 from skiros2_skill.ros.messages import progress_messages
 from skiros2_skill.ros.registration import Registration
-from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.queries import SceneReader
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.operations import ADD, RESET, UPDATE, Change
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.window import Window
 from skiros2_gui.world.choices import CLASS, TEMPLATE, class_choices, element_choices, flat
 from skiros2_gui.world.details import display_name
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.scene import TOP, UNPLACED, SceneHierarchy
-from skiros2_world_model.core.changes import ADD, RESET, UPDATE, Change
 from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies

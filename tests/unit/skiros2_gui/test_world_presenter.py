@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from skiros2_common.core.operations import RESET, Change, Outcome
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ConnectionChanged, ElementSelected, EventQueue, WorldChanged
 from skiros2_gui.app.window import Window
@@ -15,7 +16,6 @@ from skiros2_gui.world.editor import TIMEOUT
 from skiros2_gui.world.presenter import HIGHLIGHT_SECONDS, RETRY_PERIOD, WorldPresenter
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, UNPLACED
-from skiros2_world_model.core.changes import RESET, Change, Outcome
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT
@@ -92,7 +92,12 @@ class Cell:
     def content(self) -> dict[str, object]:
         """All that is in the scene."""
         return {
-            e.id: (e.type, e.label, {k: p.values for k, p in e._props.items()}, sorted(map(str, e._rels)))
+            e.id: (
+                e.type,
+                e.label,
+                {k: p.values for k, p in e.property_view.items()},
+                sorted(map(str, e.relation_view)),
+            )
             for e in self.wm.resolve_elements(Element())
         }
 

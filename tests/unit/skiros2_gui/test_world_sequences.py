@@ -56,7 +56,12 @@ class UndoStack(RuleBasedStateMachine):
 
     def content(self) -> dict[str, Any]:
         return {
-            e.id: (e.type, e.label, {k: p.values for k, p in e._props.items()}, sorted(map(str, e._rels)))
+            e.id: (
+                e.type,
+                e.label,
+                {k: p.values for k, p in e.property_view.items()},
+                sorted(map(str, e.relation_view)),
+            )
             for e in self.wm.resolve_elements(Element())
         }
 

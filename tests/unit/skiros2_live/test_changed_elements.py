@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from skiros2_common.core.operations import ADD, REMOVE, RESET, UPDATE, Change
 from skiros2_common.core.world_element import Element
 from skiros2_live.core.changed_elements import ChangedElements
-from skiros2_world_model.core.changes import ADD, REMOVE, RESET, UPDATE, Change
 
 
 def element(eid: str = "skiros:Product-7") -> Element:

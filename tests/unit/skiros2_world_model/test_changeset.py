@@ -2,11 +2,11 @@
 
 import pytest
 
+from skiros2_common.core.changeset import ChangeSet, ElementRecord, merge
 from skiros2_common.core.errors import Conflict, Refused, WrongValue
+from skiros2_common.core.operations import Add, Apply, Patch, Relate, Remove
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import Add, Apply, Patch, Relate, Remove
-from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, merge
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.scene import ROOT

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import Add, Patch, Relate, Remove
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import Add, Patch, Relate, Remove
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 

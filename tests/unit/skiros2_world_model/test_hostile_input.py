@@ -8,10 +8,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import Add, Patch, Relate, Remove, Update
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Patch, Relate, Remove, Update, relation_dict
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.wm_errors import WmException
@@ -25,7 +26,7 @@ NO_NAMES = ["", ":", "skiros:", "a b", "x>", "[x", "50%", "a#b", "lab:\x01", "la
 def part(label="part", etype="skiros:Part", eid="", **values):
     element = Element(etype, label, eid)
     for key, value in values.items():
-        prop = element._props[f"skiros:{key}"] = Property(f"skiros:{key}", type(value))
+        prop = element.property_view[f"skiros:{key}"] = Property(f"skiros:{key}", type(value))
         prop.current = [value]  # as a message brings it
     return element
 
@@ -35,7 +36,7 @@ def stored_everywhere(wm: LocalWorldModel, name: str) -> bool:
 
     def content():
         elements = wm.resolve_elements(Element(""))
-        relations = {(e.id, r["src"], r["type"], r["dst"]) for e in elements for r in e._rels}
+        relations = {(e.id, r["src"], r["type"], r["dst"]) for e in elements for r in e.relation_view}
         return {(e.id, e.type) for e in elements}, relations
 
     before = content()
@@ -54,10 +55,10 @@ def stored_everywhere(wm: LocalWorldModel, name: str) -> bool:
 def test_names_invalid_in_rdf_are_refused_in_every_position(wm, model, name):
     before = model.snapshot_id
     keyed = part()
-    keyed._props[name] = Property(name, 1)
+    keyed.property_view[name] = Property(name, 1)
     related, target = part(), part()
-    related._rels = [relation_dict(SCENE, name, "-1")]
-    target._rels = [relation_dict("-1", "skiros:at", name)]
+    related._relations = [relation_dict(SCENE, name, "-1")]
+    target._relations = [relation_dict("-1", "skiros:at", name)]
     for element in (part(etype=name), keyed, related, target):
         with pytest.raises(WmException) as error:
             wm.add_element(element)
@@ -84,9 +85,9 @@ def test_any_text_is_refused_as_a_name_or_works_as_one_everywhere(local, prefix)
     with tempfile.TemporaryDirectory() as folder:
         wm = LocalWorldModel("tester", WorldModel(None, Path(folder)))
         element = part(etype=prefix + local)
-        element._rels = [relation_dict(SCENE, "skiros:contain", "-1"), relation_dict("-1", prefix + local, SCENE)]
-        element._props[prefix + local] = Property(prefix + local, 1.5)
-        element._rels.append(relation_dict("-1", "skiros:at", "skiros:a_place"))
+        element._relations = [relation_dict(SCENE, "skiros:contain", "-1"), relation_dict("-1", prefix + local, SCENE)]
+        element.property_view[prefix + local] = Property(prefix + local, 1.5)
+        element.relation_view.append(relation_dict("-1", "skiros:at", "skiros:a_place"))
         try:
             wm.add_element(element)
         except WmException:
@@ -247,11 +248,11 @@ def test_relations_between_other_elements_are_published(wm, model, told):
     one, two = part(), part()
     wm.add_elements([one, two])
     third = part()
-    third._rels = [relation_dict(one.id, "skiros:at", two.id)]
+    third._relations = [relation_dict(one.id, "skiros:at", two.id)]
     wm.add_element(third)
     assert same(model, told.replica)
     changes = wm.get_element(third.id)
-    changes._rels = []
+    changes._relations = []
     from skiros2_common.core.world_element import ElementChanges
 
     patch = Patch(third.id, ElementChanges(removed_relations=[relation_dict(one.id, "skiros:at", two.id)]))
@@ -277,7 +278,7 @@ def test_values_that_another_class_does_not_allow_are_refused_with_the_change_of
     (workspace / "lab.owl").write_text(LAB)
     wm = LocalWorldModel("tester", WorldModel(source_ontologies(), workspace))
     element = part()
-    element._props["lab:note"] = Property("lab:note", ["one", "two"])
+    element.property_view["lab:note"] = Property("lab:note", ["one", "two"])
     wm.add_element(element)
     element.type = "lab:Crate"  # has one note at most
     with pytest.raises(WmException, match="lab:note has 2 values"):
@@ -285,7 +286,7 @@ def test_values_that_another_class_does_not_allow_are_refused_with_the_change_of
     crate = Element("lab:Crate")
     wm.add_element(crate)
     as_part = Element("skiros:Part", "", crate.id)
-    as_part._props["lab:note"] = Property("lab:note", ["one", "two"])
+    as_part.property_view["lab:note"] = Property("lab:note", ["one", "two"])
     with pytest.raises(SkirosError, match="lab:note has 2 values"):
         wm.model.transact([Update(as_part, False, frozenset(["lab:note"]))], "tester")
     wm.save("all.ttl")

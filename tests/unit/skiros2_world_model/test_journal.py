@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_common.core.operations import Change
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Change
 from skiros2_world_model.core.journal import ALWAYS, NEVER, Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.wm_errors import WmException

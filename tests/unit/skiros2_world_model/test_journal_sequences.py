@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import Add, Operation, Patch, Relate, Remove, Update
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import Add, Operation, Patch, Relate, Remove, Update
 from skiros2_world_model.core.history import HistoryEntry
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import source_ontologies
@@ -112,7 +112,8 @@ def content(model: WorldModel) -> dict[str, Any]:
 
 def told(entry: HistoryEntry) -> dict[str, Any]:
     return {
-        e.id: (e.type, e.label, properties_of(e), sorted((r["type"], r["dst"]) for r in e._rels)) for e in entry.after
+        e.id: (e.type, e.label, properties_of(e), sorted((r["type"], r["dst"]) for r in e.relation_view))
+        for e in entry.after
     }
 
 
@@ -130,7 +131,7 @@ def present(model: WorldModel, context: str = "scene") -> dict[str, Any]:
 
 
 def properties_of(element: Any) -> dict[str, str]:
-    return {key: repr(prop.values) for key, prop in element._props.items()}
+    return {key: repr(prop.values) for key, prop in element.property_view.items()}
 
 
 def replayed(entries: list[HistoryEntry]) -> dict[str, Any]:

@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import pytest
 
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.operations import Add, Relate
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Relate, relation_dict
 
 MANY = 100_000
 
@@ -16,7 +17,7 @@ def chain_of(number):
     for index in range(number):
         element = Element("skiros:Product")
         holder = f"#{index - 1}" if index else "skiros:Scene-0"
-        element._rels = [relation_dict(holder, "skiros:contain", "-1")]
+        element._relations = [relation_dict(holder, "skiros:contain", "-1")]
         yield Add(element, str(index))
 
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.operations import CleanupAction
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.journal import ALWAYS, Journal
-from skiros2_world_model.core.last_will import CleanupAction, LastWill, LastWillStore, NodeProcess
+from skiros2_world_model.core.last_will import LastWill, LastWillStore, NodeProcess
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 

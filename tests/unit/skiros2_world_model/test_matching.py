@@ -46,7 +46,7 @@ ELEMENTS = st.lists(st.tuples(st.integers(0, 12), TYPES, LABELS, PROPERTIES), ma
 def test_matches_equal_those_of_a_linear_search(before, after, etype, label, values):
     scene = Scene()
     wanted = Element(etype, label)
-    wanted._props = properties(values)
+    wanted._properties = properties(values)
     for elements in (before, after):  # the first question makes the indexes, the second has them
         for number, *content, held in elements:
             scene.put(ElementRecord(f"x:E-{number}", *content, properties(held)))
@@ -58,7 +58,7 @@ def test_one_that_has_the_value_twice_is_found_once():
     scene = Scene()
     scene.put(ElementRecord("x:E-1", "x:T", "", properties({"x:p": ["1", "1.0"]})))
     wanted = Element("")
-    wanted._props = properties({"x:p": [1]})
+    wanted._properties = properties({"x:p": [1]})
     assert matching_ids(scene, ONTOLOGY, wanted) == ["x:E-1"]
 
 

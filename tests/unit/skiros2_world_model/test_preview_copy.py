@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from skiros2_common.core.operations import REMOVE, UPDATE
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import REMOVE, UPDATE
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.wm_errors import WmException

@@ -19,10 +19,10 @@ from skiros2_common.core.conditions import (
     ConditionRelation,
 )
 from skiros2_common.core.errors import TimedOut
+from skiros2_common.core.operations import Add
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.world import WorldView
-from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.query_worker import check_words

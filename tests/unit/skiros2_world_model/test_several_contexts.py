@@ -5,8 +5,8 @@ import sqlite3
 import pytest
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
+from skiros2_common.core.operations import Add, Relate
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Relate
 from skiros2_world_model.core.journal import Journal, JournalWriter
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.wm_errors import WmException
@@ -42,7 +42,9 @@ def part_in(wm):
 
 
 def state(wm):
-    return [(e.id, e.label, e._rels) for name in ("scene", "memory") for e in wm.resolve_elements(Element(""), name)]
+    return [
+        (e.id, e.label, e.relation_view) for name in ("scene", "memory") for e in wm.resolve_elements(Element(""), name)
+    ]
 
 
 def test_relation_of_an_element_in_another_context_is_added(journalled):

@@ -14,9 +14,9 @@ from hypothesis.stateful import invariant, rule, run_state_machine_as_test
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import ADD, Change, Expect, Operation, Patch, Relate
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import ADD, Change, Expect, Operation, Patch, Relate
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.replica import Replica, Snapshot
@@ -106,14 +106,14 @@ class InProcess(WorldModelMachine):
         eid, read = element.id, element.copy()
         patch = Patch(eid, self.draw_changes(data, eid))
         patch.changes.removed_properties = [
-            k for k in read._props if full(k) in map(full, patch.changes.removed_properties)
+            k for k in read.property_view if full(k) in map(full, patch.changes.removed_properties)
         ]
         for key in list(patch.changes.properties):
             prop = patch.changes.properties[key]
-            before = read._props.get(full(key))
+            before = read.property_view.get(full(key))
             if key != full(key) or (before is not None and _same(before, prop)):
                 del patch.changes.properties[key]
-        had = [dict(r) for r in read._rels]
+        had = [dict(r) for r in read.relation_view]
         removed = data.draw(st.lists(st.sampled_from(had), max_size=1)) if had else []
         patch.changes.added_relations = [r for r in patch.changes.added_relations if r not in had]
         patch.changes.removed_relations = removed
@@ -283,7 +283,7 @@ class Kept(InProcess):
     def draw_element(self, data: st.DataObject, eid: str = "") -> Element:
         element = super().draw_element(data, eid)
         if data.draw(st.booleans(), "inspected"):
-            element._props["skiros:DiscreteReasoner"] = Property("skiros:DiscreteReasoner", "Inspector")
+            element.property_view["skiros:DiscreteReasoner"] = Property("skiros:DiscreteReasoner", "Inspector")
             element.label = data.draw(st.sampled_from([element.label] * 4 + ["rejected"]))
         return element
 

@@ -15,7 +15,7 @@ from skiros2_runs.core.task_run import TaskRun
 class WorldChanged:
     """The scene has changed.
 
-    :param changes: in order (`skiros2_world_model.core.changes.Change`).
+    :param changes: in order (`skiros2_common.core.operations.Change`).
     :param is_reset: the scene has to be read again: another one was loaded, or the world model has restarted.
     :param ontology: the ontologies may have changed.
     """

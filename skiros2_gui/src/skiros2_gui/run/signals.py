@@ -12,6 +12,7 @@ from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.forward_clock import now
 from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.names import id_order
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.signals import SIGNAL, Signal, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.problems import error_text
@@ -21,7 +22,6 @@ from skiros2_gui.run.signal_trace import GAP, LONGEST, Line, SignalTrace
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.values import SignalBound, TaskBounds
-from skiros2_world_model.core.changes import SCENE
 from skiros2_world_model.core.queries import SceneReader
 
 #: The time spans to choose from (s).

@@ -9,8 +9,8 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.json_data import read_json
 from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.names import id_order
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import SCENE
 from skiros2_world_model.core.queries import SceneReader
 
 #: The classes of taught elements; a lifting pose is a taught pose and a part of another one.

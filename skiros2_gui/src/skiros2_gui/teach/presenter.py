@@ -6,7 +6,9 @@ import enum
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from skiros2_common.core.changeset import ChangeSet
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.operations import Operation
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ConnectionChanged, ElementSelected, TasksChanged
 from skiros2_gui.app.problems import error_text
@@ -17,8 +19,6 @@ from skiros2_gui.skills.form import element_value
 from skiros2_gui.teach.elements import LIFTING_POSE, PATH, POSE, Arm, Taught, arms, owner_of, taught_of
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.requests import Requests
-from skiros2_world_model.core.changes import Operation
-from skiros2_world_model.core.changeset import ChangeSet
 
 
 class Action(enum.Enum):

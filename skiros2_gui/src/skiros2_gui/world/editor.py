@@ -7,11 +7,11 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from skiros2_common.core.changeset import ChangeSet, merge
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import local_name
+from skiros2_common.core.operations import Change, Operation, Outcome
 from skiros2_gui.app.window import Window
-from skiros2_world_model.core.changes import Change, Operation, Outcome
-from skiros2_world_model.core.changeset import ChangeSet, merge
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model_client import WorldModelClient

@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from skiros2_common.core.changeset import ChangeSet
 from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.operations import RESET, Change, Operation, Outcome
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ConnectionChanged, ElementSelected, WorldChanged
 from skiros2_gui.app.system import WORLD_MODEL, part_of
@@ -16,8 +18,6 @@ from skiros2_gui.world.details import Details, details_of
 from skiros2_gui.world.editor import SceneEditor
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, SceneHierarchy
-from skiros2_world_model.core.changes import RESET, Change, Operation, Outcome
-from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.world_model_client import WorldModelClient

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import ONTOLOGY, SCENE
 from skiros2_gui.app.window import Window
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE
 from skiros2_world_model.core.history import HistoryEntry
 from skiros2_world_model.core.report import Report
 

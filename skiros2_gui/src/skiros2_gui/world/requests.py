@@ -6,14 +6,15 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 
+from skiros2_common.core.element_content import RelationDict, relation_dict
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name, local_name
+from skiros2_common.core.operations import Add, Instantiate, Operation, Patch, Remove
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges
 from skiros2_gui.world.scene import SceneHierarchy
 from skiros2_motion.core.geometry import Pose, from_euler
 from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, set_pose
-from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
 from skiros2_world_model.core.queries import cascade_ids
 from skiros2_world_model.core.scene import ROOT, ElementRecord
 from skiros2_world_model.core.vocabulary import Vocabulary
@@ -91,7 +92,7 @@ class Requests:
             moved._put(key, record.properties[key].clone())
         set_pose(moved, pose)
         before = record.properties
-        changed = {k: p for k, p in moved._props.items() if k not in before or p.values != before[k].values}
+        changed = {k: p for k, p in moved.property_view.items() if k not in before or p.values != before[k].values}
         return [Patch(eid, ElementChanges(changed))] if changed else []
 
     def remove_pose(self, eid: str) -> list[Operation]:
@@ -123,7 +124,7 @@ class Requests:
         if in_space and self._vocabulary.ontology.is_subclass(etype, _IN_SPACE):
             element.setProperty(REASONER_PROPERTY, _SPACE_REASONER)
             set_pose(element, Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
-        element._rels = self._placed(parent, predicate)
+        element._relations = self._placed(parent, predicate)
         return [Add(element)]
 
     def add_template(self, template: str, parent: str = ROOT, predicate: str = CONTAINS) -> list[Operation]:
@@ -194,7 +195,7 @@ class Requests:
 
     # -- shared ------------------------------------------------------------------------------------------------
 
-    def _placed(self, parent: str, predicate: str) -> list[dict[str, object]]:
+    def _placed(self, parent: str, predicate: str) -> list[RelationDict]:
         if not parent:
             return []
         self._record(parent)

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from skiros2_common.core.changeset import ChangeSet
 from skiros2_common.core.names import id_order, local_name
+from skiros2_common.core.operations import RESET, SCENE, Change
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import RESET, SCENE, Change
-from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
 
@@ -77,9 +77,9 @@ class SceneHierarchy:
         elements = list(elements)
         for element in elements:
             provenance = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
-            self.scene.put(ElementRecord(element.id, element.type, element.label, element._props, provenance))
+            self.scene.put(ElementRecord(element.id, element.type, element.label, element.property_view, provenance))
         for element in elements:
-            for relation in element._rels:
+            for relation in element.relation_view:
                 if relation["src"] == "-1":
                     self.scene.relate(element.id, relation["type"], relation["dst"])
         self.newest = max((element.version for element in elements), default=0)

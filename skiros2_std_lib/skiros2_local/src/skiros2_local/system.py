@@ -10,6 +10,7 @@ from types import TracebackType
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.explanation import cause_of
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.signals import LocalSignals
 from skiros2_common.core.world_element import Element
@@ -33,7 +34,6 @@ from skiros2_task.core.plan import Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.step_record import StepRecord
-from skiros2_world_model.core.changes import SCENE
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies

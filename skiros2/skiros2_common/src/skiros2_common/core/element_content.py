@@ -7,14 +7,38 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, NotRequired, Self, TypedDict
 
 from skiros2_common.core.names import full_name, spellings
 from skiros2_common.core.property import Property
 from skiros2_common.core.revision import local_revision
 
-#: A relation in the contract's form: src, type, dst (str; "-1" is the element itself), state, abstract (bool).
-RelationDict = dict[str, Any]
+
+class RelationDict(TypedDict):
+    """A relation in the contract's form. The side "-1" is the element that has it.
+
+    :ivar state: False: the relation does not hold; missing: True.
+    :ivar abstract: between the templates of elements; missing: False.
+    """
+
+    src: str
+    type: str
+    dst: str
+    state: NotRequired[bool]
+    abstract: NotRequired[bool]
+
+
+class LocalRelation(TypedDict):
+    """A relation to an element that is written together with the one that has it."""
+
+    src: str
+    type: str
+    dst: Any  # an `Element`
+
+
+def relation_dict(src: str, pred: str, dst: str, state: bool = True, abstract: bool = False) -> RelationDict:
+    """A relation as a dict, in the format of SkiROS2."""
+    return {"src": src, "type": pred, "dst": dst, "state": state, "abstract": abstract}
 
 
 def relation_key(relation: RelationDict) -> tuple[Any, ...]:
@@ -73,7 +97,7 @@ class ElementContent:
     """Class, label, id, properties and relations of an element, copied from the world model's on write.
 
     Libraries read, change and assign `_type`, `_label`, `_id`, `_properties`, `_relations` and `_local_relations`.
-    `_props` and `_rels` are the read-only forms, which copy nothing.
+    `property_view` and `relation_view` are the read-only forms, which copy nothing.
     """
 
     def __init__(self, etype: str = "Unknown", elabel: str = "", eid: str = "") -> None:
@@ -82,12 +106,22 @@ class ElementContent:
         self._id = eid
         self._props: dict[str, Property] = {}
         self._rels: Sequence[RelationDict] = []
-        self._local_relations: list[RelationDict] = []
+        self._local_relations: list[LocalRelation] = []
         self._original: _Original | None = None
         self._own_keys: set[str] | None = None  # None: the element owns all properties
         self._owns_relations = True
         self._version = -1
         self._last_update = 0.0
+
+    @classmethod
+    def with_content(
+        cls, etype: str, label: str, eid: str, properties: dict[str, Property], relations: Sequence[RelationDict]
+    ) -> Self:
+        """A hand-made element with this content, which is not copied."""
+        element = cls(etype, label, eid)
+        element._props = properties
+        element._rels = relations
+        return element
 
     @classmethod
     def shared(
@@ -123,6 +157,16 @@ class ElementContent:
     def version(self) -> int:
         """The revision of the element in the world model when it was read; -1 if it was not read from one."""
         return self._version
+
+    @property
+    def property_view(self) -> dict[str, Property]:
+        """The properties by key as written. Not copied: to be read only."""
+        return self._props
+
+    @property
+    def relation_view(self) -> Sequence[RelationDict]:
+        """The relations. Not copied: to be read only."""
+        return self._rels
 
     @property
     def may_be_changed(self) -> bool:
@@ -205,7 +249,7 @@ class ElementContent:
         copy = self.__class__.__new__(self.__class__)
         ElementContent.__init__(copy, self._type, self._label, self._id)
         copy._props = {key: prop.clone() for key, prop in self._props.items()}
-        copy._rels = [dict(r) for r in self._rels]
+        copy._rels = [r.copy() for r in self._rels]
         copy._local_relations = list(self._local_relations)
         copy._original = self._original
         copy._version = self._version
@@ -250,7 +294,7 @@ class ElementContent:
 
     def _own_relations(self) -> list[RelationDict]:
         if not self._owns_relations:
-            self._rels = [dict(r) for r in self._rels]
+            self._rels = [r.copy() for r in self._rels]
             self._owns_relations = True
         local_revision.advance()
         assert isinstance(self._rels, list)

@@ -11,6 +11,7 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_data import read_json
 from skiros2_common.core.limits import Limits
@@ -175,8 +176,8 @@ def encodeElement(encoder: Any, obj: Element) -> dict[str, Any]:
         "label": obj.label,
         "type": obj.type,
         "last_update": 0.0,
-        "properties": {key: encodeProperty(encoder, prop) for key, prop in obj._props.items()},
-        "relations": [{"src": "", "type": "", "dst": "", "state": True, "abstract": False, **r} for r in obj._rels],
+        "properties": {key: encodeProperty(encoder, prop) for key, prop in obj.property_view.items()},
+        "relations": [{**relation_dict("", "", ""), **r} for r in obj.relation_view],
     }
 
 

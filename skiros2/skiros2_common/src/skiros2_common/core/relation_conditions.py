@@ -12,6 +12,7 @@ from skiros2_common.core.condition import (
     near_matches,
 )
 from skiros2_common.core.condition_record import Cost
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import SCENE_ROOT, SPATIAL, full_name, id_order, local_name
 from skiros2_common.core.params import ParamHandler
@@ -192,9 +193,10 @@ class ConditionRelation(ConditionBase):
         if subj is None or obj is None or subj.isAbstract() or obj.isAbstract():
             return False
         if self._desired_state:
-            changed = [{"src": subj.id, "type": self.relation, "dst": obj.id}]
+            changed = [relation_dict(subj.id, self.relation, obj.id)]
         else:
-            changed = [{**r, "src": subj.id} for r in wmi.get_relations(subj.id, self.relation, obj.id)]
+            found = wmi.get_relations(subj.id, self.relation, obj.id)
+            changed = [relation_dict(subj.id, r["type"], r["dst"]) for r in found]
         _set_relations(changed, self._desired_state, wmi)
         self._undo.append(lambda: _set_relations(changed, not self._desired_state, wmi))
         return True

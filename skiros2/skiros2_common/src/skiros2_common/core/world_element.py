@@ -12,6 +12,7 @@ from skiros2_common.core.element_content import (
     ElementChanges,
     ElementContent,
     RelationDict,
+    relation_dict,
     relation_key,
     selected,
 )
@@ -205,7 +206,7 @@ class Element(ElementContent):
             return
         if not isinstance(subj, str) or not isinstance(obj, str):
             raise WrongValue(f"{self!r}: {predicate} relates ids, got {subj!r} and {obj!r}")
-        relation = {"src": subj, "type": predicate, "dst": obj, "state": value, "abstract": abstract}
+        relation = relation_dict(subj, predicate, obj, value, abstract)
         key = relation_key(relation)
         if not any(r["dst"] == obj and relation_key(r) == key for r in self._rels):
             self._own_relations().append(relation)
@@ -256,7 +257,7 @@ class Element(ElementContent):
 
     def removeRelation2(self, subj: str, predicate: str, obj: str, value: bool = True, abstract: bool = False) -> None:
         """Removes exactly this relation; a missing one is logged."""
-        wanted = {"src": subj, "type": predicate, "dst": obj, "state": value, "abstract": abstract}
+        wanted = relation_dict(subj, predicate, obj, value, abstract)
         if not any(relation_key(r) == relation_key(wanted) for r in self._rels):
             log.warning("%r has no relation %s %s %s to remove", self, subj, predicate, obj)
         self.removeRelations([wanted])

@@ -141,8 +141,8 @@ def element2msg(element: Element) -> Any:
         element.id,
         element.type,
         element.label,
-        serializePropertyMap(element._props),
-        [relation2msg(r) for r in element._rels if is_fact(r)],
+        serializePropertyMap(element.property_view),
+        [relation2msg(r) for r in element.relation_view if is_fact(r)],
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable
 
-from skiros2_world_model.core.changes import RESET, Change
+from skiros2_common.core.operations import RESET, Change
 
 _SCENE = "scene"
 

@@ -7,17 +7,17 @@ import logging
 import re
 from collections.abc import Callable, Iterable
 
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.manager_names import SKILL_MGR, bare_name, runs_on
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
+from skiros2_common.core.operations import CleanupAction, Remove
 from skiros2_common.core.property import Property
 from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, SkillDescription
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.devices import DEVICE_HOLDER, release_stale_devices
 from skiros2_skill.core.library.library import Implementation
-from skiros2_world_model.core.changes import Remove
-from skiros2_world_model.core.last_will import CleanupAction
 
 log = logging.getLogger(__name__)
 
@@ -144,7 +144,7 @@ class Registration:
         ]
 
     def _instantiate(self) -> Element:
-        relation = {"src": SCENE_ID, "type": "skiros:contain", "dst": "-1", "state": True, "abstract": False}
+        relation = relation_dict(SCENE_ID, "skiros:contain", "-1")
         try:
             robot: Element = self._wmi.instanciate(self._label, True, [relation])
         except SkirosError as error:
@@ -172,7 +172,7 @@ class Registration:
         found = self._wmi.resolve_elements(Element("sumo:Object", name))
         if found:
             return str(found[0].id)
-        relation = {"src": SCENE_ID, "type": "skiros:contain", "dst": "-1", "state": True, "abstract": False}
+        relation = relation_dict(SCENE_ID, "skiros:contain", "-1")
         try:
             return str(self._wmi.instanciate(name, False, [relation]).id)
         except SkirosError as error:

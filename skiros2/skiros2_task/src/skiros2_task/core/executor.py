@@ -13,6 +13,7 @@ from itertools import count
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.manager_names import matching_name
+from skiros2_common.core.operations import Change
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.event_queue import EventQueue
 from skiros2_task.core.execution import ExecutionStateMachine, Phase
@@ -25,7 +26,7 @@ from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.recovery import Recovery, Restart
 from skiros2_task.core.resources import Resources
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.undeclared import AuthoredChange, UndeclaredChanges
+from skiros2_task.core.undeclared import UndeclaredChanges
 
 log = logging.getLogger(__name__)
 
@@ -95,7 +96,7 @@ class GoalExecutor:
         for stop in list(execution.stops.values()):
             stop()
 
-    def world_changed(self, change: AuthoredChange | None = None) -> None:
+    def world_changed(self, change: Change | None = None) -> None:
         """Reports that the world model has changed.
 
         :param change: with its author, to find undeclared changes of steps; None: unknown.
@@ -312,7 +313,7 @@ class GoalExecutor:
 
     # -- reading the world model -------------------------------------------------------------------------------
 
-    def _read_for_all(self, change: AuthoredChange | None) -> None:
+    def _read_for_all(self, change: Change | None) -> None:
         for execution in self._executions.values():
             if change is not None:
                 execution.undeclared.add(change)

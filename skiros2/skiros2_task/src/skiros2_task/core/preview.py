@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 
 from skiros2_common.core.conditions import ConditionBase, condition_from
 from skiros2_common.core.json_data import JsonData
+from skiros2_common.core.operations import Change
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.wording import visible
 from skiros2_common.core.world_element import Element
-from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.conditions import condition_of
 from skiros2_task.core.formula import Atom, Formula, Kind, fold
@@ -157,7 +158,7 @@ class _Steps:
         ]
         before: dict[str, Element | None] = {}  # changed elements before the step
 
-        def record(change: WorldChange) -> None:
+        def record(change: Change) -> None:
             for element in change.elements:
                 before.setdefault(element.id, self._now.get(element.id))
                 if change.action == _REMOVE:

@@ -7,9 +7,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
-from skiros2_common.core.world_model_port import WorldChange, changed_ids
+from skiros2_common.core.operations import Change
+from skiros2_common.core.world_model_port import changed_ids
 from skiros2_task.core.formula import Atom, Kind
 from skiros2_task.core.plan import Step
 from skiros2_task.core.semantics import Facts
@@ -20,15 +20,6 @@ _CHANGEABLE = (Kind.RELATION, Kind.VALUE, Kind.COMPARES, Kind.HAS)
 
 #: The number of changes of the world model that are kept.
 _MAX_CHANGES = 1000
-
-
-class AuthoredChange(WorldChange, Protocol):
-    """A change of the scene with its author and time (s since the epoch)."""
-
-    @property
-    def author(self) -> str: ...
-    @property
-    def stamp(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -61,7 +52,7 @@ class UndeclaredChanges:
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
-        self._changes: deque[tuple[float, AuthoredChange]] = deque(maxlen=_MAX_CHANGES)
+        self._changes: deque[tuple[float, Change]] = deque(maxlen=_MAX_CHANGES)
         # The times of the last two comparisons: facts may be read just before a change, and compared just after it.
         self._last = self._before_last = -math.inf
         self._found: dict[Atom, UndeclaredChange] = {}
@@ -69,7 +60,7 @@ class UndeclaredChanges:
     def __str__(self) -> str:
         return "\n".join(map(str, self._found.values()))
 
-    def add(self, change: AuthoredChange) -> None:
+    def add(self, change: Change) -> None:
         """Records a change of the world model, with its time by this clock."""
         self._changes.append((self._clock() - max(0.0, time.time() - change.stamp), change))
 

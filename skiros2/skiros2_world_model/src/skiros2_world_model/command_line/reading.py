@@ -30,8 +30,8 @@ def element_json(element: Element) -> dict[str, Any]:
         "id": element.id,
         "type": element.type,
         "label": element.label,
-        "properties": {key: p.values for key, p in sorted(element._props.items())},
-        "relations": [relation_json(r, element.id) for r in element._rels],
+        "properties": {key: p.values for key, p in sorted(element.property_view.items())},
+        "relations": [relation_json(r, element.id) for r in element.relation_view],
     }
 
 
@@ -173,7 +173,7 @@ class _Forest:
             return known
         found = [
             (r["type"], r["dst"])
-            for r in self.elements[eid]._rels
+            for r in self.elements[eid].relation_view
             if r["src"] == "-1" and r["type"] in self._predicates and r["dst"] in self.elements
         ]
         found.sort(key=lambda pair: (pair[0] != CONTAINS, pair[0], _by_number(pair[1])))
@@ -204,9 +204,9 @@ class _Forest:
 
     def _details(self, element: Element) -> list[str]:
         """All properties, and the relations that are not part of the tree."""
-        lines = [f"{key} = {format_values(p.values)}" for key, p in sorted(element._props.items())]
+        lines = [f"{key} = {format_values(p.values)}" for key, p in sorted(element.property_view.items())]
         below = set(self.children(element.id))
-        relations = [(r["type"], r["dst"]) for r in element._rels if r["src"] == "-1"]
+        relations = [(r["type"], r["dst"]) for r in element.relation_view if r["src"] == "-1"]
         return lines + [f"{kind} {dst}" for kind, dst in sorted(set(relations) - below)]
 
 
@@ -226,9 +226,9 @@ def get(wm: WorldModelClient, arguments: argparse.Namespace, screen: Screen) -> 
 def element_answer(element: Element, screen: Screen) -> CommandResult:
     """Formats an element with its properties and relations."""
     lines = [screen.fitted(f"{element.id}  {element.type}  {element.label}".rstrip()), ""]
-    properties = sorted(element._props.items())
+    properties = sorted(element.property_view.items())
     lines += table(screen, [(key, p.dataType().__name__, format_values(p.values)) for key, p in properties])
-    relations = sorted((r["src"], r["type"], r["dst"]) for r in element._rels)
+    relations = sorted((r["src"], r["type"], r["dst"]) for r in element.relation_view)
     if relations:
         lines += ["", *table(screen, [[element.id if e == "-1" else e for e in row] for row in relations])]
     return CommandResult(lines, element_json(element))

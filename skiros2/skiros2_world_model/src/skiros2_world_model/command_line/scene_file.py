@@ -8,8 +8,8 @@ from pathlib import Path
 
 from skiros2_common.command_line.command import quiet
 from skiros2_common.command_line.ros_packages import package_folder
+from skiros2_common.core.element_content import RelationDict, relation_dict
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.checks import CollectingChecks
 from skiros2_world_model.core.knowledge_base import KnowledgeBase, is_knowledge_file
 from skiros2_world_model.core.local_world_model import source_ontologies
@@ -30,7 +30,7 @@ def read_scene_file(path: Path) -> list[Element]:
         knowledge_base = KnowledgeBase(base_ontologies())
         checks = CollectingChecks(knowledge_base, str(path), False)
         content = SceneContent(triples, checks, Provenance())
-    outgoing: dict[str, list[dict[str, object]]] = {}
+    outgoing: dict[str, list[RelationDict]] = {}
     for src, pred, dst in content.relations:
         outgoing.setdefault(src, []).append(relation_dict("-1", pred, dst))
     records = content.records.values()

@@ -91,7 +91,7 @@ def _typed(wm: WorldModelPort, element: Element, name: str, text: str) -> Any:
 
     :raises WrongValue: the text is not a value of that type.
     """
-    prop = element._props.get(name)
+    prop = element.property_view.get(name)
     if prop is not None and prop.dataType() not in (list, dict):
         try:
             return from_text(text, prop.dataType())

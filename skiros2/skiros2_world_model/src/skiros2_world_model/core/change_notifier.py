@@ -8,10 +8,11 @@ import uuid
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
+from skiros2_common.core.changeset import ChangeSet, Provenance, Relation
+from skiros2_common.core.element_content import relation_dict
+from skiros2_common.core.operations import ADD, REMOVE, REMOVE_RECURSIVE, UPDATE, Change
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, UPDATE, Change, relation_dict
-from skiros2_world_model.core.changeset import ChangeSet, Provenance, Relation
 from skiros2_world_model.core.scene import Scene
 
 log = logging.getLogger(__name__)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 
+from skiros2_common.core.changeset import ChangeSet, ElementRecord, Relation, changed_keys, same_values
 from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.property import Property
-from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Relation, changed_keys, same_values
 from skiros2_world_model.core.formatting import format_values
 from skiros2_world_model.core.scene import Scene
 

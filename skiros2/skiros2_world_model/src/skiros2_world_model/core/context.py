@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterable, Iterator
 
 import pyoxigraph as ox
 
+from skiros2_common.core.changeset import ChangeSet
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
+from skiros2_common.core.operations import ONTOLOGY, SCENE, SPATIAL, Add, Operation, Patch, Relate
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE, SPATIAL, Add, Operation, Patch, Relate, relation_dict
-from skiros2_world_model.core.changeset import ChangeSet
 from skiros2_world_model.core.checks import LEFT_OUT, Checks
 from skiros2_world_model.core.journal import ContextState
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
@@ -115,7 +116,7 @@ class Context:
             root = template_element(self._knowledge_base.index, _BLANK_SCENE)
         except (UnknownName, WrongType, WrongValue):
             root = Element("skiros:Scene", _BLANK_SCENE)
-        scene.put(ElementRecord(ROOT, root.type, root.label, dict(root._props)))
+        scene.put(ElementRecord(ROOT, root.type, root.label, dict(root.property_view)))
 
 
 class Contexts(dict[str, Context]):
@@ -216,7 +217,7 @@ def element_operations(
 
 
 def _write_value(element: Element, key: str, item: object, present: bool) -> None:
-    prop = element._props.get(key)
+    prop = element.property_view.get(key)
     values = [v for v in (prop.values if prop is not None else []) if not same_value(v, item)]
     if present:
         values.append(item)

@@ -15,7 +15,7 @@ from itertools import islice
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, TimedOut, WrongValue
-from skiros2_world_model.core.changes import ONTOLOGY
+from skiros2_common.core.operations import ONTOLOGY
 from skiros2_world_model.core.prefixes import OWL, RDF, RDFS
 from skiros2_world_model.core.query_store import WorkerStore
 from skiros2_world_model.core.triple_store import (

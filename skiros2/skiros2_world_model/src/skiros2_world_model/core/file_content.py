@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skiros2_world_model.core.changeset import UNKNOWN
+from skiros2_common.core.changeset import UNKNOWN
 from skiros2_world_model.core.checks import FileChecks
 from skiros2_world_model.core.context import Context
 from skiros2_world_model.core.knowledge_base import KnowledgeBase

@@ -38,7 +38,7 @@ def summary(element: Element) -> str:
     position = [element.value_of(key) for key in _POSITION]
     if None not in position:
         parts.append(f"at ({format_values(position)})")
-    for key, prop in sorted(element._props.items()):
+    for key, prop in sorted(element.property_view.items()):
         if prop.values and not _MINOR.fullmatch(key):
             parts.append(f"{local_name(key)}={format_values(prop.values)}")
     return "  ".join(parts)

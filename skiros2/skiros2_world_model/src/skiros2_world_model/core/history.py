@@ -13,11 +13,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from skiros2_common.core.changeset import ChangeSet, ElementRecord, Pair, Relation, read_record
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.operations import ONTOLOGY, SCENE
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE, relation_dict
-from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Pair, Relation, read_record
 from skiros2_world_model.core.formatting import format_element, format_relation, format_values, summary
 from skiros2_world_model.core.journal_file import read_meta, read_only
 
@@ -131,7 +132,7 @@ def difference(old: Iterable[Element], new: Iterable[Element]) -> HistoryEntry:
     A number equals its text; a property without values equals a missing one.
     """
     old, new = list(old), list(new)
-    before, after = ({e.id: ElementRecord(e.id, e.type, e.label, e._props) for e in es} for es in (old, new))
+    before, after = ({e.id: ElementRecord(e.id, e.type, e.label, e.property_view) for e in es} for es in (old, new))
     changes = ChangeSet()
     for eid in sorted({*before, *after}):
         pair: Pair = before.get(eid), after.get(eid)
@@ -164,7 +165,7 @@ def _text(prop: Property | None) -> str:
 
 
 def _relations(elements: Iterable[Element]) -> set[Relation]:
-    return {(e.id, r["type"], r["dst"]) for e in elements for r in e._rels if r["src"] == "-1"}
+    return {(e.id, r["type"], r["dst"]) for e in elements for r in e.relation_view if r["src"] == "-1"}
 
 
 #: The key of a row: ("element", id), ("relation", src, pred, dst) or ("statement", triple).

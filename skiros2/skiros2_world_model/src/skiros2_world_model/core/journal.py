@@ -13,9 +13,9 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from skiros2_common.core.changeset import ChangeSet, ElementRecord, Provenance, read_record, record_json
 from skiros2_common.core.errors import ConfigurationError, Refused
-from skiros2_world_model.core.changes import ONTOLOGY
-from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Provenance, read_record, record_json
+from skiros2_common.core.operations import ONTOLOGY
 from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only
 from skiros2_world_model.core.scene import Scene
 

@@ -13,7 +13,7 @@ from typing import Any
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
-from skiros2_world_model.core.changes import ONTOLOGY, Statement
+from skiros2_common.core.operations import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import ALIVE_QUERY, STRUCTURE_QUERY, NamedTriple, Ontology
 from skiros2_world_model.core.ontology_lint import OntologyLint, literal_findings
 from skiros2_world_model.core.prefixes import OWL, Prefixes

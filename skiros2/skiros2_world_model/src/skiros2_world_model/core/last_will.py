@@ -12,36 +12,20 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.operations import SCENE, CleanupAction, Operation, Patch, Remove
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import SCENE, Operation, Patch, Remove
 
 if TYPE_CHECKING:  # clients on Debian's Python have no RDF library
     from skiros2_world_model.core.journal import Journal
     from skiros2_world_model.core.world_model import WorldModel
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class CleanupAction:
-    """Changes to each element of the scene whose property `key` is `value`.
-
-    :param relation: removes the objects of this relation and its subproperties; "": none.
-    :param below: removes the objects together with their descendants along this relation.
-    :param properties: writes these properties, by key; a property without values is removed.
-    """
-
-    key: str
-    value: str
-    relation: str = ""
-    below: str = "skiros:sceneProperty"
-    properties: Mapping[str, Property] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from skiros2_common.core.operations import SCENE, CleanupAction, Operation, Outcome, Statement
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import Revisions
-from skiros2_world_model.core.changes import SCENE, Operation, Outcome, Statement
 from skiros2_world_model.core.history import History
-from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene import ROOT

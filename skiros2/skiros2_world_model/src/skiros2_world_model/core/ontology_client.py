@@ -6,13 +6,13 @@ import json
 import re
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
+from skiros2_common.core.operations import ONTOLOGY, SCENE, Statement
 from skiros2_common.core.property import from_text
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE, Statement
+from skiros2_common.core.world_model_port import Cell
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_text
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
 from skiros2_world_model.core.transport import Transport
@@ -26,7 +26,7 @@ def _named(name: str, default_prefix: str) -> str:
     return name if is_iri(name) else full_name(name, default_prefix)
 
 
-def table(text: str) -> tuple[list[str], list[list[Any]]]:
+def table(text: str) -> tuple[list[str], list[list[Cell]]]:
     """The names of the columns and the rows of an answer in the SPARQL JSON format; see `query_table`."""
     answer = json.loads(text)
     if "boolean" in answer:
@@ -36,7 +36,7 @@ def table(text: str) -> tuple[list[str], list[list[Any]]]:
     return names, [[_cell(row.get(name), prefixes) for name in names] for row in bindings]
 
 
-def _cell(term: dict[str, str] | None, prefixes: Prefixes) -> Any:
+def _cell(term: dict[str, str] | None, prefixes: Prefixes) -> Cell:
     """The name or Python value of a term in the SPARQL JSON format."""
     if term is None:
         return None
@@ -45,7 +45,8 @@ def _cell(term: dict[str, str] | None, prefixes: Prefixes) -> Any:
     if term["type"] == "bnode":
         return f"_:{term['value']}"
     try:
-        return from_text(term["value"], PYTHON_TYPES.get(prefixes.name(term.get("datatype", "")), str))
+        value: Cell = from_text(term["value"], PYTHON_TYPES.get(prefixes.name(term.get("datatype", "")), str))
+        return value
     except WrongValue:
         return term["value"]
 
@@ -124,11 +125,11 @@ class OntologyClient:
             (name, "rdf:type", "owl:NamedIndividual", True),
             (name, "rdf:type", self._term(element.type), True),
         ]
-        for prop in element._props.values():
+        for prop in element.property_view.values():
             datatype = self.transport.ontology.datatype(self._name(prop.key))
             statements += [(name, self._term(prop.key), literal_text(v, datatype), True) for v in prop.values]
         statements += [
-            (name, self._term(r["type"]), self._term(r["dst"]), True) for r in element._rels if r["src"] == "-1"
+            (name, self._term(r["type"]), self._term(r["dst"]), True) for r in element.relation_view if r["src"] == "-1"
         ]
         self._modify(statements, context)
         return True
@@ -164,7 +165,7 @@ class OntologyClient:
         """
         return self._query(self._prologue() + query, cut_prefix, context)
 
-    def query_table(self, query: str, context: str = "") -> tuple[list[str], list[list[Any]]]:
+    def query_table(self, query: str, context: str = "") -> tuple[list[str], list[list[Cell]]]:
         """Answers a SPARQL query with the names of the columns and the rows.
 
         A cell is a name, a Python value, or None where nothing is bound. An ASK query has one cell and no names.

@@ -6,11 +6,10 @@ import threading
 from collections.abc import Sequence
 from typing import NoReturn
 
+from skiros2_common.core.operations import ONTOLOGY, REMOVE, SCENE, UPDATE, CleanupAction, Operation, Outcome, Statement
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.change_notifier import ChangeNotifier, PendingChange
-from skiros2_world_model.core.changes import ONTOLOGY, REMOVE, SCENE, UPDATE, Operation, Outcome, Statement
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
 from skiros2_world_model.core.queries import SceneReader

@@ -7,11 +7,12 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from itertools import chain
 from typing import Any
 
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import ANY_TYPE, full_name
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import SCENE, relation_dict
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.scene import Provenance, Scene
 
@@ -133,7 +134,9 @@ def _fewest(
 
 def _values(wanted: Element) -> list[tuple[str, list[Any]]]:
     """The values that an abstract element requires, by property."""
-    asked = ((full_name(key), [v for v in prop.values if v not in ("", None)]) for key, prop in wanted._props.items())
+    asked = (
+        (full_name(key), [v for v in prop.values if v not in ("", None)]) for key, prop in wanted.property_view.items()
+    )
     return [(key, values) for key, values in asked if values]
 
 

@@ -23,8 +23,8 @@ from typing import Any
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+from skiros2_common.core.operations import ONTOLOGY
 from skiros2_world_model.core import query_worker as wire
-from skiros2_world_model.core.changes import ONTOLOGY
 from skiros2_world_model.core.triple_store import (
     QUERY_BYTES,
     QUERY_MEMORY,

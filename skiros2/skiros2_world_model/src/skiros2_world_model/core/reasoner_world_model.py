@@ -10,9 +10,9 @@ from typing import Any
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.names import full_name
+from skiros2_common.core.operations import Change, Operation, Outcome, Relate
 from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import Element, Reasoner, RelationDict
-from skiros2_world_model.core.changes import Change, Operation, Outcome, Relate
 from skiros2_world_model.core.local_world_model import LocalTransport
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_client import WorldModelClient

@@ -11,9 +11,9 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import full_name
+from skiros2_common.core.operations import ADD, REMOVE, UPDATE, Operation
 from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element
-from skiros2_world_model.core.changes import ADD, REMOVE, UPDATE, Operation
 from skiros2_world_model.core.checks import Checks, made_property
 from skiros2_world_model.core.scene import ElementRecord, Scene, apply
 from skiros2_world_model.core.transaction import Transaction, Visit

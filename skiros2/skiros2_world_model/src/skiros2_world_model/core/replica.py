@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from skiros2_common.core.changeset import UNKNOWN, ChangeSet
+from skiros2_common.core.operations import REMOVE, REMOVE_RECURSIVE, RESET, Change
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change
-from skiros2_world_model.core.changeset import UNKNOWN, ChangeSet
 from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 
 
@@ -28,7 +28,7 @@ def apply_change(scene: Scene, change: Change) -> ChangeSet:
                 scene.drop(element.id)
     else:
         for element in change.elements:
-            scene.put(ElementRecord(element.id, element.type, element.label, element._props))
+            scene.put(ElementRecord(element.id, element.type, element.label, element.property_view))
         for element in change.elements:
             _set_relations(scene, element, change.action == RESET)
     for relation in change.relations:
@@ -44,9 +44,9 @@ def scene_of(elements: Sequence[Element], provenance: Provenance = UNKNOWN) -> S
     """A scene of elements with at least their outgoing relations."""
     scene = Scene()
     for element in elements:
-        scene.put(ElementRecord(element.id, element.type, element.label, element._props, provenance))
+        scene.put(ElementRecord(element.id, element.type, element.label, element.property_view, provenance))
     for element in elements:
-        for relation in element._rels:
+        for relation in element.relation_view:
             if relation["src"] == "-1":
                 scene.relate(element.id, relation["type"], relation["dst"])
     return scene
@@ -56,7 +56,8 @@ def _set_relations(scene: Scene, element: Element, is_reset: bool) -> None:
     """Replaces the relations of an element; in a reset, only adds its outgoing relations."""
     eid = element.id
     wanted = dict.fromkeys(
-        (eid if r["src"] == "-1" else r["src"], r["type"], eid if r["dst"] == "-1" else r["dst"]) for r in element._rels
+        (eid if r["src"] == "-1" else r["src"], r["type"], eid if r["dst"] == "-1" else r["dst"])
+        for r in element.relation_view
     )
     if not is_reset:
         for relation in [*scene.relations(eid), *scene.relations(dst=eid)]:

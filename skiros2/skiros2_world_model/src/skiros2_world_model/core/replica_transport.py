@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from skiros2_common.core.operations import ONTOLOGY, SCENE, Operation, Outcome, Statement
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.core.world_model_port import Revisions
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE, Operation, Outcome, Statement
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.replica import Replica

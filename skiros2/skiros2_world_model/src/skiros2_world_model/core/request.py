@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from skiros2_common.core.changeset import UNKNOWN, Provenance
+from skiros2_common.core.operations import SCENE, UPDATE, Operation
 from skiros2_world_model.core.change_notifier import PendingChange, pending_changes
-from skiros2_world_model.core.changes import SCENE, UPDATE, Operation
-from skiros2_world_model.core.changeset import UNKNOWN, Provenance
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Contexts
 from skiros2_world_model.core.ontology import Ontology

@@ -11,10 +11,10 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from sys import intern
 
+from skiros2_common.core.changeset import ChangeSet, ElementRecord, Provenance, Relation
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import relation_dict
-from skiros2_world_model.core.changeset import ChangeSet, ElementRecord, Provenance, Relation
 from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, ValueIndex
 
 __all__ = ["ROOT", "ElementRecord", "Provenance", "Scene"]

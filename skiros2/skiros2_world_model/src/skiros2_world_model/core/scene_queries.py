@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from skiros2_common.core.discrete_reasoner import reasoners
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name
+from skiros2_common.core.operations import SCENE, Change, snapshot_number
 from skiros2_common.core.reasoner_registry import relations_of
 from skiros2_common.core.world_element import Element, Reasoner, RelationDict
 from skiros2_common.core.world_model_port import Revisions
-from skiros2_world_model.core.changes import SCENE, Change, relation_dict, snapshot_number
 from skiros2_world_model.core.ontology_client import OntologyClient
 from skiros2_world_model.core.queries import no_element
 from skiros2_world_model.core.scene import ROOT, Provenance

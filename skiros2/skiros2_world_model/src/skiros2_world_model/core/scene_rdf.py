@@ -7,10 +7,10 @@ from itertools import chain
 
 import pyoxigraph as ox
 
+from skiros2_common.core.changeset import ChangeSet, Relation
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
-from skiros2_world_model.core.changeset import ChangeSet, Relation
 from skiros2_world_model.core.checks import LEFT_OUT, Checks
 from skiros2_world_model.core.datatypes import literal_parts
 from skiros2_world_model.core.ontology import Ontology

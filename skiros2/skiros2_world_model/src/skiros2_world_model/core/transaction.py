@@ -6,11 +6,11 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from skiros2_common.core.changeset import ChangeSet, Relation, patched
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import Conflict, Refused, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.property import Property
-from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
-from skiros2_world_model.core.changes import (
+from skiros2_common.core.operations import (
     SPATIAL,
     TEMPLATE,
     Add,
@@ -22,9 +22,9 @@ from skiros2_world_model.core.changes import (
     Relate,
     Remove,
     Update,
-    relation_dict,
 )
-from skiros2_world_model.core.changeset import ChangeSet, Relation, patched
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 from skiros2_world_model.core.checks import Checks, made_property
 from skiros2_world_model.core.conflicts import changed_parts
 from skiros2_world_model.core.ontology import Individual, Ontology
@@ -64,8 +64,7 @@ def copies_of(ontology: Ontology, request: Instantiate) -> Iterator[Add]:
         element = template_element(ontology, name)
         parts = [r["dst"] for r in element.getRelations("-1", sorted(held))]
         element.removeRelations(element.getRelations("-1", sorted(held)))
-        for relation in relations:
-            element._rels = [*element._rels, {**relation_dict("", "", ""), **relation}]
+        element._relations += [{**relation_dict("", "", ""), **relation} for relation in relations]
         yield Add(element, reference)
         if not request.recursive:
             continue
@@ -239,8 +238,8 @@ class Transaction:
             self.renamed.append((element.id, eid))
         if operation.reference:
             self._references[operation.reference] = eid
-        properties = self._put(eid, etype, element.label, element._props)
-        links += [(eid, relation) for relation in element._rels]
+        properties = self._put(eid, etype, element.label, element.property_view)
+        links += [(eid, relation) for relation in element.relation_view]
         if (template := properties.get(TEMPLATE)) is not None and template.value:
             links.append((eid, {"src": "-1", "type": HAS_TEMPLATE, "dst": template.value}))
         return eid
@@ -250,19 +249,19 @@ class Transaction:
         record = self._record(element.id)
         if operation.keys is not None:
             self._checks.class_name(element.type, element.id)
-            properties = self._checked(record.type, element._props, record.id)
+            properties = self._checked(record.type, element.property_view, record.id)
             written = {key: prop for key, prop in properties.items() if key in operation.keys}
             kept = {key: prop for key, prop in record.properties.items() if key not in operation.keys}
             self._scene.put(ElementRecord(record.id, record.type, record.label, kept | written))
         else:
-            self._put(record.id, element.type, element.label, element._props)
+            self._put(record.id, element.type, element.label, element.property_view)
         self.updated[record.id] = None
         if operation.relations:
-            wanted = {self._ends(record.id, r) for r in element._rels if _is_fact(r)}
+            wanted = {self._ends(record.id, r) for r in element.relation_view if _is_fact(r)}
             for relation in [*self._scene.relations(record.id), *self._scene.relations(dst=record.id)]:
                 if relation not in wanted:
                     self._scene.unrelate(*relation)
-            links += [(record.id, relation) for relation in element._rels]
+            links += [(record.id, relation) for relation in element.relation_view]
         return record.id
 
     def patch(self, eid: str, changes: ElementChanges, links: list[tuple[str, RelationDict]]) -> str:

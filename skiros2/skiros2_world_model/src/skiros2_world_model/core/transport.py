@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from skiros2_common.core.operations import Change, CleanupAction, Operation, Outcome, Statement
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.core.world_model_port import Revisions
-from skiros2_world_model.core.changes import Change, Operation, Outcome, Statement
 from skiros2_world_model.core.history import HistoryEntry, Point
-from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.replica import Snapshot
 from skiros2_world_model.core.report import Report

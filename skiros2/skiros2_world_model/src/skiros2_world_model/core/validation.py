@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.operations import SCENE, SPATIAL
 from skiros2_common.core.world_element import REASONER_PROPERTY
-from skiros2_world_model.core.changes import SCENE, SPATIAL
 from skiros2_world_model.core.checks import CollectingChecks
 from skiros2_world_model.core.context import Context
 from skiros2_world_model.core.knowledge_base import KnowledgeBase, is_shapes_file

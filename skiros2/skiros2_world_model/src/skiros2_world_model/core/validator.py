@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
-from skiros2_world_model.core.changes import SCENE
+from skiros2_common.core.operations import SCENE
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.rdf import parse_n_triples
 from skiros2_world_model.core.report import Finding, Report

@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.limits import Limits
 from skiros2_common.core.names import local_name
+from skiros2_common.core.operations import ONTOLOGY, SPATIAL
 from skiros2_common.core.property import from_text
 from skiros2_common.core.world_model_port import OntologyPort
-from skiros2_world_model.core.changes import ONTOLOGY, SPATIAL
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
 
@@ -218,7 +218,7 @@ def read_vocabulary(world: OntologyPort) -> Vocabulary:
     _, texts = world.query_table(_TEXT_QUERY, ONTOLOGY)
     _, choices = world.query_table(_CHOICES_QUERY, ONTOLOGY)
     return Vocabulary(
-        [(s, p, o) for s, p, o in triples],
-        [(s, p, str(text)) for s, p, text in texts],
-        [(key, value) for key, value, _ in choices],
+        [(str(s), str(p), str(o)) for s, p, o in triples],
+        [(str(s), str(p), str(text)) for s, p, text in texts],
+        [(str(key), value) for key, value, _ in choices],
     )

@@ -13,9 +13,7 @@ import pyoxigraph as ox
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.change_notifier import ChangeNotifier, Listener, PendingChange, pending_changes
-from skiros2_world_model.core.changes import (
+from skiros2_common.core.operations import (
     ONTOLOGY,
     RESET,
     SCENE,
@@ -27,6 +25,8 @@ from skiros2_world_model.core.changes import (
     Relate,
     Statement,
 )
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.change_notifier import ChangeNotifier, Listener, PendingChange, pending_changes
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Context, Contexts, element_operations
 from skiros2_world_model.core.file_content import FileContent

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from skiros2_common.core.changeset import ChangeSet
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.names import full_name
-from skiros2_common.core.reasoner_registry import data_of
-from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
-from skiros2_world_model.core.changes import (
+from skiros2_common.core.operations import (
     SCENE,
     TEMPLATE,
     Apply,
+    CleanupAction,
     Expect,
     Instantiate,
     Operation,
     Outcome,
     Relate,
     Remove,
-    added_elements,
-    remaining_changes,
-    written,
-    written_properties,
 )
-from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_common.core.reasoner_registry import data_of
+from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
+from skiros2_world_model.core.changes import added_elements, remaining_changes, written, written_properties
 from skiros2_world_model.core.history import HistoryEntry, Point
-from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene_queries import SceneQueries, id_of
 from skiros2_world_model.core.wm_errors import WmException, wm_errors
@@ -46,7 +43,7 @@ class WorldModelClient(SceneQueries):
     # -- writing -------------------------------------------------------------------------------------------------
 
     def transact(self, operations: Sequence[Operation], context_id: str = SCENE) -> Outcome:
-        """Applies operations (`skiros2_world_model.core.changes`) as one request, all or none.
+        """Applies operations (`skiros2_common.core.operations`) as one request, all or none.
 
         :raises WmConflict: an element of an `Expect` has changed since it was read.
         """

@@ -18,10 +18,11 @@ import rospy
 from rosgraph.network import parse_http_host_and_port
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.operations import CleanupAction
 from skiros2_common.ros.utils import deserializePropertyMap, serializePropertyMap
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.last_will import CleanupAction, LastWill, LastWillStore, NodeProcess
+from skiros2_world_model.core.last_will import LastWill, LastWillStore, NodeProcess
 from skiros2_world_model.ros.service_pool import service_handler
 
 log = logging.getLogger(__name__)

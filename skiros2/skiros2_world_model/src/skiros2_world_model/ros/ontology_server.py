@@ -18,9 +18,9 @@ import rospy
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.operations import Statement
 from skiros2_common.ros.node import spin
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import Statement
 from skiros2_world_model.core.journal import KILLED, Journal
 from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
 from skiros2_world_model.core.query_budget import BUDGET_SECONDS, QueryBudgets

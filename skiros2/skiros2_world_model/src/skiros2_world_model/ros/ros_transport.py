@@ -10,13 +10,13 @@ from typing import Any
 import rospy
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_common.core.operations import ONTOLOGY, SCENE, Operation, Outcome, Statement, snapshot_number
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.utils import makeStatementMsg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import ONTOLOGY, SCENE, Operation, Outcome, Statement, snapshot_number
 from skiros2_world_model.core.ontology import ALIVE_QUERY, STRUCTURE_QUERY, Ontology
 from skiros2_world_model.core.ontology_client import table
 from skiros2_world_model.core.replica import Snapshot

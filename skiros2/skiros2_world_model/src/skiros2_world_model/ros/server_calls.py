@@ -8,13 +8,12 @@ import rospy
 from std_srvs.srv import SetBool, SetBoolRequest
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.operations import SCENE, CleanupAction, snapshot_number
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.ros.utils import element2msg, msg2relation
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import SCENE, snapshot_number
 from skiros2_world_model.core.history import HistoryEntry, Point
-from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import describes
 from skiros2_world_model.core.report import Finding, Report
@@ -111,7 +110,7 @@ class RosScene:
                 return True
             other, wanted = (relation["dst"], obj) if subj.id else (relation["src"], subj)
             found = self.find(other, SCENE)
-            if found is not None and describes(self._ontology(), wanted, found.type, found.label, found._props):
+            if found is not None and describes(self._ontology(), wanted, found.type, found.label, found.property_view):
                 return True
         return False
 

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 
 import genpy
 
+from skiros2_common.core.changeset import ChangeSet
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.property import Property
-from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
-from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import (
+from skiros2_common.core.operations import (
     Add,
     Apply,
     Change,
@@ -23,10 +20,13 @@ from skiros2_world_model.core.changes import (
     Relate,
     Remove,
     Update,
-    relation_dict,
     snapshot_number,
 )
-from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
+from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.history import HistoryEntry, Point
 
 _OP = msgs.WmOperation
@@ -65,7 +65,7 @@ def msg2shared_element(msg: msgs.WmElement, version: int) -> Element:
     read = msg2element(msg)
     if not read.id:
         return read  # a template
-    return Element.shared(read.type, read.label, read.id, read._props, read._rels, version)
+    return Element.shared(read.type, read.label, read.id, read.property_view, read.relation_view, version)
 
 
 def operation2msg(operation: Operation) -> msgs.WmOperation:
@@ -144,9 +144,8 @@ def msg2operation(msg: msgs.WmOperation) -> Operation:
 
 def _patch2msg(patch: Patch) -> msgs.WmOperation:
     changes = patch.changes
-    element = Element(changes.type or "", changes.label or "", patch.id)
-    element._props = changes.properties
-    element._rels = changes.added_relations
+    content = changes.properties, changes.added_relations
+    element = Element.with_content(changes.type or "", changes.label or "", patch.id, *content)
     return _OP(
         action=_OP.PATCH,
         element=element2msg(element),
@@ -159,11 +158,11 @@ def _patch2msg(patch: Patch) -> msgs.WmOperation:
 
 def _msg2patch(msg: msgs.WmOperation) -> Patch:
     element = msg2element(msg.element)
-    properties: dict[str, Property] = element._props
+    properties: dict[str, Property] = element.property_view
     changes = ElementChanges(
         properties,
         list(msg.keys),
-        [relation_dict(r["src"], r["type"], r["dst"]) for r in element._rels],
+        [relation_dict(r["src"], r["type"], r["dst"]) for r in element.relation_view],
         [msg2relation(r) for r in msg.removed],
         element.label if msg.with_label else None,
         element.type if msg.with_type else None,

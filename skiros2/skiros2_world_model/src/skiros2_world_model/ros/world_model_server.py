@@ -13,16 +13,16 @@ from typing import Any, TypeVar
 import rosgraph
 import rospy
 
+from skiros2_common.core.changeset import Relation
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.operations import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.node import spin
 from skiros2_common.ros.reasoners import new_reasoners
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
-from skiros2_world_model.core.changeset import Relation
 from skiros2_world_model.core.last_will import LastWillStore
 from skiros2_world_model.core.queries import no_element
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel

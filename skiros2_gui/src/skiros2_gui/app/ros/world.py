@@ -10,10 +10,10 @@ from collections.abc import Callable
 import rospy
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.operations import RESET, Change
 from skiros2_gui.app.events import WorldChanged
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.replica import Snapshot

@@ -21,13 +21,13 @@ from skiros2_common.command_line.command import REFUSED, CommandResult, UsageErr
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.core.names import local_name
+from skiros2_common.core.operations import RESET, Change
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_runs.core.history import NodeHistory, SkillRun, node_histories
 from skiros2_runs.core.states import ENDS, FAILURE, IDLE, state_name, style_of
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.tolerance import Tolerance
 from skiros2_world_model.command_line.reading import element_answer, element_json, scene_tree
-from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.history import changed_lines, difference
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
@@ -323,7 +323,7 @@ def _change_lines(scene: Scene, timed: TimedChange) -> list[str]:
 
 
 def _relations(part: Change | Element) -> Iterable[RelationDict]:
-    return part.relations if isinstance(part, Change) else part._rels
+    return part.relations if isinstance(part, Change) else part.relation_view
 
 
 def _elements(scene: Scene, ids: Iterable[str]) -> list[Element]:

@@ -21,11 +21,11 @@ from skiros2_bags.core.bag_file import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.core.names import id_order
+from skiros2_common.core.operations import UPDATE, Change
 from skiros2_common.core.world_element import Element
 from skiros2_runs.core.compare import compare_task_runs
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.tolerance import NARROW, Tolerance, same_values
-from skiros2_world_model.core.changes import UPDATE, Change
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 
@@ -211,14 +211,14 @@ def _is_moved(before: Element | None, after: Element) -> bool:
     """Whether two versions of an element differ in nothing but the pose."""
     if before is None or (before.type, before.label) != (after.type, after.label):
         return False
-    if _facts(before._rels) != _facts(after._rels):
+    if _facts(before.relation_view) != _facts(after.relation_view):
         return False
-    keys = {*before._props, *after._props}
+    keys = {*before.property_view, *after.property_view}
     return all(_POSE.fullmatch(key) for key in keys if _values(before, key) != _values(after, key))
 
 
 def _values(element: Element, key: str) -> list[object] | None:
-    prop = element._props.get(key)
+    prop = element.property_view.get(key)
     return prop.values if prop is not None else None
 
 
@@ -239,8 +239,8 @@ def diff_elements(
     lines = []
     if (expected.type, expected.label) != (got.type, got.label):
         lines.append(f"is {got.type} {got.label!r}, expected {expected.type} {expected.label!r}")
-    for key in sorted({*expected._props, *got._props} - set(ignored)):
-        wanted, found = (e._props[key].values if key in e._props else [] for e in (expected, got))
+    for key in sorted({*expected.property_view, *got.property_view} - set(ignored)):
+        wanted, found = (e.property_view[key].values if key in e.property_view else [] for e in (expected, got))
         if key == _MANAGER:
             wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
         if not same_values(wanted, found, tolerance):
@@ -268,7 +268,7 @@ def summary(change: Change) -> str:
 
 
 def _relations(element: Element) -> set[tuple[str, str, str]]:
-    facts = _facts(element._rels)
+    facts = _facts(element.relation_view)
     return {tuple(element.id if end == "-1" else end for end in fact) for fact in facts}  # type: ignore[misc]
 
 

@@ -24,11 +24,11 @@ from rerun.urdf import UrdfTree
 
 from skiros2_bags.core.bag_file import MONITOR, Message
 from skiros2_bags.core.run import Run
+from skiros2_common.core.operations import RESET
 from skiros2_common.core.world_element import Element
 from skiros2_runs.core.states import FAILURE, state_name
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_world_model.core.changes import RESET
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 

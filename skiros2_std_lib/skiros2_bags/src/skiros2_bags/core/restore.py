@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from skiros2_common.core.operations import Add, Operation, Relate, Remove, Update
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Operation, Relate, Remove, Update
 from skiros2_world_model.core.scene import ROOT, Scene
 
 
@@ -61,7 +61,7 @@ def restore_operations(scene: Scene, elements: Sequence[Element]) -> list[Operat
     facts = {
         (e.id, r["type"], r["dst"])
         for e in elements
-        for r in e._rels
+        for r in e.relation_view
         if r["src"] == "-1" and not {e.id, r["dst"]} & {*removed}
     }
     wanted = set(scene.relations())
@@ -71,7 +71,8 @@ def restore_operations(scene: Scene, elements: Sequence[Element]) -> list[Operat
 
 def _same(one: Element, other: Element) -> bool:
     return (one.type, one.label) == (other.type, other.label) and all(
-        _same_values(one._props.get(key), other._props.get(key)) for key in {*one._props, *other._props}
+        _same_values(one.property_view.get(key), other.property_view.get(key))
+        for key in {*one.property_view, *other.property_view}
     )
 
 

@@ -15,10 +15,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from skiros2_bags.core.bag_file import MONITOR, BagError, Message, check_md5
+from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.operations import RESET, Change, snapshot_number
 from skiros2_common.core.property import Property, format_value
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import RESET, Change, relation_dict, snapshot_number
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
 

@@ -32,12 +32,12 @@ from skiros2_bags.core.bag_writer import (
 from skiros2_bags.core.run import Run, check
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, USAGE, Parser, command_arguments
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.operations import RESET, snapshot_number
 from skiros2_common.core.signals import TOPIC
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.node import bridge_logging, shutdown_in_thread, spin
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import RESET, snapshot_number
 
 log = logging.getLogger(__name__)
 

@@ -10,9 +10,8 @@ from pathlib import Path
 from skiros2_bags.core.world_history import world_at
 from skiros2_bags.testing.recording import Recording
 from skiros2_common.core.discrete_reasoner import reasoners
-from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges, RelationDict
-from skiros2_common.ros.reasoners import new_reasoners
-from skiros2_world_model.core.changes import (
+from skiros2_common.core.element_content import relation_dict
+from skiros2_common.core.operations import (
     ADD,
     REMOVE,
     REMOVE_RECURSIVE,
@@ -24,8 +23,9 @@ from skiros2_world_model.core.changes import (
     Relate,
     Remove,
     Update,
-    relation_dict,
 )
+from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges, RelationDict
+from skiros2_common.ros.reasoners import new_reasoners
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.replica import apply_change
@@ -62,7 +62,7 @@ def world_model_with(scene: Scene, workspace: Path | None) -> WorldModel:
     for name in sorted({node.type for node in scene if _MODULE in node.properties}):
         declaring.add_class(name, "skiros:Skill")  # declared by the manager, not in a file
     empty, elements = model.scene(), [element for node in scene if (element := scene.element(node.id)) is not None]
-    bare = [Element.shared(e.type, e.label, e.id, e._props, ()).copy() for e in elements]
+    bare = [Element.shared(e.type, e.label, e.id, e.property_view, ()).copy() for e in elements]
     operations: list[Operation] = [Update(e) if e.id in empty else Add(e) for e in bare]
     model.transact([*operations, *(Relate(*relation) for relation in scene.relations())], AUTHOR)
     model.scene().reserve(scene.next_number)
@@ -105,7 +105,7 @@ def _patches(change: Change, scene: Scene) -> list[Operation]:
     patches: list[Operation] = []
     for before, element in zip(known, change.elements, strict=True):
         assert before is not None
-        was, now = before._props, element._props
+        was, now = before.property_view, element.property_view
         added, removed = _relations_of(element) - _relations_of(before), _relations_of(before) - _relations_of(element)
         changes = ElementChanges(
             {key: prop for key, prop in now.items() if key not in was or was[key].values != prop.values},
@@ -122,16 +122,14 @@ def _patches(change: Change, scene: Scene) -> list[Operation]:
 def _relations_of(element: Element) -> set[tuple[str, str, str]]:
     return {
         (element.id if r["src"] == "-1" else r["src"], r["type"], element.id if r["dst"] == "-1" else r["dst"])
-        for r in element._rels
+        for r in element.relation_view
     }
 
 
 def _writable(element: Element) -> Element:
     """Copies an element of a change for writing."""
-    copy = Element(element.type, element.label, element.id)
-    copy._props = dict(element._props)
-    copy._rels = list(element._rels)
-    return copy
+    content = dict(element.property_view), list(element.relation_view)
+    return Element.with_content(element.type, element.label, element.id, *content)
 
 
 def _relation_operations(relations: Iterable[RelationDict], value: bool) -> list[Operation]:

@@ -19,12 +19,12 @@ from skiros2_bags.core.bag_writer import PARAMETERS
 from skiros2_bags.core.run import Run, add_progress
 from skiros2_bags.core.world_history import read_change
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.operations import Change
 from skiros2_common.core.signals import TOPIC
 from skiros2_runs.core.frame import Frame, NodeProgress
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import IDLE
 from skiros2_runs.core.task_run import TaskRun
-from skiros2_world_model.core.changes import Change
 
 #: The most memory for ticks of tasks (bytes).
 _MAX_KEPT = 1_000_000_000
@@ -307,7 +307,7 @@ def task_changes(events: Events, tasks: Sequence[RecordedTask]) -> list[WorldCha
         event
         for event in events.changes
         if event.order >= begin.get(event.change.author, math.inf)
-        and not any(_MODULE in element._props for element in event.change.elements)
+        and not any(_MODULE in element.property_view for element in event.change.elements)
         and (event.change.elements or event.change.relations)
     ]
 

@@ -41,13 +41,13 @@ from skiros2_bags.testing.recording import (
     tick_times,
 )
 from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
+from skiros2_common.core.operations import Change
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
 from skiros2_runs.core.tolerance import NARROW, Tolerance
 from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import replaced
-from skiros2_world_model.core.changes import Change
 
 #: Messages closer than this in the bag may have arrived in another order (s).
 WINDOW = 0.02

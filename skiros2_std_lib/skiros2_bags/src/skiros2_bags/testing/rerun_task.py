@@ -15,6 +15,7 @@ from skiros2_bags.testing.recording import RecordedTask, TaskProgress
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError
 from skiros2_common.core.manager_names import runs_on
+from skiros2_common.core.operations import Change
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.signals import LocalSignals
@@ -31,7 +32,6 @@ from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_skill.ros.messages import progress_messages
-from skiros2_world_model.core.changes import Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 

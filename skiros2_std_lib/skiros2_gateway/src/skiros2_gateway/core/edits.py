@@ -10,12 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import nearest
+from skiros2_common.core.operations import Expect, Operation, Patch, Relate
 from skiros2_common.core.property import Property
 from skiros2_common.core.wording import visible
 from skiros2_common.core.world_element import ElementChanges
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.core.values import Value
-from skiros2_world_model.core.changes import Expect, Operation, Patch, Relate
 from skiros2_world_model.core.history import changed_lines, difference
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.world_model_client import WorldModelClient

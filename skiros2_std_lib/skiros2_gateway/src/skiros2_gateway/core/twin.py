@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
+from skiros2_common.core.operations import REMOVE, Change
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import REMOVE, Change
 
 
 def element_data(element: Element) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from tf2_msgs.msg import TFMessage
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.forward_clock import now
 from skiros2_common.core.manager_names import manager_of, matching_name
+from skiros2_common.core.operations import SCENE, Change
 from skiros2_common.core.signals import SIGNAL, TOPIC, Signal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.signals import RosSignals
@@ -35,7 +36,6 @@ from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
-from skiros2_world_model.core.changes import SCENE, Change
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)

@@ -8,10 +8,10 @@ import threading
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import is_of_class
+from skiros2_common.core.operations import Change
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_gateway.core.work_masters import WORK_MASTER, WorkMasters, work_masters_of
-from skiros2_world_model.core.changes import Change
 
 log = logging.getLogger(__name__)
 

@@ -14,9 +14,9 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Protocol
 
+from skiros2_common.core.operations import Change
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
-from skiros2_common.core.world_model_port import WorldChange
 from skiros2_motion.core.geometry import Pose, composed
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, continued, frame_of
@@ -43,13 +43,6 @@ class FrameTree(Protocol):
         """Returns the pose of a frame in another one; None if it is unknown."""
 
 
-class SceneChange(WorldChange, Protocol):
-    """A change of a context of the world model."""
-
-    @property
-    def context(self) -> str: ...
-
-
 class ReasonerModel(Protocol):
     """The world model in `DiscreteReasoner.init`: the calls of this package. Each may raise `WmException`."""
 
@@ -59,8 +52,8 @@ class ReasonerModel(Protocol):
     def resolve_elements(self, description: Element) -> list[Element]: ...
     def update_elements(self, es: Sequence[Element], author: str) -> None: ...
     def get_sub_properties(self, name: str) -> list[str]: ...
-    def add_listener(self, listener: Callable[[SceneChange], None]) -> None: ...
-    def remove_listener(self, listener: Callable[[SceneChange], None]) -> None: ...
+    def add_listener(self, listener: Callable[[Change], None]) -> None: ...
+    def remove_listener(self, listener: Callable[[Change], None]) -> None: ...
 
 
 class PoseKeeper:
@@ -142,7 +135,7 @@ class PoseKeeper:
             self._restructured.put(eid)
             self._frames.drop(frame.name)
 
-    def on_change(self, change: SceneChange) -> None:
+    def on_change(self, change: Change) -> None:
         """Registers elements whose parents may have changed without `parse`: descendants of elements without a pose."""
         if change.context != "scene":
             return

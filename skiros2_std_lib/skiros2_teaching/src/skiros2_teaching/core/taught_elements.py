@@ -16,16 +16,17 @@ import difflib
 import math
 from collections.abc import Iterable, Sequence
 
+from skiros2_common.core.changeset import ChangeSet
 from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.operations import Operation, Remove
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_motion.core.geometry import Pose, normalized
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.scene_poses import parent_of
 from skiros2_teaching.core.taught_path import TaughtPath
-from skiros2_world_model.core.changes import Operation, Remove, added_elements, written
-from skiros2_world_model.core.changeset import ChangeSet
+from skiros2_world_model.core.changes import added_elements, written
 from skiros2_world_model.core.history import HistoryEntry
 from skiros2_world_model.core.world_model_client import WorldModelClient
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_common.core.world_model_port import WorldChange
+from skiros2_common.core.operations import Change
 from skiros2_skill.core.breakpoint import AT_END, BEFORE_START, CHANGES, CONDITION, FAILS, NODE, WHEN, WORLD, Breakpoint
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -75,7 +75,7 @@ class Breakpoints:
     def at_condition(self, label: str) -> str:
         return self._reached(CONDITION, FAILS, (label,), f"condition [{label}] fails")
 
-    def at_change(self, change: WorldChange) -> str:
+    def at_change(self, change: Change) -> str:
         for element in change.elements:
             reached = self._reached(WORLD, CHANGES, (element.id, element.label), f"{change.action} of {element!r}")
             if reached:

@@ -7,8 +7,9 @@ import threading
 from collections.abc import Callable, Collection
 
 from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
+from skiros2_common.core.operations import Change
 from skiros2_common.core.signals import SignalSource
-from skiros2_common.core.world_model_port import WorldChange, WorldModelPort
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.breakpoints import Breakpoints
 from skiros2_skill.core.runtime.task import MAX_ID, Task
 from skiros2_skill.core.runtime.worker import MAX_WAKES, ScheduledTask, TickSettings, Watchdog
@@ -221,7 +222,7 @@ class Scheduler:
 
     # -- wakes, from any thread --------------------------------------------------------------------------------
 
-    def on_change(self, change: WorldChange) -> None:
+    def on_change(self, change: Change) -> None:
         """Handles a change of the world model: wakes the tasks that it affects, and pauses tasks at breakpoints."""
         reached = self.breakpoints.at_change(change) if self.breakpoints else ""
         with self._lock:

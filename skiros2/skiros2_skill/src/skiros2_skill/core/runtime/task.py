@@ -12,9 +12,10 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, RobotStopped
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, STOP, Explanation
 from skiros2_common.core.names import local_name
+from skiros2_common.core.operations import Change
 from skiros2_common.core.params import Param
 from skiros2_common.core.signals import SignalSource
-from skiros2_common.core.world_model_port import WorldChange, WorldModelPort, changed_ids
+from skiros2_common.core.world_model_port import WorldModelPort, changed_ids
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
@@ -183,7 +184,7 @@ class Task:
         """Whether the world model has not changed since the task's last refresh."""
         return self._executor.parameters.is_current
 
-    def is_affected_by(self, change: WorldChange) -> bool:
+    def is_affected_by(self, change: Change) -> bool:
         """Whether a change of the world model may change a hold-condition of a running node. Any thread.
 
         While another thread ticks the task, an outdated answer costs a superfluous tick, or delays one to the next

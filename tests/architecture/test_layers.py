@@ -89,8 +89,8 @@ PORTS = {
 #: What the parts of `skiros2_skill.core` may not import: the tree is below the engine, that below running tasks; what
 #: explains and checks reads the records of the parts below it.
 ABOVE = {
-    "tree": ("engine", "runtime", "library", "lint"),
-    "engine": ("runtime", "lint"),
+    "engine": ("tree", "runtime", "library", "lint"),
+    "tree": ("runtime", "library", "lint"),
     "library": ("engine", "runtime", "lint"),
     "runtime": ("lint",),
     "lint": ("engine", "runtime"),

@@ -7,9 +7,9 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import PREEMPT
+from skiros2_skill.core.engine.hook_guard import HookGuard
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.skill import ParallelFf, Skill
-from skiros2_skill.core.tree.hook_guard import HookGuard
 from unit.skiros2_skill.skills import LOCKED_ARM, Work, describe, primitive, running_for
 
 TIMEOUT = 0.3  # s for a preempted task to end
@@ -367,7 +367,7 @@ def test_hook_that_is_called_while_another_is_not_found_can_be_abandoned():
         def pop(self, *index):
             if not self and not begun:
                 begun.append(True)
-                guard.calls.append(("node", "execute"))  # as `HookGuard.call` does
+                guard.calls.append(("run", "execute"))  # as `HookGuard.call` does
                 raise IndexError
             return super().pop(*index)
 
@@ -377,7 +377,7 @@ def test_hook_that_is_called_while_another_is_not_found_can_be_abandoned():
     assert guard.abandon() is None
     hung = guard.abandon()
     assert hung is not None
-    assert (hung.node, hung.hook) == ("node", "execute")
+    assert (hung.run, hung.hook) == ("run", "execute")
 
 
 def test_late_worker_skips_periods_and_does_not_tick_twice_at_once(bench):

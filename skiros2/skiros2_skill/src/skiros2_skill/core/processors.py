@@ -8,15 +8,29 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence as Children
-from typing import Self
+from typing import Protocol, Self, TypeVar
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
-from skiros2_skill.core.protocols import TreeNode, Visitor
+
+_Visitor = TypeVar("_Visitor")
+_AnyVisitor = TypeVar("_AnyVisitor", contravariant=True)
 
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
 _RUNNING: State = State.Running
+
+
+class TreeNode(Protocol[_AnyVisitor]):
+    """A node as a processor sees it."""
+
+    @property
+    def state(self) -> State: ...
+    def visit(self, visitor: _AnyVisitor) -> State:
+        """Ticks the node once. Returns its state."""
+
+    def visitPreempt(self, visitor: _AnyVisitor) -> State:
+        """Preempts the node. Returns its state, Running while it is still ending."""
 
 
 class Processor:
@@ -31,7 +45,7 @@ class Processor:
     def reset(self) -> None:
         """Called when the node starts: restarts at the first child."""
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         """Ticks the children once. Returns the resulting state of the node."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define processChildren")
 
@@ -42,7 +56,7 @@ class Processor:
         return new
 
 
-def _preempt_running(children: Children[TreeNode], visitor: Visitor) -> None:
+def _preempt_running(children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> None:
     for child in children:
         if child.state is _RUNNING:
             child.visitPreempt(visitor)
@@ -51,7 +65,7 @@ def _preempt_running(children: Children[TreeNode], visitor: Visitor) -> None:
 class NoProcessor(Processor):
     """Ticks no children."""
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         return _SUCCESS
 
 
@@ -60,7 +74,7 @@ class _InOrder(Processor):
 
     _continue_on: State
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         for index, child in enumerate(children):
             state = child.visit(visitor)
             if state is not self._continue_on:
@@ -68,7 +82,7 @@ class _InOrder(Processor):
                 return state
         return self._continue_on
 
-    def stopAll(self, children: Children[TreeNode], visitor: Visitor, index: int) -> None:
+    def stopAll(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor, index: int) -> None:
         """Preempts the running children after `index`."""
         _preempt_running(children[index + 1 :], visitor)
 
@@ -98,7 +112,7 @@ class _InOrderStar(Processor):
     def reset(self) -> None:
         self._index = 0
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         # The list may grow meanwhile: a skill may add children to its node.
         while self._index < len(children):
             state = children[self._index].visit(visitor)
@@ -125,7 +139,7 @@ class SelectorStar(_InOrderStar):
     symbol = "?*"
     _continue_on = _FAILURE
 
-    def stopAll(self, children: Children[TreeNode], visitor: Visitor, index: int) -> None:
+    def stopAll(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor, index: int) -> None:
         """Preempts the running children after `index`."""
         _preempt_running(children[index + 1 :], visitor)
 
@@ -137,7 +151,7 @@ class _Parallel(Processor):
     def reset(self) -> None:
         self._succeeded = set()
 
-    def stopAll(self, children: Children[TreeNode], visitor: Visitor) -> None:
+    def stopAll(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> None:
         """Preempts all running children."""
         _preempt_running(children, visitor)
 
@@ -147,7 +161,7 @@ class ParallelFf(_Parallel):
 
     symbol = "|ff|"
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         succeeded = self._succeeded
         is_running = False
         for index, child in enumerate(children):
@@ -169,7 +183,7 @@ class ParallelFs(_Parallel):
 
     symbol = "|fs|"
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         for child in children:
             state = child.visit(visitor)
             if state is not _RUNNING:
@@ -203,7 +217,7 @@ class NoFail(_Decorator):
     def printType(self) -> str:
         return f"nofail({self._processor.printType()})"
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         state = self._processor.processChildren(children, visitor)
         return State.Success if state is State.Failure else state
 
@@ -222,7 +236,7 @@ class _Repeat(_Decorator):
         super().reset()
         self._done = 0
 
-    def processChildren(self, children: Children[TreeNode], visitor: Visitor) -> State:
+    def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         state = self._processor.processChildren(children, visitor)
         if state is not self._repeat_on or (0 <= self._times <= self._done):
             return state

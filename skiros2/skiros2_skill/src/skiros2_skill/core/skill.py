@@ -1,6 +1,5 @@
 """The public names for skill libraries: compounds, nodes and processors."""
 
-import skiros2_skill.core.engine.executor  # noqa: F401 - ticks nodes without a task
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element

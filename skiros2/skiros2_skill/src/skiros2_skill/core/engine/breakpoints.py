@@ -12,7 +12,7 @@ from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.operations import Change
 from skiros2_skill.core.breakpoint import AT_END, BEFORE_START, CHANGES, CONDITION, FAILS, NODE, WHEN, WORLD, Breakpoint
-from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.core.engine.skill_run import Node
 
 
 class BreakpointReached(Exception):
@@ -66,7 +66,7 @@ class Breakpoints:
 
     # -- the message when a breakpoint is reached, else "" -------------------------------------------------------
 
-    def at_node(self, node: SkillWrapper, when: str) -> str:
+    def at_node(self, node: Node, when: str) -> str:
         names = (node.label, node.type, f"{node.type}-{node.label}")
         event = "before the start" if when == BEFORE_START else "at the end"
         name = f"{node.type}-{node.label}" if node.label else node.type
@@ -103,7 +103,7 @@ class TaskBreakpoints:
     def __init__(self, breakpoints: Breakpoints | None) -> None:
         self._breakpoints = breakpoints if breakpoints is not None else Breakpoints()
         self._reached = ""  # raised later, when the parents of the node have processed its state
-        self._stopped: SkillWrapper | None = None  # the node that was stopped before its start
+        self._stopped: Node | None = None  # the node that was stopped before its start
 
     def __bool__(self) -> bool:
         """Whether there is anything to check."""
@@ -113,7 +113,7 @@ class TaskBreakpoints:
         """Ignores breakpoints from now on."""
         self._breakpoints, self._reached, self._stopped = Breakpoints(), "", None
 
-    def before_start(self, node: SkillWrapper) -> None:
+    def before_start(self, node: Node) -> None:
         """Checks the breakpoints on the start of a node.
 
         :raises BreakpointReached: the task pauses before the start.
@@ -125,7 +125,7 @@ class TaskBreakpoints:
             self._stopped = None
         self.raise_if_reached()
 
-    def after_end(self, node: SkillWrapper) -> None:
+    def after_end(self, node: Node) -> None:
         """Checks the breakpoints on the end of a node."""
         self._reached = self._reached or self._breakpoints.at_node(node, AT_END)
 

@@ -19,7 +19,7 @@ from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, Par
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.failures import PRE_FAILED, Failure
-from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.core.engine.skill_run import SkillRun
 from skiros2_world_model.core.wm_errors import WmConflict
 
 log = logging.getLogger(__name__)
@@ -45,7 +45,7 @@ _ACQUIRE_TIMEOUT = 5.0
 class Locks:
     """The locks that one program holds in one world model. Any thread.
 
-    Each lock has an owner, which distinguishes a node's lock from a later one on the same device. The world model is an
+    Each lock has an owner, which distinguishes a run's lock from a later one on the same device. The world model is an
     argument of each call, not an attribute: `_locks` refers to it weakly.
     """
 
@@ -154,30 +154,30 @@ def locks_in(wmi: WorldModelPort) -> Locks:
         return _locks.setdefault(wmi, Locks())
 
 
-def lock_devices(node: SkillWrapper, wmi: WorldModelPort) -> Failure | None:
-    """Locks the devices of a node, which a pre-condition requires to be idle. Returns the failure; None on success."""
-    for key, options in node.options.items():
+def lock_devices(run: SkillRun, wmi: WorldModelPort) -> Failure | None:
+    """Locks the devices of a run, which a pre-condition requires to be idle. Returns the failure; None on success."""
+    for key, options in run.options.items():
         if ParamOptions.Lock not in options:
             continue
-        for device in node.params.getParamValues(key):
-            if device.isAbstract() or device.id in node.locked:
+        for device in run.params.getParamValues(key):
+            if device.isAbstract() or device.id in run.locks:
                 continue
-            node.locked.append(device.id)  # before the call, which may not return
+            run.locks.append(device.id)  # before the call, which may not return
             try:
-                locks_in(wmi).acquire(device.id, node, wmi)
+                locks_in(wmi).acquire(device.id, run, wmi)
             except SkirosError as error:
-                node.locked.remove(device.id)
-                return Failure(PRE, PRE_FAILED, f"{node.label} does not get its {key}: {error}")
+                run.locks.remove(device.id)
+                return Failure(PRE, PRE_FAILED, f"{run.label} does not get its {key}: {error}")
             found = wmi.find_element(device.id)
             if found is not None:
                 device.adopt(found)
     return None
 
 
-def free_devices(node: SkillWrapper, wmi: WorldModelPort) -> None:
-    """Releases the devices that the node has locked; failed releases are retried later. Any thread."""
-    eids, node.locked = node.locked, []
-    locks_in(wmi).release(eids, node, wmi)
+def free_devices(run: SkillRun, wmi: WorldModelPort) -> None:
+    """Releases the devices that the run has locked; failed releases are retried later. Any thread."""
+    eids, run.locks = run.locks, []
+    locks_in(wmi).release(eids, run, wmi)
 
 
 def release_stale_devices(wmi: WorldModelPort) -> None:

@@ -10,7 +10,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.wording import moment
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_common.core.world_model_port import Revisions, WorldModelPort
-from skiros2_skill.core.engine.blackboard import Slot
+from skiros2_skill.core.engine.slot import Slot
 
 
 def refresh_elements(slots: list[Slot], wmi: WorldModelPort, revisions: Revisions | None) -> list[str]:

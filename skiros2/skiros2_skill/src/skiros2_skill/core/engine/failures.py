@@ -34,9 +34,8 @@ from skiros2_common.core.wording import ids_in
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_runs.core.values import FAILS, HOLDS, ConditionStatus
-from skiros2_skill.core.engine.blackboard import provenance_of
-from skiros2_skill.core.tree.node import SkillInterface
-from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.core.engine.skill_run import Node
+from skiros2_skill.core.engine.slot import provenance_of
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +59,7 @@ class Failure:
     :param params: the parameters they were evaluated with.
     :param provenance: returns the provenance of the parameters; None: that of the node's.
     :param tried: the failures of the rejected implementations.
-    :param late: the node had failed or ended before: this is not the cause.
+    :param secondary: the node had failed or ended before: this is not the cause.
     :param by, running: see `Explanation`.
     """
 
@@ -73,7 +72,7 @@ class Failure:
     candidates: list[InferenceFailure] = field(default_factory=list)
     provenance: Callable[[], list[Provenance]] | None = None
     tried: Sequence[Failure] = ()
-    late: bool = False
+    secondary: bool = False
     by: str = ""
     running: list[str] = field(default_factory=list)
 
@@ -82,9 +81,9 @@ class Failure:
 class _Entry:
     """:param pending: the last failure, if its message differs from the explained one in numbers."""
 
-    node: SkillInterface
+    node: Node
     explanation: Explanation
-    late: bool
+    secondary: bool
     pending: Failure | None = None
 
 
@@ -99,18 +98,18 @@ class Failures:
         self._entries: dict[tuple[Any, ...], _Entry] = {}  # by kind; the last failure is the last entry
         self._lock = threading.Lock()
 
-    def record(self, node: SkillInterface, failure: Failure) -> None:
+    def record(self, node: Node, failure: Failure) -> None:
         """Records a failure; a repetition, whose message differs at most in numbers, increments the count."""
         key = (_child_indices(node), failure.label, failure.stage, failure.code, _NUMBER.sub("#", failure.message))
         known = self._entries.get(key)
         if known is None:
-            entry = _Entry(node, self._explained(node, failure), failure.late)
+            entry = _Entry(node, self._explained(node, failure), failure.secondary)
         else:
             times, pending = known.explanation.times + 1, known.pending
             if known.explanation.message != failure.message:
                 pending = failure  # explained when somebody asks: the number may change in each tick
             explanation = replace(known.explanation, message=failure.message, times=times)
-            entry = _Entry(node, explanation, failure.late, pending)
+            entry = _Entry(node, explanation, failure.secondary, pending)
         with self._lock:
             self._entries.pop(key, None)
             self._entries[key] = entry
@@ -124,7 +123,7 @@ class Failures:
             entries = list(self._entries.values())
             cause = self._cause_entry()
         entries.sort(key=lambda entry: entry is cause)
-        return [replace(entry.explanation, node=entry.node._id) for entry in entries]
+        return [replace(entry.explanation, node=entry.node.id) for entry in entries]
 
     def settle(self) -> None:
         """Explains the last failures in full, while the nodes still have the values that they failed with."""
@@ -134,38 +133,38 @@ class Failures:
             explanation = self._explained(entry.node, failure)
             entry.explanation, entry.pending = replace(explanation, times=entry.explanation.times), None
 
-    def cause(self) -> tuple[SkillInterface, Explanation] | None:
+    def cause(self) -> tuple[Node, Explanation] | None:
         """The node that made the root fail, and the explanation; None when no node failed."""
         entry = self._cause_entry()
         return (entry.node, entry.explanation) if entry is not None else None
 
     def _cause_entry(self) -> _Entry | None:
-        entries = (entry for entry in reversed(self._entries.values()) if not entry.late)
+        entries = (entry for entry in reversed(self._entries.values()) if not entry.secondary)
         return next((e for e in entries if all(node.state is State.Failure for node in _path(e.node))), None)
 
-    def cause_below(self, node: SkillInterface) -> tuple[str, int] | None:
+    def cause_below(self, node: Node) -> tuple[str, int] | None:
         """The message (one line) and the code of the failure that made a compound fail."""
         for entry in reversed(self._entries.values()):
             failed = entry.node
-            if not entry.late and failed.state is State.Failure and failed.inSubtreeOf(node):
+            if not entry.secondary and failed.state is State.Failure and failed.inSubtreeOf(node):
                 text = entry.explanation.message.strip().partition("\n")[0]
                 return f"{failed.label or failed.type}: {text}", min(entry.explanation.code, -1)
         return None
 
-    def _explained(self, node: SkillInterface, failure: Failure) -> Explanation:
-        path = [_name(n) for n in _path(node) if n.parent is not None or n is node]
+    def _explained(self, node: Node, failure: Failure) -> Explanation:
+        path = [n.display_name for n in _path(node) if n.parent is not None or n is node]
         explanation = self._explanation(node, failure, path)
-        held = [v for params in (failure.params, node._params) for p in params.values() for v in p.values]
-        if isinstance(node, SkillWrapper):
-            held += [v for slot in node.slots for v in slot.ignored or ()]  # elements that were removed
+        held = [v for params in (failure.params, node.present_params) for p in params.values() for v in p.values]
+        if node.run is not None:
+            held += [v for slot in node.run.slots for v in slot.ignored or ()]  # elements that were removed
         return with_labels(explanation, self._wmi, (value for value in held if isinstance(value, Element)))
 
-    def _explanation(self, node: SkillInterface, failure: Failure, path: list[str]) -> Explanation:
+    def _explanation(self, node: Node, failure: Failure, path: list[str]) -> Explanation:
         return Explanation(
             failure.stage,
-            node._type,
-            failure.label or node._label,
-            node._id,
+            node.type,
+            failure.label or node.label,
+            node.id,
             failure.code,
             failure.message,
             path,
@@ -219,30 +218,23 @@ def name_in_scene(eid: str, label: str, wmi: WorldModelPort) -> str:
     return label if len(same) < 2 else f"{label} ({local_name(eid)})"
 
 
-def _provenance(node: SkillInterface) -> list[Provenance]:
-    return provenance_of(node.slots, node.present_conditions[0]) if isinstance(node, SkillWrapper) else []
+def _provenance(node: Node) -> list[Provenance]:
+    return provenance_of(node.run.slots, node.run.pre_conditions) if node.run is not None else []
 
 
-def _path(node: SkillInterface) -> list[SkillInterface]:
+def _path(node: Node) -> list[Node]:
     """The nodes from the root to a node."""
     path = []
-    current: SkillInterface | None = node
+    current: Node | None = node
     while current is not None:
         path.append(current)
         current = current.parent
     return path[::-1]
 
 
-def _child_indices(node: SkillInterface) -> tuple[int, ...]:
+def _child_indices(node: Node) -> tuple[int, ...]:
     """The child indices from the root to a node. They stay the same when a subtree is expanded again."""
     return tuple(n.child_index for n in _path(node))
-
-
-def _name(node: SkillInterface) -> str:
-    """The label of a node; without one, the type of a skill or the symbol of the processor."""
-    if node._label:
-        return node._label
-    return node._type.partition(":")[2] if isinstance(node, SkillWrapper) else node.processor.printType()
 
 
 #: By stage: the message, the code of an unsatisfied condition, and the code of one that raises.

@@ -11,6 +11,8 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
 from skiros2_common.core.source_location import format_error
+from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_skill.core.engine.breakpoints import TaskBreakpoints
 from skiros2_skill.core.engine.elements import discard_changes
 from skiros2_skill.core.engine.failures import (
     EXECUTE_RAISED,
@@ -21,8 +23,8 @@ from skiros2_skill.core.engine.failures import (
     Failure,
     Failures,
 )
-from skiros2_skill.core.tree.hook_guard import EXECUTE_HOOK, HookAbandoned, HookGuard
-from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.core.engine.hook_guard import EXECUTE_HOOK, HookAbandoned, HookGuard
+from skiros2_skill.core.engine.skill_run import SkillRun
 
 log = logging.getLogger(__name__)
 
@@ -49,114 +51,124 @@ class Hooks:
     """Calls the hooks of the skills of one task, in the ticking thread.
 
     :param failures: records their failures.
+    :param wmi: the world model as the task sees it.
     """
 
-    def __init__(self, failures: Failures) -> None:
-        self._failures = failures
-        self.guard = HookGuard()
+    def __init__(self, failures: Failures, breakpoints: TaskBreakpoints, wmi: WorldModelPort) -> None:
+        self._failures, self._breakpoints, self._wmi = failures, breakpoints, wmi
+        self.guard: HookGuard[SkillRun] = HookGuard()
 
-    def execute(self, node: SkillWrapper, of_children: State | None = None, late: bool = False) -> State:
+    def fail(self, run: SkillRun, failure: Failure) -> None:
+        """Sets the progress of a failed run and records the failure."""
+        run.report(failure.message, failure.code)
+        self.guard.call(run, "the explanation of its failure", self._failures.record, run.node, failure)
+        if self._breakpoints:
+            self._breakpoints.at_failure(failure.conditions)
+
+    def execute(self, run: SkillRun, of_children: State | None = None, secondary: bool = False) -> State:
         """Calls `execute` and returns the new state.
 
         :param of_children: of a compound: the state of its children, which an `execute` that returns None keeps.
-        :param late: the node has ended already.
+        :param secondary: the node has ended already.
         """
         try:
-            answer = self.guard.call(node, EXECUTE_HOOK, node.instance.execute)
+            answer = self.guard.call(run, EXECUTE_HOOK, run.instance.execute)
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
-            return self.execute_raised(node, error, late)
-        return self.execute_state(node, answer, of_children, late)
+            return self.execute_raised(run, error, secondary)
+        return self.execute_state(run, answer, of_children, secondary)
 
-    def call(self, node: SkillWrapper, name: str, hook: Callable[[], Any], code: int, late: bool = False) -> Any:
+    def call(self, run: SkillRun, name: str, hook: Callable[[], Any], code: int, secondary: bool = False) -> Any:
         """Calls another hook. Returns its value; `RAISED`, with the traceback as progress, when it raises.
 
         :param name: of the hook.
         :param code: the progress code when it raises.
-        :param late: the node has failed or ended already.
+        :param secondary: the node has failed or ended already.
         """
         try:
-            return self.guard.call(node, name, hook)
+            return self.guard.call(run, name, hook)
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
-            self.record_exception(node, error, code, late)
+            self.record_exception(run, error, code, secondary)
             return RAISED
 
-    def on_start(self, node: SkillWrapper, start: Callable[[SkillWrapper], str]) -> Any:
-        """Calls `start`, which calls `onStart`. Returns the refusal, "" for none; `RAISED` when it raises."""
-        refused = self.call(node, "onStart", lambda: start(node), START_RAISED)
+    def on_start(self, run: SkillRun) -> Any:
+        """Expands the subtree and calls `onStart`. Returns the refusal, "" for none; `RAISED` when it raises."""
+        refused = self.call(run, "onStart", lambda: refusal_text(run.start()), START_RAISED)
         if refused and refused is not RAISED:
-            set_failure_reason(node, f"{node.label}: onStart returned {refused}", PRE_FAILED)
-            instance = node.instance
-            self._failures.record(node, Failure(START, instance._progress_code, instance.progress_msg))
+            set_failure_reason(run, f"{run.label}: onStart returned {refused}", PRE_FAILED)
+            instance = run.instance
+            self._failures.record(run.node, Failure(START, instance.progress_code, instance.progress_msg))
         return refused
 
-    def on_preempt(self, node: SkillWrapper) -> State:
+    def on_preempt(self, run: SkillRun) -> State:
         """Calls `onPreempt`. Returns Running, Success or Failure."""
-        instance = node.instance
+        instance = run.instance
         progressed_at = instance.progressed_at
         state = self.call(
-            node, "onPreempt", lambda: as_state(instance.onPreempt(), _FAILURE), PREEMPT_RAISED, late=True
+            run, "onPreempt", lambda: as_state(instance.onPreempt(), _FAILURE), PREEMPT_RAISED, secondary=True
         )
         if state is _RUNNING or state is _SUCCESS:
             return _RUNNING if state is _RUNNING else _SUCCESS
         if instance.progressed_at == progressed_at:
-            instance._setProgress("Preempted", PREEMPTED)
+            run.report("Preempted", PREEMPTED)
         return _FAILURE
 
-    def on_end(self, node: SkillWrapper, state: State, preempted: bool) -> State:
+    def on_end(self, run: SkillRun, state: State, preempted: bool) -> State:
         """Calls `onEnd`. Returns the state after it, which may turn a success into a failure."""
-        instance = node.instance
+        instance = run.instance
         progressed_at = instance.progressed_at
-        late = preempted or state is not _SUCCESS
-        answer = self.call(node, "onEnd", lambda: refusal_text(instance.onEnd()), EXECUTE_RAISED, late)
+        secondary = preempted or state is not _SUCCESS
+        answer = self.call(run, "onEnd", lambda: refusal_text(instance.onEnd()), EXECUTE_RAISED, secondary)
         if not answer:
             return state
         if answer is not RAISED and state is _SUCCESS:
             if instance.progressed_at == progressed_at:
-                instance._setProgress(f"{node.label}: onEnd returned {answer}", POST_FAILED)
-            failure = Failure(EXECUTE, instance._progress_code, instance.progress_msg, late=late)
-            self._failures.record(node, failure)
+                run.report(f"{run.label}: onEnd returned {answer}", POST_FAILED)
+            failure = Failure(EXECUTE, instance.progress_code, instance.progress_msg, secondary=secondary)
+            self._failures.record(run.node, failure)
         return _FAILURE
 
-    def execute_raised(self, node: SkillWrapper, error: Exception | SystemExit, late: bool = False) -> State:
+    def execute_raised(self, run: SkillRun, error: Exception | SystemExit, secondary: bool = False) -> State:
         """Same as `record_exception`, for `execute`."""
-        return self.record_exception(node, error, EXECUTE_RAISED, late)
+        return self.record_exception(run, error, EXECUTE_RAISED, secondary)
 
     def record_exception(
-        self, node: SkillWrapper, error: Exception | SystemExit, code: int, late: bool = False
+        self, run: SkillRun, error: Exception | SystemExit, code: int, secondary: bool = False
     ) -> State:
         """Records what the code of a node has raised; called in the `except` clause. Returns Failure."""
         preempted = isinstance(error, SkillPreempted)
-        message = str(error) if preempted else format_error(error, type(node.instance).__module__)
-        node.instance._setProgress(message, code)
-        discard_changes(node.element_slots, node._wmi)  # the changes may be incomplete
-        self._failures.record(node, Failure(PREEMPT if preempted else EXCEPTION, code, message, late=late))
-        log.error("%s: %s", node.printState(), message)
+        message = str(error) if preempted else format_error(error, type(run.instance).__module__)
+        run.report(message, code)
+        discard_changes(run.element_slots, self._wmi)  # the changes may be incomplete
+        stage = PREEMPT if preempted else EXCEPTION
+        self._failures.record(run.node, Failure(stage, code, message, secondary=secondary))
+        log.error("%s: %s", run.node.printState(), message)
         return _FAILURE
 
     def execute_state(
-        self, node: SkillWrapper, answer: Any, of_children: State | None = None, late: bool = False
+        self, run: SkillRun, answer: Any, of_children: State | None = None, secondary: bool = False
     ) -> State:
         """The state that a return value of `execute` stands for. A failure is recorded."""
         if answer is _RUNNING or answer is _SUCCESS:
             return _SUCCESS if answer is _SUCCESS else _RUNNING
         if answer is None and of_children is not None:
             return of_children
-        instance = node.instance
+        instance = run.instance
         if is_bool(answer) and answer:
             return _SUCCESS
-        text = f"{node.label}: execute returned {answer!r}"
+        text = f"{run.label}: execute returned {answer!r}"
         if answer is not _FAILURE and not is_bool(answer):
-            instance._setProgress(f"{text}, expected step(...), success(...) or fail(...)", EXECUTE_RAISED)
-        elif of_children is _FAILURE and instance.progressed_at == node.progressed_at:
+            run.report(f"{text}, expected step(...), success(...) or fail(...)", EXECUTE_RAISED)
+        elif of_children is _FAILURE and instance.progressed_at == run.progressed_at:
             return _FAILURE  # the failure of the children, without a progress of its own
         else:
-            set_failure_reason(node, text, EXECUTE_RAISED)
-        late = late or instance.fails_late
-        self._failures.record(node, Failure(EXECUTE, instance._progress_code, instance.progress_msg, late=late))
+            set_failure_reason(run, text, EXECUTE_RAISED)
+        secondary = secondary or instance.fails_late
+        failure = Failure(EXECUTE, instance.progress_code, instance.progress_msg, secondary=secondary)
+        self._failures.record(run.node, failure)
         return _FAILURE
 
 
@@ -165,9 +177,9 @@ def refusal_text(answer: Any) -> str:
     return repr(answer) if answer is _FAILURE or (answer is not None and not answer) else ""
 
 
-def set_failure_reason(node: SkillWrapper, text: str, code: int) -> None:
+def set_failure_reason(run: SkillRun, text: str, code: int) -> None:
     """Sets the progress of a failed skill that has not set it itself."""
-    instance = node.instance
-    if instance._progress_code >= 0:
+    instance = run.instance
+    if instance.progress_code >= 0:
         reported = instance.progress_msg
-        instance._setProgress(f"{text} after: {reported}" if reported else text, code)
+        run.report(f"{text} after: {reported}" if reported else text, code)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import Refused, SkirosError
-from skiros2_common.core.explanation import HOLD, PARAMETER
+from skiros2_common.core.explanation import EXCEPTION, HOLD, PARAMETER
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.signals import LocalSignals, SignalSource
@@ -23,98 +24,98 @@ from skiros2_skill.core.engine.elements import (
     removal_text,
     unwritten_elements,
 )
-from skiros2_skill.core.engine.failures import HOLD_FAILED, Failure, check_conditions
-from skiros2_skill.core.tree.hook_guard import HookGuard
-from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.core.engine.failures import EXECUTE_RAISED, HOLD_FAILED, Failure, check_conditions
+from skiros2_skill.core.engine.hook_guard import HookGuard
+from skiros2_skill.core.engine.skill_run import SkillRun
 
 log = logging.getLogger(__name__)
 
-_Nodes = dict[SkillWrapper, None]
+_Runs = dict[SkillRun, None]
 
 
-class Readers:
-    """The running nodes by the elements and the blackboard keys that they read. For the thread that ticks the task.
+class DependencyIndex:
+    """The skill runs by the elements and the blackboard keys that they read. For the thread that ticks the task.
 
-    A marked node is `stale`: its parameters are refreshed before its next `execute`. A node without known reads is
-    marked by every change; `add` begins so, because many skills end before anything changes.
+    A marked run is `stale`: its parameters are refreshed before its next `execute`. A run without known reads is marked
+    by every change; `add` begins so, because many skills end before anything changes.
     """
 
     def __init__(self) -> None:
-        self._of_anything: _Nodes = {}
-        self._of_element: dict[str, _Nodes] = {}
-        self._of_key: dict[str, _Nodes] = {}
+        self._of_anything: _Runs = {}
+        self._of_element: dict[str, _Runs] = {}
+        self._of_key: dict[str, _Runs] = {}
         self._revisions: dict[str, object] = {}  # of the elements, when they were last compared
 
-    def add(self, node: SkillWrapper) -> None:
-        """Adds a node that starts."""
-        self.remove(node)
-        self._of_anything[node] = None
+    def add(self, run: SkillRun) -> None:
+        """Adds a run that starts."""
+        self.remove(run)
+        self._of_anything[run] = None
 
-    def set_reads(self, node: SkillWrapper, ids: Collection[str], revision: Callable[[str], object]) -> None:
-        """Records what a node is about to read, besides the keys of its slots.
+    def set_reads(self, run: SkillRun, ids: Collection[str], revision: Callable[[str], object]) -> None:
+        """Records what a run is about to read, besides the keys of its slots.
 
         :param ids: of elements.
         :param revision: returns the present revision of an element.
         """
-        reads = (tuple(ids), tuple(slot.key for slot in node.slots))
-        if node.reads == reads:
+        reads = (tuple(ids), tuple(slot.key for slot in run.slots))
+        if run.reads == reads:
             return
-        self.remove(node)
-        node.reads = reads
+        self.remove(run)
+        run.reads = reads
         for eid in reads[0]:
-            self._of_element.setdefault(eid, {})[node] = None
+            self._of_element.setdefault(eid, {})[run] = None
             if eid not in self._revisions:
                 self._revisions[eid] = revision(eid)
         for key in reads[1]:
-            self._of_key.setdefault(key, {})[node] = None
+            self._of_key.setdefault(key, {})[run] = None
 
-    def remove(self, node: SkillWrapper) -> None:
-        """Removes a node that has ended."""
-        self._of_anything.pop(node, None)
-        if node.reads is None:
+    def remove(self, run: SkillRun) -> None:
+        """Removes a run that has ended."""
+        self._of_anything.pop(run, None)
+        if run.reads is None:
             return
-        ids, keys = node.reads
-        node.reads = None
+        ids, keys = run.reads
+        run.reads = None
         for eid in ids:
-            if _has_last(self._of_element, eid, node):
+            if _has_last(self._of_element, eid, run):
                 del self._revisions[eid]
         for key in keys:
-            _has_last(self._of_key, key, node)
+            _has_last(self._of_key, key, run)
 
     def mark_changed(self, revision: Callable[[str], object]) -> None:
-        """Marks the readers of the elements that have changed since the last call.
+        """Marks the runs that read elements that have changed since the last call.
 
         :param revision: returns the present revision of an element.
         """
         changed = [eid for eid, seen in self._revisions.items() if revision(eid) is not seen]
         for eid in changed:
-            self._revisions[eid] = revision(eid)  # before the nodes read it
+            self._revisions[eid] = revision(eid)  # before the runs read it
             _mark(self._of_element[eid])
         _mark(self._of_anything)
 
     def mark_keys(self, keys: Iterable[str]) -> None:
-        """Marks the readers of keys of the blackboard."""
+        """Marks the runs that read keys of the blackboard."""
         for key in keys:
             _mark(self._of_key.get(key, ()))
         _mark(self._of_anything)
 
     def mark_all(self) -> None:
-        """Marks all nodes."""
-        for nodes in (self._of_anything, *self._of_element.values(), *self._of_key.values()):
-            _mark(nodes)
+        """Marks all runs."""
+        for runs in (self._of_anything, *self._of_element.values(), *self._of_key.values()):
+            _mark(runs)
 
 
-def _mark(nodes: Iterable[SkillWrapper]) -> None:
-    for node in nodes:
-        node.stale = True
-        node.steady = False
+def _mark(runs: Iterable[SkillRun]) -> None:
+    for run in runs:
+        run.stale = True
+        run.skips_refresh = False
 
 
-def _has_last(index: dict[str, _Nodes], name: str, node: SkillWrapper) -> bool:
-    """Removes a node from the readers of a name. Returns whether it was the last one."""
-    nodes = index.get(name, {})
-    nodes.pop(node, None)
-    if nodes:
+def _has_last(index: dict[str, _Runs], name: str, run: SkillRun) -> bool:
+    """Removes a run from those that read a name. Returns whether it was the last one."""
+    runs = index.get(name, {})
+    runs.pop(run, None)
+    if runs:
         return False
     index.pop(name, None)
     return True
@@ -124,9 +125,9 @@ _REFRESH = "the refresh of its elements"
 
 
 class Parameters:
-    """The parameters of the nodes of one task. For the thread that ticks the task.
+    """The parameters of the skill runs of one task. For the thread that ticks the task.
 
-    A change of the world model or of the blackboard marks the running nodes that read what has changed as `stale`; only
+    A change of the world model or of the blackboard marks the runs that read what has changed as `stale`; only
     these are refreshed.
 
     :param wmi: the world model as the task sees it.
@@ -134,19 +135,19 @@ class Parameters:
     :param wake: requests a tick at once; any thread may call it.
     """
 
-    def __init__(self, wmi: WorldModelPort, guard: HookGuard, wake: Callable[[], None]) -> None:
+    def __init__(self, wmi: WorldModelPort, guard: HookGuard[SkillRun], wake: Callable[[], None]) -> None:
         self._wmi = wmi
-        self._guard = guard
+        self.guard = guard
         self._wake = wake
         #: For hold-conditions on signals; the task sets it before its first tick.
         self.signals: SignalSource = LocalSignals()
         self.blackboard = Blackboard(ParamHandler())  # the task's, from its first tick on
         self.local_revision = -1  # at the last `update_revision`; -1 when the world model has no version
         self.world_version = -1  # of the world model at the last `update_revision`
-        #: Whether the world model has changed and the nodes that read the changed elements are not marked yet.
+        #: Whether the world model has changed and the runs that read the changed elements are not marked yet.
         self.world_changed = True
         self._revisions: Revisions | None = None
-        self._readers = Readers()
+        self._dependencies = DependencyIndex()
         self._logged: weakref.WeakSet[Element] = weakref.WeakSet()  # elements with unwritten changes that were logged
 
     @property
@@ -167,135 +168,144 @@ class Parameters:
 
     # -- refresh -----------------------------------------------------------------------------------------------
 
-    def start(self, node: SkillWrapper, is_current: bool) -> None:
-        """Prepares the refreshes of a node that starts.
+    def start(self, run: SkillRun, is_current: bool) -> None:
+        """Prepares the refreshes of a run that starts.
 
         :param is_current: whether nothing has changed since its parameters were read.
         """
-        node.volatile = any(c.volatile for c in node.hold_conditions)
-        node.stale = bool(node.hold_conditions) or not is_current
-        self._readers.add(node)
-        if node.hold_conditions:
-            self._guard.call(node, "the start of its hold-conditions", self._watch, node)
+        run.volatile = any(c.volatile for c in run.hold_conditions)
+        run.stale = bool(run.hold_conditions) or not is_current
+        self._dependencies.add(run)
+        if run.hold_conditions:
+            self.guard.call(run, "the start of its hold-conditions", self._watch, run)
 
-    def end(self, node: SkillWrapper) -> None:
-        """Ends the refreshes of a node."""
-        self._readers.remove(node)
-        while node.watches:
-            node.watches.pop()()
+    def end(self, run: SkillRun) -> None:
+        """Ends the refreshes of a run."""
+        self._dependencies.remove(run)
+        while run.watches:
+            run.watches.pop()()
 
-    def _watch(self, node: SkillWrapper) -> None:
-        for condition in node.hold_conditions:
-            stop = condition.watch(node._params, self._wmi, self.signals, self._wake)
+    def _watch(self, run: SkillRun) -> None:
+        for condition in run.hold_conditions:
+            stop = condition.watch(run.params, self._wmi, self.signals, self._wake)
             if stop is not None:
-                node.watches.append(stop)
+                run.watches.append(stop)
 
-    def refresh(self, node: SkillWrapper) -> Failure | None:
-        """Refreshes the parameters of a running node if they are stale, and checks its hold-conditions.
+    def refresh(self, run: SkillRun) -> Failure | None:
+        """Refreshes the parameters of a run if they are stale, and checks its hold-conditions.
 
         :returns: the failure when a condition is unsatisfied or an element was removed.
         """
         try:
-            revisions = self.revisions(node)
-            if node.stale:
-                self.blackboard.pull(node, node.slots)
-                self._set_reads(node, revisions)
-                removed = self._refresh_elements(node, revisions)
-                if removed and not node.is_compound:  # the children of a compound check what they need
-                    text = f"{removal_text(removed[0], self._wmi)}, while {node.label} was running with it"
+            revisions = self.revisions(run)
+            if run.stale:
+                self.blackboard.pull(run.node, run.slots)
+                self._set_reads(run, revisions)
+                removed = self._refresh_elements(run, revisions)
+                if removed and not run.implementation.is_compound:  # the children of a compound check their own
+                    text = f"{removal_text(removed[0], self._wmi)}, while {run.label} was running with it"
                     return Failure(HOLD, HOLD_FAILED, text)
-                failure = self._check_hold_conditions(node)
+                failure = self.check(HOLD, run.hold_conditions, run)
             else:
-                failure = self._check_hold_conditions(node) if node.volatile else None
+                failure = self.check(HOLD, run.hold_conditions, run) if run.volatile else None
         except SkirosError as error:
             return Failure(PARAMETER, HOLD_FAILED, str(error))
         if failure is None:
-            node.stale = False
+            run.stale = False
         return failure
 
-    def _set_reads(self, node: SkillWrapper, revisions: Revisions | None) -> None:
-        """Records what a node is about to read: a change after this call marks it again."""
+    def _set_reads(self, run: SkillRun, revisions: Revisions | None) -> None:
+        """Records what a run is about to read: a change after this call marks it again."""
         if revisions is None:
             return
-        ids = {value.id for slot in node.element_slots for value in slot.param.current if value.id}
-        for condition in node.hold_conditions:
-            read = condition.element_ids(node._params)
+        ids = {value.id for slot in run.element_slots for value in slot.param.current if value.id}
+        for condition in run.hold_conditions:
+            read = condition.element_ids(run.params)
             if read is not None:
                 ids |= read
             elif not condition.volatile:
-                self._readers.add(node)  # it may read anything
+                self._dependencies.add(run)  # it may read anything
                 return
-        self._readers.set_reads(node, ids, revisions.element)
+        self._dependencies.set_reads(run, ids, revisions.element)
 
-    def pull(self, node: SkillWrapper) -> None:
-        """Refreshes the parameters of a node if they are stale; removed elements are dropped.
+    def pull(self, run: SkillRun) -> None:
+        """Refreshes the parameters of a run if they are stale; removed elements are dropped.
 
         :raises WmException: the world model does not answer.
         """
-        revisions = self.revisions(node)
-        if node.stale:
-            self.blackboard.pull(node, node.slots)
-            self._refresh_elements(node, revisions)
+        revisions = self.revisions(run)
+        if run.stale:
+            self.blackboard.pull(run.node, run.slots)
+            self._refresh_elements(run, revisions)
 
-    def try_pull(self, node: SkillWrapper) -> None:
-        """Same as `pull`; the node keeps its parameters when the world model does not answer."""
+    def try_pull(self, run: SkillRun) -> None:
+        """Same as `pull`; the run keeps its parameters when the world model does not answer."""
         self.update_revision()
         try:
-            self.pull(node)
+            self.pull(run)
         except SkirosError as error:
-            log.debug("%s keeps its parameters: %s", node.printState(), error)
+            log.debug("%s keeps its parameters: %s", run.node.printState(), error)
 
-    def drop_removed(self, node: SkillWrapper) -> None:
-        """Drops the elements that a node, or a node below it, has removed.
+    def drop_removed(self, run: SkillRun) -> None:
+        """Drops the elements that a skill, or a skill below it, has removed.
 
         :raises WmException: the world model does not answer.
         """
-        revisions = self.revisions(node)
+        revisions = self.revisions(run)
         if revisions is None:
-            self._refresh_elements(node, None)
+            self._refresh_elements(run, None)
             return
-        for slot in node.element_slots:
+        for slot in run.element_slots:
             values = slot.param.current
             existing = [e for e in values if (revisions.element(e.id) is not None if e.id else not is_removed(e))]
             if len(existing) < len(values):
                 slot.drop([e for e in values if e not in existing])
 
-    def revisions(self, node: SkillWrapper) -> Revisions | None:
-        """The world model's revisions; if it has changed, the nodes that read the changed elements are marked.
+    def revisions(self, run: SkillRun) -> Revisions | None:
+        """The world model's revisions; if it has changed, the runs that read the changed elements are marked.
 
-        :param node: named when the call hangs.
+        :param run: named when the call hangs.
         :raises WmException: the world model does not answer.
         """
         if self.world_changed and self._wmi is not None:
-            revisions = self._guard.call(node, _REFRESH, self._wmi.revisions)
+            revisions = self.guard.call(run, _REFRESH, self._wmi.revisions)
             known, self._revisions = self._revisions, revisions
             if revisions is None or known is None or revisions.ontology is not known.ontology:
-                self._readers.mark_all()
+                self._dependencies.mark_all()
             else:
-                self._readers.mark_changed(revisions.element)
+                self._dependencies.mark_changed(revisions.element)
         self.world_changed = False
         return self._revisions
 
-    def _refresh_elements(self, node: SkillWrapper, revisions: Revisions | None) -> list[str]:
-        return self._guard.call(node, _REFRESH, refresh_elements, node.element_slots, self._wmi, revisions)
+    def _refresh_elements(self, run: SkillRun, revisions: Revisions | None) -> list[str]:
+        return self.guard.call(run, _REFRESH, refresh_elements, run.element_slots, self._wmi, revisions)
 
-    def _check_hold_conditions(self, node: SkillWrapper) -> Failure | None:
-        if not node.hold_conditions:
+    def check(self, stage: str, conditions: Sequence[ConditionBase], run: SkillRun) -> Failure | None:
+        """Checks hold- or post-conditions of a run; see `check_conditions`."""
+        if not conditions:
             return None
-        arguments = (HOLD, node.hold_conditions, node._params, self._wmi, node.evaluated)
-        return self._guard.call(node, "its conditions", check_conditions, *arguments)
+        arguments = (stage, conditions, run.params, self._wmi, run.evaluated)
+        return self.guard.call(run, "its conditions", check_conditions, *arguments)
 
     # -- write back and push -----------------------------------------------------------------------------------
 
-    def write_back(self, node: SkillWrapper, state: State, version: int) -> None:
+    def write_back(self, run: SkillRun, state: State, version: int) -> Failure | None:
+        """Same as `_write_back`. Returns the failure when the world model refuses or does not answer."""
+        try:
+            self.guard.call(run, "the writing of its elements", self._write_back, run, state, version)
+        except SkirosError as error:
+            return Failure(EXCEPTION, EXECUTE_RAISED, f"{run.label}: {error}")
+        return None
+
+    def _write_back(self, run: SkillRun, state: State, version: int) -> None:
         """Writes the elements that an `execute` has assigned to parameters, as one change, and drops removed ones.
 
-        The values of a running node are pushed to the blackboard.
+        The values of a skill that continues are pushed to the blackboard.
 
         :param version: of the world model before the `execute`.
         :raises SkirosError: the world model refuses, or does not answer.
         """
-        elements = assigned_elements(node.element_slots)
+        elements = assigned_elements(run.element_slots)
         if elements:
             try:
                 for element in elements:
@@ -304,32 +314,32 @@ class Parameters:
                         element.complete(present)
                 self._wmi.update_elements(elements)
             except SkirosError as error:
-                discard_changes(node.element_slots, self._wmi)
+                discard_changes(run.element_slots, self._wmi)
                 raise Refused(f"the world model refused what the skill changed: {error}") from error
         if state is State.Running:
-            self.push(node)
+            self.push(run)
         self.update_revision()
         if self.world_version != version:
-            self.drop_removed(node)
+            self.drop_removed(run)
 
-    def push(self, node: SkillWrapper, everything: bool = False, removes: bool = True) -> None:
-        """Pushes the parameters of a node to the blackboard; see `Blackboard.push`."""
-        keys = self.blackboard.push(node, node.slots, everything, removes)
+    def push(self, run: SkillRun, everything: bool = False, removes: bool = True) -> None:
+        """Pushes the parameters of a run to the blackboard; see `Blackboard.push`."""
+        keys = self.blackboard.push(run, everything, removes)
         if keys:
-            self._readers.mark_keys(keys)
-        node.lent = [slot.param for slot in node.slots if slot.param.shared_snapshot is not None]
-        if node.lent:
-            node.steady = False  # its lists may change in place
+            self._dependencies.mark_keys(keys)
+        run.exposed = [slot.param for slot in run.slots if slot.param.shared_snapshot is not None]
+        if run.exposed:
+            run.skips_refresh = False  # its lists may change in place
 
-    def log_unwritten(self, node: SkillWrapper) -> None:
+    def log_unwritten(self, run: SkillRun) -> None:
         """Logs elements that a skill has changed in place: such changes are not written."""
         if not log.isEnabledFor(logging.DEBUG):
             return
-        changed = [e for e in unwritten_elements(node.element_slots) if e not in self._logged]
+        changed = [e for e in unwritten_elements(run.element_slots) if e not in self._logged]
         if changed:
             self._logged.update(changed)
             log.debug(
                 "%s succeeded; changed in place and not written to the world model: %s. "
                 "To write it, assign the parameter or call update_element.",
-                node.printState(), ", ".join(map(repr, changed)),
+                run.node.printState(), ", ".join(map(repr, changed)),
             )  # fmt: skip

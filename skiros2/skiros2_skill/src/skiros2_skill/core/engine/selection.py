@@ -19,6 +19,7 @@ from skiros2_common.core.explanation import (
     SPECIFIED,
     START,
     UNSET,
+    Explanation,
 )
 from skiros2_common.core.limits import NO_LIMITS
 from skiros2_common.core.names import ANY_TYPE
@@ -26,79 +27,97 @@ from skiros2_common.core.params import Origin, ParamHandler, ParamTypes
 from skiros2_common.core.source_location import format_error
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import Revisions, WorldModelPort
-from skiros2_skill.core.engine.blackboard import (
-    Blackboard,
-    Slot,
-    format_values,
-    make_slots,
-    provenance_of,
-    unprovided_remap,
-)
+from skiros2_skill.core.engine.blackboard import Blackboard, make_slots, unprovided_remap
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
 from skiros2_skill.core.engine.elements import missing_text, read_again, refresh_elements
-from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, check_conditions
+from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, Failures, check_conditions
+from skiros2_skill.core.engine.hook_guard import HookGuard
 from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
 from skiros2_skill.core.engine.learned_parameters import learned_values
-from skiros2_skill.core.library.library import Implementation
-from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.core.engine.parameters import Parameters
+from skiros2_skill.core.engine.skill_run import Node, SkillRun
+from skiros2_skill.core.engine.slot import Slot, format_values, provenance_of
+from skiros2_skill.core.protocols import ImplementationPort
 
 log = logging.getLogger(__name__)
 
-#: Gives an implementation with its parameters to a node. Returns the failure; None on success.
-Take = Callable[[SkillWrapper, Implementation, ParamHandler, list[Slot], WorldModelPort], Failure | None]
+#: Gives an implementation with its parameters to a run. Returns the failure; None on success.
+Claim = Callable[[SkillRun, ImplementationPort, ParamHandler, list[Slot], WorldModelPort], Failure | None]
 
 
-def take(
-    node: SkillWrapper, implementation: Implementation, params: ParamHandler, slots: list[Slot], wmi: WorldModelPort
+def claim_instance(
+    run: SkillRun, implementation: ImplementationPort, params: ParamHandler, slots: list[Slot], wmi: WorldModelPort
 ) -> Failure | None:
-    """Assigns an instance of an implementation to a node and locks its devices.
+    """Gives an instance of an implementation to a run and locks its devices.
 
     :raises ConfigurationError: no instance can be created.
     """
-    _instantiate(node, implementation, params)
-    node.slots = slots
-    node.element_slots = [slot for slot in slots if slot.is_element]
-    refused = lock_devices(node, wmi) if node.options else None
+    run.claim(implementation, params, slots)
+    refused = lock_devices(run, wmi) if run.options else None
     if refused is not None:
-        free_devices(node, wmi)
-        node.release()
+        free_devices(run, wmi)
+        run.release()
     return refused
 
 
 def preview(
-    node: SkillWrapper, implementation: Implementation, params: ParamHandler, slots: list[Slot], wmi: WorldModelPort
+    run: SkillRun, implementation: ImplementationPort, params: ParamHandler, slots: list[Slot], wmi: WorldModelPort
 ) -> Failure | None:
-    """Notes an implementation and its parameters in a node that is not started."""
-    node.implementation, node.slots = implementation, slots
+    """Notes an implementation and its parameters in a run that does not start."""
+    run.implementation, run.slots = implementation, slots
     return None
 
 
-def select_implementation(
-    node: SkillWrapper,
-    candidates: Sequence[Implementation],
-    wmi: WorldModelPort,
-    revisions: Revisions | None,
-    blackboard: Blackboard,
-    take: Take = take,
-) -> Failure | None:
+def select(run: SkillRun, parameters: Parameters, wmi: WorldModelPort, claim: Claim = claim_instance) -> Failure | None:
     """Selects the first implementation whose parameters are found and whose pre-conditions are satisfied.
 
     Implementations that declare the classes of the given elements are tried first.
 
-    :param revisions: see `refresh_elements`.
-    :param take: called with the implementation; `preview` does not start it.
+    :param claim: called with the implementation; `preview` does not start it.
     :returns: None; when every implementation is rejected, the failure with the reasons.
     """
+    try:
+        candidates, revisions = run.node.candidates(), parameters.revisions(run)
+    except SkirosError as error:
+        return Failure(START, START_RAISED, str(error))
+    arguments = (run, candidates, wmi, revisions, parameters.blackboard, claim)
+    return parameters.guard.call(run, "the inference of its parameters", _select, *arguments)
+
+
+def preview_start(root: Node, run: SkillRun, wmi: WorldModelPort) -> Explanation | None:
+    """Selects an implementation for a run and finds its parameters without starting it.
+
+    :param root: of the tree, which is never ticked.
+    :returns: why it would not start; None if it would.
+    """
+    parameters, failures = Parameters(wmi, HookGuard(), lambda: None), Failures(wmi)
+    parameters.blackboard = Blackboard(root.own_blackboard)
+    parameters.update_revision()
+    failure = select(run, parameters, wmi, preview)
+    if failure is None:
+        return None
+    failures.record(run.node, failure)
+    return failures.explanations()[-1]
+
+
+def _select(
+    run: SkillRun,
+    candidates: Sequence[ImplementationPort],
+    wmi: WorldModelPort,
+    revisions: Revisions | None,
+    blackboard: Blackboard,
+    claim: Claim,
+) -> Failure | None:
     tried: list[Failure] = []
     if len(candidates) > 1:
-        candidates = sorted(candidates, key=lambda i: _class_mismatches(node, i, wmi, blackboard))
+        candidates = sorted(candidates, key=lambda i: _class_mismatches(run, i, wmi, blackboard))
     for implementation in candidates:
-        conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
+        conditions = [*implementation.declared.pre_conditions, *run.node.own_pre_conditions]
         slots: list[Slot] = []
         try:
-            params, slots = make_slots(node, implementation.declared.params)
-            _find_params(node, slots, params, conditions, wmi, revisions, blackboard, implementation.type)
-            failure = take(node, implementation, params, slots, wmi)
+            params, slots = make_slots(run, implementation.declared.params)
+            _find_params(run, slots, params, conditions, wmi, revisions, blackboard, implementation.type)
+            failure = claim(run, implementation, params, slots, wmi)
             if failure is None:
                 return None
         except Rejected as error:
@@ -128,7 +147,7 @@ class Rejected(SkirosError):
 
 
 def _find_params(
-    node: SkillWrapper,
+    run: SkillRun,
     slots: list[Slot],
     params: ParamHandler,
     conditions: list[ConditionBase],
@@ -145,9 +164,9 @@ def _find_params(
     :raises SkirosError: a parameter cannot be set, or a pre-condition is unsatisfied.
     """
     elements = [slot for slot in slots if slot.is_element]
-    if node.suggested_values:
-        _suggest(node, elements, wmi)
-    blackboard.pull(node, slots, is_start=True)
+    if run.node.suggested_values:
+        _suggest(run, elements, wmi)
+    blackboard.pull(run.node, slots, is_start=True)
     needed = [(slot, slot.param.current, _is_own(slot)) for slot in elements if _is_own(slot) or _is_needed(slot)]
     if refresh_elements(elements, wmi, revisions):
         for slot, values, is_own in needed:
@@ -161,14 +180,14 @@ def _find_params(
             slot.ignored, slot.candidate = slot.candidate, None
     unset = [s for s in elements if s.param.paramType is not ParamTypes.Optional and not s.param.is_bound()]
     if unset:
-        _infer(node, unset, params, conditions, wmi, blackboard)
+        _infer(run, unset, params, conditions, wmi, blackboard)
     for slot in elements:
         slot.bind(slot.origin)
     _take_learned(slots, stype, wmi)
     outside = out_of_limits(params)
     if outside:
         raise Rejected(PARAMETER, outside, Failure(PARAMETER, OutOfLimits.CODE, outside))
-    failure = check_conditions(PRE, conditions, params, wmi, node.evaluated)
+    failure = check_conditions(PRE, conditions, params, wmi, run.evaluated)
     if failure is not None:
         raise Rejected(PRE, failure.message, failure)
 
@@ -199,7 +218,7 @@ def out_of_limits(params: ParamHandler) -> str:
 
 
 def _infer(
-    node: SkillWrapper,
+    run: SkillRun,
     slots: list[Slot],
     params: ParamHandler,
     conditions: list[ConditionBase],
@@ -211,7 +230,7 @@ def _infer(
     :raises SkirosError: the inference fails.
     """
     for slot in slots:
-        why = unprovided_remap(node, slot, blackboard) if slot.param.paramTypeIs(ParamTypes.Required) else ""
+        why = unprovided_remap(run.node, slot, blackboard) if slot.param.paramTypeIs(ParamTypes.Required) else ""
         if why:
             raise Rejected(PARAMETER, why)
     first = {slot.param.key: slot.suggested or slot.candidate for slot in slots}
@@ -233,14 +252,14 @@ def _infer(
         if rejected:
             log.info(
                 "%s: %s is %r; the pre-conditions do not hold with %s",
-                node.printState(), slot.param.key, slot.param.current[0], format_values(rejected),
+                run.node.printState(), slot.param.key, slot.param.current[0], format_values(rejected),
             )  # fmt: skip
 
 
-def _suggest(node: SkillWrapper, slots: Sequence[Slot], wmi: WorldModelPort) -> None:
+def _suggest(run: SkillRun, slots: Sequence[Slot], wmi: WorldModelPort) -> None:
     """Finds the elements that a plan suggests for parameters without a value. An Optional parameter is set to them."""
     for slot in slots:
-        named = [e for e in node.suggested_values.get(node.name_above(slot.param.key), ()) if e.id]
+        named = [e for e in run.node.suggested_values.get(run.node.name_above(slot.param.key), ()) if e.id]
         if slot.param.is_bound() or not named:
             continue
         found = [(e, wmi.find_element(e.id)) for e in named]
@@ -248,7 +267,7 @@ def _suggest(node: SkillWrapper, slots: Sequence[Slot], wmi: WorldModelPort) -> 
         if missing:
             log.warning(
                 "%s: %s of the plan is %s, which is no longer in the scene",
-                node.printState(), slot.param.key, format_values(missing),
+                run.node.printState(), slot.param.key, format_values(missing),
             )  # fmt: skip
         slot.suggested = [present for _, present in found if present is not None]
         if slot.suggested and slot.param.paramTypeIs(ParamTypes.Optional):
@@ -269,7 +288,7 @@ def _is_needed(slot: Slot) -> bool:
 
 
 def _class_mismatches(
-    node: SkillWrapper, implementation: Implementation, wmi: WorldModelPort, blackboard: Blackboard
+    run: SkillRun, implementation: ImplementationPort, wmi: WorldModelPort, blackboard: Blackboard
 ) -> int:
     """The number of parameters whose given elements are not of the declared class. Such elements are accepted, but an
     implementation that declares their class is preferred."""
@@ -278,30 +297,11 @@ def _class_mismatches(
         wanted = param.default.type if param.is_element and param.default is not None else ""
         if wanted in ANY_TYPE or param.has_bound_default():
             continue
-        key_on_blackboard = node.blackboard_keys.get(key, key)
-        values = node.specified_values.get(node.name_above(key)) or blackboard.values(key_on_blackboard)
+        specified = run.node.specified_values.get(run.node.name_above(key))
+        values = specified or blackboard.values(run.keys.get(key, key))
         count += any(isinstance(v, Element) and v.id and not _is_of(v.type, wanted, wmi) for v in values)
     return count
 
 
 def _is_of(etype: str, wanted: str, wmi: WorldModelPort) -> bool:
     return etype == wanted or bool(wmi.is_subclass(etype, wanted))
-
-
-def _instantiate(node: SkillWrapper, implementation: Implementation, params: ParamHandler) -> None:
-    """Assigns an instance of the implementation with these parameters to the node.
-
-    :raises ConfigurationError: no instance can be created.
-    """
-    if node.hasInstance() and node.implementation is implementation:
-        node.instance.restore_declared(params)
-        node.adopt_description()
-        node.begin_run()
-        return
-    node.release()
-    instance = implementation.acquire()
-    instance.restore_declared(params)
-    node.implementation = implementation
-    node.setInstance(instance)
-    node.begin_run()
-    node.expanded = False

@@ -34,6 +34,9 @@ class Implementation:
         self._wmi = wmi
         self._library = library
         self.declared: Any = self._create()
+        self.is_compound = isinstance(self.declared, SkillBase)
+        #: Whether it is a compound with an `execute` of its own.
+        self.runs_after_children = self.is_compound and type(self.declared).execute is not SkillBase.execute
         self._free: list[Any] = []
         self._running = 0
         self._lock = threading.Lock()
@@ -45,10 +48,6 @@ class Implementation:
     @property
     def label(self) -> str:
         return str(self.declared.label)
-
-    @property
-    def is_compound(self) -> bool:
-        return isinstance(self.declared, SkillBase)
 
     @property
     def busy(self) -> bool:

@@ -87,8 +87,7 @@ class Trees:
         skill = described.instance(wmi)
         skill.library = _Libraries(wmi, self.descriptions)
         root = SkillWrapper(skill.type, skill.label, skill.library)
-        root.instance = skill
-        root.adopt_description()
+        root.setInstance(skill)
         result: list[str] = []
 
         def expand() -> None:

@@ -25,8 +25,8 @@ from skiros2_runs.core.values import (
     SignalBound,
     TaskBounds,
 )
-from skiros2_skill.core.engine.blackboard import format_values, provenance_of
 from skiros2_skill.core.engine.failures import name_in_scene
+from skiros2_skill.core.engine.slot import format_values, provenance_of
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
@@ -82,10 +82,10 @@ def inspect(task: Task, node_id: int, wmi: WorldModelPort) -> NodeStatus:
     status = NodeStatus(node_id, node._type, node._label, _params(node), time=time.time())
     if isinstance(node, SkillWrapper):
         # A copy, because the task continues meanwhile.
-        params = ParamHandler(node._params.getCopy())
+        params = ParamHandler(node.present_params.getCopy())
         has_ended = node.hasState(State.Success) or node.hasState(State.Failure)
         for stage, conditions in zip((PRE, HOLD, POST), node.present_conditions, strict=True):
-            evaluated = node.evaluated.get(stage)
+            evaluated = (node.run.evaluated if node.run is not None else {}).get(stage)
             if evaluated is not None:
                 status.conditions += [_with_elements(c, params) for c in evaluated]
             elif not has_ended and not task.ended.is_set():
@@ -112,9 +112,9 @@ def inspection_json(task: Task, node_id: int, wmi: WorldModelPort) -> str:
 
 
 def _params(node: SkillInterface) -> list[Provenance]:
-    if isinstance(node, SkillWrapper) and node.slots:
-        return provenance_of(node.slots, node.present_conditions[0])
-    params = list(node._params.getParamMap().items())
+    if node.run is not None and node.run.slots:
+        return provenance_of(node.run.slots, node.run.pre_conditions)
+    params = list(node.present_params.getParamMap().items())
     return [Provenance(key, format_values(p.current) if p.is_bound() else "", "") for key, p in params]
 
 

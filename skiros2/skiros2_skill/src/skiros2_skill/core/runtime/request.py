@@ -25,11 +25,13 @@ from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Origin, Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_skill.core.engine.blackboard import format_values, is_same
+from skiros2_skill.core.engine.blackboard import is_same
 from skiros2_skill.core.engine.elements import removal_of
-from skiros2_skill.core.engine.executor import Executor, preview_start
 from skiros2_skill.core.engine.failures import with_labels
 from skiros2_skill.core.engine.learned_parameters import learned_values
+from skiros2_skill.core.engine.selection import preview_start
+from skiros2_skill.core.engine.skill_run import SkillRun
+from skiros2_skill.core.engine.slot import Slot, format_values
 from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
 from skiros2_skill.core.runtime.scheduler import Scheduler
@@ -405,22 +407,23 @@ class TaskStarter:
             return StartPreview(refusal=refusal or _explanation(requests, str(error)))
         root, first = Root("preview", self._wmi), nodes[0]
         _fill(root, self._robot(), nodes)
-        refusal = preview_start(Executor(self._wmi), root, first)
+        run = SkillRun(first)
+        refusal = preview_start(root, run, self._wmi)
         if refusal is not None:
             return StartPreview(refusal=refusal)
         found = {
             slot.key: Element(slot.param.value.type, slot.param.value.label, slot.param.value.id)
-            for slot in first.slots
+            for slot in run.slots
             if slot.is_element and slot.param.is_bound()
             if slot.origin is not Origin.GIVEN or slot.shared is not None
         }
-        return StartPreview(first.implementation.label, found, _values(first))
+        return StartPreview(run.implementation.label, found, _values(run.slots))
 
 
-def _values(node: SkillWrapper) -> dict[str, list[Any]]:
-    """Returns the values of a node's parameters as JSON data, elements by their ids; those without a JSON form are left
+def _values(slots: Sequence[Slot]) -> dict[str, list[Any]]:
+    """Returns the values of parameters as JSON data, elements by their ids; those without a JSON form are left
     out."""
-    bound = {slot.key: slot for slot in node.slots if slot.param.is_bound()}
+    bound = {slot.key: slot for slot in slots if slot.param.is_bound()}
     elements = {key: [e.id for e in slot.param.values] for key, slot in bound.items() if slot.is_element}
     others = {key: slot.param for key, slot in bound.items() if not slot.is_element}
     return {**elements, **{data["key"]: data["values"] for data in map(json.loads, param_texts(others))}}

@@ -19,10 +19,11 @@ from skiros2_common.core.world_model_port import WorldModelPort, changed_ids
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
-from skiros2_skill.core.engine.executor import Executor, Halt, abandon_ending_nodes, end_hung_node, preempt_all
+from skiros2_skill.core.engine.executor import Executor, StartsBlocked
 from skiros2_skill.core.engine.failures import Failure
-from skiros2_skill.core.engine.preemption import PreemptHandlers
-from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
+from skiros2_skill.core.engine.hook_guard import HookAbandoned, HungHook
+from skiros2_skill.core.engine.skill_run import SkillRun
+from skiros2_skill.core.runtime.preemption import PreemptHandlers
 from skiros2_skill.core.tree.node import Root, Skill, SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -93,7 +94,7 @@ class Task:
         self._handlers = PreemptHandlers(self._executor, self.root, wmi)
         self._reason, self._stage, self._preempted_by = "Preempted", PREEMPT, ""
         self._abandons_ending = False
-        self._hung: HungHook | None = None
+        self._hung: HungHook[SkillRun] | None = None
         self._node_ids = _NodeIds()
         #: Counts the changes of states and progress that `update_revision` has seen.
         self.revision = 0
@@ -136,7 +137,7 @@ class Task:
                     self._reason, self._stage = stop, STOP
                 self._preempted_by = by
                 self.preempted_at = time.monotonic()
-                self._executor.halt_requested = True
+                self._executor.blocks_starts = True
             if stop:
                 self._handlers.forbid(stop)
             self._handlers.on_stop(shuts_down)
@@ -191,15 +192,8 @@ class Task:
         period.
         """
         changed = changed_ids(change)
-        pending: list[SkillInterface] = [self.root]
-        while pending:
-            node = pending.pop()
-            if node.state is not State.Running and node is not self.root:
-                continue
-            pending += node.children
-            if any(c.affected_by(changed, node._params) for c in node.hold_conditions):
-                return True
-        return False
+        runs = self._executor.runs.copy().values()  # in one step, while another thread may change it
+        return any(condition.affected_by(changed, run.params) for run in runs for condition in run.hold_conditions)
 
     @property
     def current_hook(self) -> str:
@@ -265,7 +259,7 @@ class Task:
         try:
             try:
                 return self._tick()
-            except Halt:
+            except StartsBlocked:
                 return self._stop(self._stage, self._reason)
         except BreakpointReached as reached:
             self.pause(str(reached))
@@ -281,11 +275,11 @@ class Task:
             hung, self._hung = self._hung, None
             self._handlers.begin()
             self._reason += f"; {hung.reason}"
-            end_hung_node(self._executor, hung)
+            self._executor.end_hung(hung)
             self._stopping = False
         if self._abandons_ending:
             self._abandons_ending = False
-            abandon_ending_nodes(self._executor)
+            self._executor.abandon_ending()
         if self.preempted_at is not None and not self._stopping:
             return self._stop(self._stage, self._reason)
         return self._handlers.tick(self._executor.tick(self.root))
@@ -295,10 +289,10 @@ class Task:
         self._handlers.begin(reason if stage != PREEMPT else "")
         self._executor.failures.record(self.root, self._ended_by(stage, reason))
         self._reason, self._stopping = reason, True
-        self._executor.halt_requested = False
+        self._executor.blocks_starts = False
         if self.preempted_at is None:
             self.preempted_at = time.monotonic()
-        preempt_all(self._executor, self.root)
+        self._executor.preempt_all(self.root)
         self.root._setState(State.Failure)
         return self._handlers.tick(self._executor.tick(self.root))
 
@@ -309,10 +303,10 @@ class Task:
     def _close(self, state: State) -> None:
         self._executor.failures.settle()
         for node in self.nodes():
-            if isinstance(node, SkillWrapper):
-                if node.locked:  # the tick has raised after locking, before the start
-                    free_devices(node, self._wmi)
-                node.release()
+            if node.run is not None:
+                if node.run.locks:  # the tick has raised after locking, before the start
+                    free_devices(node.run, self._wmi)
+                node.run.release()
         code = ENDED_SUCCESS if state is State.Success else ENDED_FAILURE
         self.root._setProgress(self._final_message(state), code)
         self._executor.changed = True
@@ -328,7 +322,7 @@ class Task:
         if cause is None:
             return "Failure"
         node, failure = cause
-        return f"{node._type}-{node._label}({node.state.name}): {failure.message}"
+        return f"{node.type}-{node.label}({node.state.name}): {failure.message}"
 
     def explanations(self) -> list[Explanation]:
         """Why nodes failed: each kind of failure of a node once, ordered by its last occurrence.
@@ -374,7 +368,7 @@ def _progress_of(node: SkillInterface, reason: str) -> NodeProgress:
         progress_period=node.progress_period,
         progress_time=node.progress_time,
         progress_message=node.progress_msg or reason,
-        params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
+        params=node.present_params.getParamMap(),
     )
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillCore, SkillDescription, State
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import Refused, WrongValue
-from skiros2_common.core.params import ParamHandler, ParamTypes
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_skill.core.engine.executor import Executor
+from skiros2_skill.core.engine.skill_run import Node, SkillRun, Visitor
 from skiros2_skill.core.processors import Processor, Sequential
-from skiros2_skill.core.protocols import Library, Visitor
+from skiros2_skill.core.protocols import Library
 
 log = logging.getLogger(__name__)
 
@@ -25,8 +27,6 @@ class NodeParams(SkillCore):
     def __init__(self) -> None:
         super().__init__()
         self.remaps: dict[str, str] = {}
-        #: The keys on the blackboard by own key, where they differ: the composed remaps from the root.
-        self.blackboard_keys: Mapping[str, str] = {}
         self.specified_values: dict[str, list[Any]] = {}
         self.suggested_values: dict[str, list[Any]] = {}
 
@@ -103,20 +103,19 @@ class SkillInterface(NodeParams):
     :param children_processor: how the children are ticked; the node uses a copy.
     """
 
-    #: Makes the executor of a node that is ticked without a task, from a world model. Set by the engine.
-    executor_class: Any = None
+    #: The present or last run of a skill; None before the first start, and for a group.
+    run: SkillRun | None = None
+    _executor: Executor | None = None  # of a node that is ticked without a task
 
     def __init__(self, children_processor: Processor = Sequential()) -> None:  # noqa: B008 - the contract's default
         super().__init__()
         self._parent: SkillInterface | None = None
         self.child_index = 0
         self._processor = children_processor.fresh()
-        self.instance: Any = None
         self.library: Library | None = None
         #: The pre-conditions added to the node, without those of the implementation.
         self.own_pre_conditions: list[ConditionBase] = []
         self._latched: SkillInterface | None = None
-        self.input_values: dict[str, list[Any]] = {}
 
     # -- position in the tree ----------------------------------------------------------------------------------
 
@@ -184,7 +183,7 @@ class SkillInterface(NodeParams):
     def hasChildren(self) -> bool:
         return bool(self._children)
 
-    def inSubtreeOf(self, skill: SkillInterface) -> bool:
+    def inSubtreeOf(self, skill: Node) -> bool:
         """Whether `skill` is this node or one of its ancestors."""
         node: SkillInterface | None = self
         while node is not None:
@@ -223,14 +222,34 @@ class SkillInterface(NodeParams):
 
     def processChildren(self, visitor: Visitor) -> State:
         """One tick of the children."""
-        state: State = self._processor.processChildren(self._children, visitor)
-        return state
+        return self._processor.processChildren(self._children, visitor)
+
+    # -- what it is for those who look at it -------------------------------------------------------------------
+
+    @property
+    def display_name(self) -> str:
+        """The label; without one, the symbol of the processor."""
+        return self._label or self._processor.printType()
+
+    def declared_params(self) -> dict[str, Param]:
+        """The parameters that the node declares, by its own keys; a group declares none."""
+        return {}
+
+    @property
+    def own_blackboard(self) -> ParamHandler:
+        """Stores the blackboard of the task when the node is its root."""
+        return self._params
+
+    @property
+    def present_params(self) -> ParamHandler:
+        """The parameters that the node has so far: of a skill before its start, perhaps none."""
+        return self._params
 
     # -- description and parameters ---------------------------------------------------------------------------
 
     def revertInput(self) -> None:
         """Restores the parameters to their values at the start of the skill."""
-        for key, values in self.input_values.items():
+        for key, values in self.run.input_values.items() if self.run is not None else ():
             if self._params.hasParam(key):
                 self._params.getParamMap()[key].assign(list(values))
 
@@ -308,10 +327,8 @@ class SkillInterface(NodeParams):
 
         :param visitor: the executor.
         """
-        state: State
         if self._state is not _RUNNING:
-            state = visitor.execute(self)
-            return state
+            return visitor.execute(self)
         state = self._processor.processChildren(self._children, visitor)
         if state is not _RUNNING:
             visitor.set_state(self, state)
@@ -322,15 +339,13 @@ class SkillInterface(NodeParams):
 
         :param visitor: the executor.
         """
-        state: State = visitor.preempt(self)
-        return state
+        return visitor.preempt(self)
 
     def tick(self) -> State:
         """Ticks the node once without a task, with an executor of its own."""
-        if "_executor" not in self.__dict__:
-            self._executor = type(self).executor_class(self._wmi)
-        state: State = self._executor.tick(self)
-        return state
+        if self._executor is None:
+            self._executor = Executor(self._wmi)
+        return self._executor.tick(self)
 
     def start(self, params: ParamHandler | None = None) -> State:
         """Specifies parameters and resets the node. Returns the state."""

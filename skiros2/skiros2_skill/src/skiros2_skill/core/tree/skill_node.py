@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.condition import ConditionBase
@@ -12,10 +12,10 @@ from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.source_location import SourceLocation
-from skiros2_runs.core.values import ConditionStatus
+from skiros2_skill.core.engine.hook_guard import HookAbandoned
+from skiros2_skill.core.engine.skill_run import SkillRun, Visitor
 from skiros2_skill.core.processors import Processor, Sequential
-from skiros2_skill.core.protocols import ImplementationPort, Library, Visitor
-from skiros2_skill.core.tree.hook_guard import HookAbandoned
+from skiros2_skill.core.protocols import ImplementationPort, Library
 from skiros2_skill.core.tree.node import SkillInterface
 
 #: Maximum depth of skills in a tree. Each level takes some stack frames.
@@ -24,16 +24,50 @@ MAX_DEPTH = 5000
 _RUNNING: State = State.Running
 
 
+_T = TypeVar("_T")
+
+
+class _OfRun(Generic[_T]):
+    """An attribute of the present or last run; before the first start, the node's own."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._own, self._name = name, name.lstrip("_")
+
+    def __get__(self, node: DescribedNode, owner: type) -> _T:
+        value: _T = node.__dict__[self._own] if node.run is None else getattr(node.run, self._name)
+        return value
+
+    def __set__(self, node: DescribedNode, value: _T) -> None:
+        if node.run is None:
+            node.__dict__[self._own] = value
+        else:
+            setattr(node.run, self._name, value)
+
+
 class DescribedNode(SkillInterface):
-    """A node for a skill of the library. Before its start it has the description of the first implementation."""
+    """A node for a skill of the library. Before its start it has the description of the first implementation, from then
+    on that of its run."""
+
+    _label = _OfRun[str]()
+    _state = _OfRun[State]()
+    _params = _OfRun[ParamHandler]()
+    _options = _OfRun[dict[str, list[Any]]]()
+    _pre_conditions = _OfRun[list[ConditionBase]]()
+    _hold_conditions = _OfRun[list[ConditionBase]]()
+    _post_conditions = _OfRun[list[ConditionBase]]()
 
     def __init__(self, children_processor: Processor) -> None:
         super().__init__(children_processor)
         self._is_described = False
         self.asked_label = ""
         self._depth = 0  # the number of skills from the root to this node; set when it starts
-        self._own_hold_conditions: list[ConditionBase] = []
-        self._own_post_conditions: list[ConditionBase] = []
+        self.own_hold_conditions: list[ConditionBase] = []
+        self.own_post_conditions: list[ConditionBase] = []
+
+    @property
+    def instance(self) -> Any:
+        """The instance of the implementation; None before selection, and after the end of a primitive."""
+        return self.run.instance if self.run is not None else None
 
     @property
     def depth(self) -> int:
@@ -62,8 +96,13 @@ class DescribedNode(SkillInterface):
             return self._params
         return ParamHandler({self.own_name(key): param.clone() for key, param in self.params.items()})
 
+    @property
+    def is_described(self) -> bool:
+        """Whether it has the description of an implementation."""
+        return self._is_described or (self.run is not None and self.run.is_described)
+
     def _describe(self) -> None:
-        if self.instance is not None or self._is_described or self.library is None:
+        if self.is_described or self.library is None:
             return
         self._is_described = True
         declared = self.candidates()[0].declared
@@ -105,12 +144,12 @@ class DescribedNode(SkillInterface):
 
     def remap(self, initial_key: str, target_key: str, record: bool = True) -> None:
         super().remap(initial_key, target_key, record)
-        if self.instance is None and self._is_described:
+        if self.instance is None and self.is_described:
             self._params.remap(initial_key, target_key)
 
     def specifyParamDefault(self, key: str, values: Any) -> None:
         super().specifyParamDefault(key, values)
-        if self.instance is None and self._is_described:
+        if self.instance is None and self.is_described:
             self._params.specifyDefault(key, self.specified_values[key])
 
     def addPreCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
@@ -120,12 +159,12 @@ class DescribedNode(SkillInterface):
 
     def addHoldCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a hold-condition to the node, with the keys as named in the parent."""
-        self._own_hold_conditions.append(self._own_condition(condition))
+        self.own_hold_conditions.append(self._own_condition(condition))
         self._hold_conditions.append(condition)
 
     def addPostCondition(self, condition: ConditionBase, modify_description: bool = False) -> None:
         """Adds a post-condition to the node, with the keys as named in the parent."""
-        self._own_post_conditions.append(self._own_condition(condition))
+        self.own_post_conditions.append(self._own_condition(condition))
         self._post_conditions.append(condition)
 
     def _own_condition(self, condition: ConditionBase) -> ConditionBase:
@@ -178,26 +217,6 @@ class SkillWrapper(DescribedNode):
         self.library = instanciator
         #: Of the `self.skill(...)` that created it; None: not known.
         self.source_location: SourceLocation | None = None
-        # State of the skill run, set by the executor.
-        self.implementation: ImplementationPort  # of the instance; unset before the first selection
-        self.expanded = False
-        self.slots: list[Any] = []
-        self.element_slots: list[Any] = []
-        self.stale = True  # the parameters have to be refreshed before the next `execute`
-        self.steady = False  # of a running primitive: nothing has to be done before its next `execute`
-        self.reads: tuple[tuple[str, ...], tuple[str, ...]] | None = None  # ids and blackboard keys; see `Readers`
-        self.lent: list[Param] = []  # parameters whose list of values the skill's code has got
-        self.watches: list[Callable[[], None]] = []  # end what hold-conditions watch outside the world model
-        self.has_started = False
-        self.volatile = False
-        self.is_compound = False
-        self.runs_after_children = False
-        self.locked: list[str] = []
-        self.failure_progress: tuple[str, int] | None = None  # message, code; set while it is `ending`
-        self._in_run = False
-        self.abandoned = False  # the instance must not be used again
-        #: The last evaluation of its conditions in this run, by stage.
-        self.evaluated: dict[str, list[ConditionStatus]] = {}
         if instanciator is not None and instanciator.wmi is not None:
             self._wmi = instanciator.wmi
         self._setState(State.Idle)
@@ -207,11 +226,24 @@ class SkillWrapper(DescribedNode):
         """The label of the selected implementation; before selection, the requested one."""
         return self._label
 
+    @property
+    def display_name(self) -> str:
+        """The label; without one, the type."""
+        return self._label or self._type.partition(":")[2]
+
     def getLightCopy(self) -> SkillWrapper:
         copy = SkillWrapper(self._type, self.asked_label, self.library)
         self._copy_to(copy)
         copy._label = self.asked_label
         return copy
+
+    @property
+    def own_blackboard(self) -> ParamHandler:
+        return ParamHandler()
+
+    def getInstance(self) -> Any:
+        """Same as `instance`."""
+        return self.instance
 
     def hasInstance(self) -> bool:
         """Whether an implementation is selected."""
@@ -219,65 +251,14 @@ class SkillWrapper(DescribedNode):
 
     def setInstance(self, instance: Any) -> None:
         """Selects an implementation: its label, parameters and conditions become the node's."""
-        self.instance = instance
-        self._is_described = True
-        self.abandoned = False
-        self._label = instance.label
-        self._description = instance
-        self._processor = Sequential()
-        self.adopt_description()
+        run = SkillRun(self)
+        run.instance, run.label = instance, instance.label
+        run.describe()
+        self.show(run)
 
-    def adopt_description(self) -> None:
-        """Copies the parameters and conditions of the implementation, which may have changed them in `onStart`."""
-        instance = self.instance
-        self._params: ParamHandler = instance._params
-        self._options = instance._options
-        self._pre_conditions = [*instance._pre_conditions, *self.own_pre_conditions]
-        self._hold_conditions = [*instance._hold_conditions, *self._own_hold_conditions]
-        self._post_conditions = [*instance._post_conditions, *self._own_post_conditions]
-
-    def getInstance(self) -> Any:
-        """The instance of the implementation; None before selection."""
-        return self.instance
-
-    def copy_progress(self) -> bool:
-        """Copies the progress of the implementation. Returns whether it has changed."""
-        instance = self.instance
-        if instance is None or instance.progressed_at <= self.progressed_at:
-            return False
-        self._progress_code = instance._progress_code
-        self._progress_msg = instance._progress_msg
-        self._progress_period = instance._progress_period
-        self.progressed_at = instance.progressed_at
-        return True
-
-    def release(self) -> None:
-        """Returns the instance to the library for reuse; the node keeps its parameters and progress."""
-        instance = self.instance
-        if instance is None:
-            return
-        self.end_run()
-        if not (self.abandoned or instance.works_in_background):
-            self.implementation.release(instance)
-        self.instance = None
-
-    def abandon(self) -> None:
-        """Abandons the instance, one of whose hooks has not returned: it is never used again."""
-        self.abandoned = True
-        self.release()
-
-    def begin_run(self) -> None:
-        """Counts the implementation as busy."""
-        if not self._in_run:
-            self._in_run = True
-            self.implementation.count(1)
-
-    def end_run(self) -> None:
-        """Counts the implementation as free, for the selection of other nodes."""
-        if self._in_run:
-            self._in_run = False
-            self.implementation.count(-1)
-            self.instance._params = EndedParams(self._params)
+    def show(self, run: SkillRun) -> None:
+        """Makes a run the present one: its state, progress, parameters and conditions are the node's."""
+        self.run = run
 
     def wrapper_expand(self) -> None:
         """Replaces the children by the subtree that the implementation expands."""
@@ -285,6 +266,7 @@ class SkillWrapper(DescribedNode):
             child._parent = None
         self._children = []
         self._latched = None
+        self._processor = Sequential()
         instance = self.instance
         instance.expands_into = self
         instance.expand(self)
@@ -296,13 +278,11 @@ class SkillWrapper(DescribedNode):
 
         :param visitor: the executor.
         """
-        state: State
-        parameters, instance = visitor.parameters, self.instance
-        if not self.steady or parameters.world_changed:
-            state = visitor.execute_skill(self)
-            return state
-        calls = visitor.guard.calls
-        calls.append(self)
+        run, parameters = self.run, visitor.parameters
+        if run is None or not run.skips_refresh or parameters.world_changed:
+            return visitor.execute_skill(self)
+        instance, calls = run.instance, visitor.guard.calls
+        calls.append(run)
         try:
             try:
                 answer: object = instance.execute()
@@ -314,40 +294,48 @@ class SkillWrapper(DescribedNode):
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
-            state = visitor.finish_execute(self, None, error)
-            return state
+            return visitor.finish_execute(run, None, error)
         if answer is not _RUNNING or local_revision.current != parameters.local_revision:
-            state = visitor.finish_execute(self, answer)
-            return state
-        if instance.progressed_at > self.progressed_at:
+            return visitor.finish_execute(run, answer)
+        if instance.progressed_at > run.progressed_at:
+            run.progressed_at = instance.progressed_at
             visitor.changed = True
         return _RUNNING
 
+    # -- state and progress of the run -------------------------------------------------------------------------
+
+    @property
+    def state(self) -> State:
+        return self._state if self.run is None else self.run.state
+
     def _setState(self, state: State) -> None:
-        self.steady = False
+        if self.run is not None:
+            self.run.skips_refresh = False
         super()._setState(state)
 
-    # The progress of a running node is that of its implementation.
+    def reset(self) -> State:
+        """Resets the node to Idle. Returns the state."""
+        if self.run is not None:
+            self.run.report("", 0)
+        return super().reset()
 
     @property
     def progress_code(self) -> int:
-        self.copy_progress()
-        return self._progress_code
+        return self.run.progress.code if self.run is not None else super().progress_code
 
     @property
     def progress_msg(self) -> str:
-        self.copy_progress()
-        return self._progress_msg
+        return self.run.progress.message if self.run is not None else super().progress_msg
 
     @property
     def progress_period(self) -> float:
-        self.copy_progress()
-        return self._progress_period
+        return self.run.progress.period if self.run is not None else super().progress_period
 
     @property
     def progress_time(self) -> float:
-        self.copy_progress()
-        return super().progress_time
+        return self.run.progress.time if self.run is not None else super().progress_time
+
+    # -- hooks of the instance ---------------------------------------------------------------------------------
 
     def onReset(self) -> None:
         if self.instance is not None:
@@ -361,19 +349,3 @@ class SkillWrapper(DescribedNode):
 
     def execute(self) -> State | None:
         return self.instance.execute() if self.instance is not None else State.Failure
-
-
-class EndedParams(ParamHandler):
-    """The parameters of a skill after its end, for threads of the skill that still run: copies, made on first access,
-    so that changes do not reach the task.
-    """
-
-    def __init__(self, params: ParamHandler) -> None:
-        self._ended = params
-        self._is_strict = True
-
-    def __getattr__(self, name: str) -> Any:
-        if name != "_params":
-            raise AttributeError(name)
-        self._params = self._ended.getCopy()
-        return self._params

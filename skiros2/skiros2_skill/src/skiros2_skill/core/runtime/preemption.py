@@ -19,10 +19,11 @@ from skiros2_common.core.source_location import format_error_line
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.elements import refresh_elements
-from skiros2_skill.core.engine.executor import Executor, preempt_all
+from skiros2_skill.core.engine.executor import Executor
 from skiros2_skill.core.engine.failures import Failure
+from skiros2_skill.core.engine.hook_guard import HookAbandoned
 from skiros2_skill.core.engine.hooks import PREEMPTED
-from skiros2_skill.core.tree.hook_guard import HookAbandoned
+from skiros2_skill.core.engine.skill_run import SkillRun
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -51,8 +52,8 @@ class PreemptHandlers:
 
     def __init__(self, executor: Executor, root: SkillInterface, wmi: WorldModelPort) -> None:
         self._executor, self._root, self._wmi = executor, root, wmi
-        self._collected: list[tuple[SkillWrapper, PreemptHandler]] | None = None  # None: nodes are not preempted yet
-        self._pending: deque[tuple[SkillWrapper, PreemptHandler]] = deque()
+        self._collected: list[tuple[SkillRun, PreemptHandler]] | None = None  # None: nodes are not preempted yet
+        self._pending: deque[tuple[SkillRun, PreemptHandler]] = deque()
         self._running: _Running | None = None
         self._abandoned = ""
         #: When the handlers have to begin to end (s, monotonic): the deadline of the running one; 0: none has run.
@@ -86,12 +87,12 @@ class PreemptHandlers:
             self._collected = []
             self._executor.on_preempting = self._collect
 
-    def _collect(self, node: SkillWrapper) -> None:
-        if self._collected is None or node.instance is None or not node.has_started:
+    def _collect(self, run: SkillRun) -> None:
+        if self._collected is None or run.instance is None or not run.has_started:
             return
-        handler = node.instance.on_preempt
-        if handler is not None and all(known is not node for known, _ in self._collected):
-            self._collected.append((node, handler))
+        handler = run.instance.on_preempt
+        if handler is not None and all(known is not run for known, _ in self._collected):
+            self._collected.append((run, handler))
 
     def tick(self, state: State) -> State:
         """Ticks the running handler, and starts the next one when no node is ending.
@@ -103,26 +104,26 @@ class PreemptHandlers:
         if self._collected is None or (state is State.Running and self._running is None):
             return state
         if self._collected:
-            self._pending = deque(sorted(self._collected, key=lambda pair: -pair[0].depth))  # innermost first
+            self._pending = deque(sorted(self._collected, key=lambda pair: -pair[0].node.depth))  # innermost first
             self._collected = []
             executor.breakpoints.ignore_all()
-        executor.on_preempting = lambda node: None
+        executor.on_preempting = lambda run: None
         if self._running is not None:
             self._tick_running(self._running)
         while self._running is None and not executor.ending and self._pending:
             self._start(*self._pending.popleft())
         return State.Running if self._running is not None or executor.ending else state
 
-    def _start(self, node: SkillWrapper, handler: PreemptHandler) -> None:
-        name = f"on_preempt of {node.type}-{node.label} ({handler})"
+    def _start(self, run: SkillRun, handler: PreemptHandler) -> None:
+        name = f"on_preempt of {run.name} ({handler})"
         if self._abandoned:
             self._report(f"{name} was not run: {self._abandoned}")
             return
         try:
-            if not self._executor.guard.call(node, "the condition of its on_preempt", self._applies, node, handler):
+            if not self._executor.guard.call(run, "the condition of its on_preempt", self._applies, run, handler):
                 log.info("%s: %s is not needed", self._root.label, name)
                 return
-            child = _bound_node(node, handler)
+            child = _bound_node(run, handler)
         except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
@@ -137,15 +138,15 @@ class PreemptHandlers:
         self._running = _Running(name, child, handler, self.deadline)
         self._tick_running(self._running)
 
-    def _applies(self, node: SkillWrapper, handler: PreemptHandler) -> bool:
-        """Whether the condition of a handler holds for the present elements of its node."""
-        refresh_elements(node.element_slots, self._wmi, None)
-        return handler.condition is None or bool(handler.condition.evaluate(node._params, self._wmi))
+    def _applies(self, run: SkillRun, handler: PreemptHandler) -> bool:
+        """Whether the condition of a handler holds for the present elements of its run."""
+        refresh_elements(run.element_slots, self._wmi, None)
+        return handler.condition is None or bool(handler.condition.evaluate(run.params, self._wmi))
 
     def _tick_running(self, running: _Running) -> None:
         node = running.node
         if self._abandoned or time.monotonic() >= running.deadline:
-            preempt_all(self._executor, node)
+            self._executor.preempt_all(node)
             late = f"has not ended within {running.handler.seconds:g} s"
             self._end(f"{running.name} {f'was abandoned: {self._abandoned}' if self._abandoned else late}")
             return
@@ -165,13 +166,13 @@ class PreemptHandlers:
         log.warning("%s: %s", self._root.label, problem)
 
 
-def _bound_node(node: SkillWrapper, handler: PreemptHandler) -> SkillWrapper:
-    """A node for a handler with the values of a preempted node, as far as this has any.
+def _bound_node(run: SkillRun, handler: PreemptHandler) -> SkillWrapper:
+    """A node for a handler with the values of a preempted run, as far as this has any.
 
     :raises UnknownName: no library has the skill.
     """
-    child = SkillWrapper(handler.skill, handler.label, node.library)
-    own = node._params.getParamMap()
+    child = SkillWrapper(handler.skill, handler.label, run.node.library)
+    own = run.params.getParamMap()
     for key, param in child.declared_params().items():
         source = own.get(handler.source_of(key, param))
         values = [v for v in source.current if not (isinstance(v, Element) and v.isAbstract())] if source else []

@@ -229,7 +229,7 @@ def variations(short: bool) -> list[Row]:
                 ("of the nearest goal", near.result(near.ranked()[0]).configuration),
             ):
                 rates[name].append(evaluate(plan, chosen, seed_of(plan, 0)).success_rate)
-    row = {"learned goals": len(studies), "evaluations of each": scenario.evaluations, "unseen goals": 4}
+    row = {"learned goals": len(studies), "evaluations of each": scenario.budget.evaluations, "unseen goals": 4}
     return [
         shown({**row, "parameters": name, "success": statistics.fmean(found), "worst": min(found)})
         for name, found in rates.items()

@@ -29,7 +29,7 @@ def scenario(best: float = 0.3, text: str = TEXT, seed: int = 5) -> Scenario:
 def run(plan: Scenario, folder: Path) -> list[float]:
     """Returns the costs in the order of the evaluations."""
     study = LearningStudy.create(plan, folder)
-    while study.counted < plan.evaluations:
+    while study.counted < plan.budget.evaluations:
         number, configuration, seed = study.ask()
         study.tell(number, evaluate(plan, configuration, seed))
     results = study.results()

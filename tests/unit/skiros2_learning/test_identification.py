@@ -15,7 +15,7 @@ from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_learning.core.evaluation import evaluate
 from skiros2_learning.core.hypermapper import import_hypermapper
-from skiros2_learning.core.scenario import load_scenario, parse_scenario
+from skiros2_learning.core.scenario import Budget, load_scenario, parse_scenario
 from skiros2_learning.core.variables import Gaussian
 from skiros2_learning.local.episode import check_scenario
 from skiros2_learning.local.identification import identify, identify_goal, variable_of
@@ -115,7 +115,7 @@ def test_hypermapper_scenarios_are_imported(tmp_path: Path) -> None:
     found = parse_scenario(yaml.safe_dump(data, sort_keys=False), tmp_path)
     assert [variable.kind for variable in found.variables] == ["real", "integer", "ordinal", "categorical"]
     assert found.variables[0].prior == Gaussian(-5.0, 2.5)
-    assert (found.evaluations, found.initial) == (400, 60)
+    assert found.budget == Budget(400, 60)
     assert [objective.name for objective in found.objectives] == ["insertion", "force"]
 
 

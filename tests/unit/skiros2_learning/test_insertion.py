@@ -69,7 +69,7 @@ def test_all_that_does_not_fit_is_reported(insertion: Scenario) -> None:
     wrong = dataclasses.replace(
         insertion,
         task=(Step("SpiralSearch", "SpiralSearch", "spiral_search", {"SearchTim": 5.0}),),
-        variables=(Variable("SpiralSearch.Force", "real", 0.0, 50.0), Variable("Search.Radius", "real", 0.0, 0.01)),
+        variables=(Variable("SpiralSearch.Force", "real", (0.0, 50.0)), Variable("Search.Radius", "real", (0.0, 0.01))),
         success=(Criterion("deep", Signal("dept"), 0.05), Criterion("near", Distance("Piston", "Bore 2"), 0.0, 0.1)),
         randomisation=Randomisation({"Piston": BodySpread(0.1)}),
     )

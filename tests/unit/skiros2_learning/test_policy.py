@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(study: LearningStudy) -> None:
     """Uses up the budget in this process."""
-    while study.counted < study.scenario.evaluations:
+    while study.counted < study.scenario.budget.evaluations:
         number, configuration, seed = study.ask()
         study.tell(number, evaluate(study.scenario, configuration, seed))
 

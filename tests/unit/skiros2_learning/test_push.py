@@ -53,7 +53,7 @@ def test_the_scenario_fits_scene_and_skills(push: Scenario) -> None:
 
 
 def test_all_names_and_ranges_that_do_not_fit_are_reported(push: Scenario) -> None:
-    variables = (Variable("Push.StartX", "real", -0.5, 0.5), Variable("Push.StartZ", "real", 0.0, 1.0))
+    variables = (Variable("Push.StartX", "real", (-0.5, 0.5)), Variable("Push.StartZ", "real", (0.0, 1.0)))
     wrong = dataclasses.replace(push, variables=variables, task=(Step("Push", "Push", "", {"Object": "Blok"}),))
     with pytest.raises(ConfigurationError) as found:
         check_scenario(wrong)

@@ -3,7 +3,6 @@ support.learning_tasks."""
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import pytest
@@ -71,13 +70,13 @@ def test_the_evaluation_of_a_killed_process_is_repeated(tmp_path: Path) -> None:
 
 
 def test_an_evaluation_whose_process_dies_again_is_a_result_with_a_reason(tmp_path: Path) -> None:
-    plan = dataclasses.replace(scenario(tmp_path, "always_dies"), evaluations=1)
+    plan = scenario(tmp_path, "always_dies").derived(evaluations=1)
     results = run(LearningStudy.create(plan, tmp_path / "study"))
     assert [result.error for result in results.values()] == ["its process died 2 times (signal SIGKILL)"]
 
 
 def test_a_late_evaluation_is_a_result_with_a_reason(tmp_path: Path) -> None:
-    plan = dataclasses.replace(scenario(tmp_path, "hangs", timeout="0.5"), evaluations=1)
+    plan = scenario(tmp_path, "hangs", timeout="0.5").derived(evaluations=1)
     results = run(LearningStudy.create(plan, tmp_path / "study"))
     assert [result.error for result in results.values()] == ["not finished within 0.5 s of wall time"]
 

@@ -174,7 +174,7 @@ def _listed(folder: Path) -> ListedStudy:
         raise
     except SkirosError as error:
         return ListedStudy(folder, folder.name, problem=str(error))
-    return ListedStudy(folder, folder.name, study.counted, study.scenario.evaluations, max(rates, default=0.0))
+    return ListedStudy(folder, folder.name, study.counted, study.scenario.budget.evaluations, max(rates, default=0.0))
 
 
 def _open(folder: Path) -> LearningStudy:

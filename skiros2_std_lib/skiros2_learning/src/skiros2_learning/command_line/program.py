@@ -46,7 +46,7 @@ class Progress:
     def __call__(self, number: int, result: Evaluation) -> None:
         self._times = [*self._times, time.monotonic()][-_RECENT:]
         rate = (len(self._times) - 1) / max(1e-3, self._times[-1] - self._times[0])
-        done, budget = self._study.counted, self._study.scenario.evaluations
+        done, budget = self._study.counted, self._study.scenario.budget.evaluations
         best = max((each.success_rate for each in self._study.results().values()), default=0.0)
         left = (budget - done) / rate
         sys.stdout.write(
@@ -160,7 +160,7 @@ def _replay(options: argparse.Namespace) -> CommandResult:
 
 def _variations(options: argparse.Namespace) -> CommandResult:
     scenario = _changed(load_scenario(options.scenario), options)
-    middle = {each.name: (each.low + each.high) / 2.0 for each in scenario.variations}
+    middle = {each.name: sum(each.range) / 2.0 for each in scenario.variations}
     check_execution(scenario.derived(variation=middle))
     folder = options.study or Path("build/learning") / f"{scenario.name}_variations"
 

@@ -3,18 +3,86 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
+from pydantic import ConfigDict, ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_learning.core.sections import Section
+from skiros2_learning.core.sections import (
+    Mistake,
+    Name,
+    Named,
+    Natural,
+    Number,
+    Positive,
+    Section,
+    Some,
+    Text,
+    mistakes_of,
+    numbers,
+    read,
+)
+from skiros2_learning.core.variables import Kind
 
 #: The standard deviation of HyperMapper's named priors on numbers, as a fraction of the range; see its documentation of
 #: `gaussian`: the mean is the middle of the range.
 _STD = 0.25
+
+
+class _Section(Section):
+    """A section with keys that are not imported."""
+
+    __pydantic_config__ = ConfigDict(extra="ignore")
+
+
+@dataclass(frozen=True)
+class _Parameter(_Section):
+    name: Name
+    parameter_type: Kind
+    values: tuple[Any, ...]
+    prior: Any = "uniform"
+    custom_gaussian_prior_mean: Number | None = None
+    custom_gaussian_prior_std: Positive | None = None
+
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        values, prior = data.get("values"), data.get("prior", "uniform")
+        is_numeric = data.get("parameter_type") not in ("ordinal", "categorical")
+        if is_numeric and (len(limits := numbers(values)) != 2 or limits[0] >= limits[1]):
+            yield ("values",), f"expected a lower and an upper bound, got {values!r}"
+        if prior not in ("uniform", "gaussian") if is_numeric else prior != "uniform" and not isinstance(prior, list):
+            known = "gaussian, uniform" if is_numeric else "uniform, a list of weights"
+            yield ("prior",), f"unknown: {prior!r}; there are: {known}"
+
+    def variable(self) -> dict[str, Any]:
+        """Returns the variable as in a scenario."""
+        key = "range" if self.parameter_type in ("real", "integer") else "values"
+        found: dict[str, Any] = {"type": self.parameter_type, key: list(self.values)}
+        if isinstance(self.prior, list):
+            found["prior"] = {"weights": self.prior}
+        elif self.prior == "gaussian":
+            low, high = map(float, self.values)
+            mean, std = self.custom_gaussian_prior_mean, self.custom_gaussian_prior_std or _STD * (high - low)
+            found["prior"] = {"mean": (low + high) / 2 if mean is None else mean, "std": std}
+        return found
+
+
+@dataclass(frozen=True)
+class _Design(_Section):
+    number_of_samples: Natural = 10
+
+
+@dataclass(frozen=True)
+class _File(_Section):
+    input_parameters: Annotated[Named[_Parameter], Some]
+    optimization_objectives: tuple[Text, ...]
+    application_name: Text = ""
+    optimization_iterations: Natural = 100
+    design_of_experiment: _Design = field(default_factory=_Design)
 
 
 def import_hypermapper(file: Path) -> str:
@@ -27,56 +95,22 @@ def import_hypermapper(file: Path) -> str:
         data = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"{file}: {error}") from None
-    problems: list[str] = []
-    root = Section(data, "", problems)
-    variables = {name: _variable(part) for name, part in root.section("input_parameters").sections()}
-    if not variables:
-        root.problem("input_parameters", "none")
-    objectives = root.texts("optimization_objectives")
-    iterations = root.whole("optimization_iterations", 100, low=0)
-    doe = root.section("design_of_experiment")
-    initial = doe.whole("number_of_samples", 10, low=0)
-    if problems:
-        raise ConfigurationError(f"{file}: {'; '.join(problems)}")
+    try:
+        found = read(_File, data)
+    except ValidationError as error:
+        raise ConfigurationError(f"{file}: {'; '.join(mistakes_of(error))}") from None
+    initial = found.design_of_experiment.number_of_samples
     scenario = {
-        "scenario": root.text("application_name", file.stem),
+        "scenario": found.application_name or file.stem,
         "version": 1,
         "scene": "SCENE.ttl",
         "libraries": [],
         "task": [{"skill": "SKILL", "parameters": {}}],
-        "variables": variables,
-        "objectives": {name: {"sense": "minimise", "rewards": [{"reward": "REWARD"}]} for name in objectives},
-        "budget": {"evaluations": iterations + initial, "initial": initial},
+        "variables": {each.name: each.variable() for each in found.input_parameters},
+        "objectives": {
+            name: {"sense": "minimise", "rewards": [{"reward": "REWARD"}]} for name in found.optimization_objectives
+        },
+        "budget": {"evaluations": found.optimization_iterations + initial, "initial": initial},
     }
     text: str = yaml.safe_dump(scenario, sort_keys=False, allow_unicode=True)
     return text
-
-
-def _variable(section: Section) -> dict[str, Any]:
-    kind = section.choice("parameter_type", ("real", "integer", "ordinal", "categorical"))
-    values = section.items("values")
-    found: dict[str, Any] = {"type": kind}
-    if kind in ("real", "integer"):
-        numeric = len(values) == 2 and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-        if not numeric or values[0] >= values[1]:
-            section.problem("values", f"expected a lower and an upper bound, got {values!r}")
-            values = [0, 1]
-        found["range"] = values
-    else:
-        found["values"] = values
-    prior = section.take("prior", "uniform")
-    if isinstance(prior, list):
-        if kind in ("real", "integer"):
-            section.problem("prior", "weights are for ordinal and categorical parameters")
-        found["prior"] = {"weights": prior}
-    elif prior == "gaussian" and kind in ("real", "integer"):
-        found["prior"] = _gaussian(section, values)
-    elif prior != "uniform":
-        section.problem("prior", f"unknown: {prior!r}; there are: gaussian, uniform, a list of weights")
-    return found
-
-
-def _gaussian(section: Section, values: Sequence[float]) -> dict[str, float]:
-    low, high = float(values[0]), float(values[1])
-    mean = section.number("custom_gaussian_prior_mean", (low + high) / 2, low=low, high=high)
-    return {"mean": mean, "std": section.number("custom_gaussian_prior_std", _STD * (high - low), above=0.0)}

@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from skiros2_learning.core.sections import Section
+from pydantic import BeforeValidator, Field
+
+from skiros2_learning.core.sections import Keyed, Number, Positive, Section, Text, Whole
 
 #: Runs the task in the simulated world; see `local.episode`.
 SIMULATED_SKILLS = "skiros2_learning.local.episode:run_episode"
 #: Runs the task on running nodes; see `ros.real_robot`.
 REAL_SKILLS = "skiros2_learning.ros.real_robot:run_episode"
+Platform = Literal["simulation", "real"]
 #: Where a task runs, and by which execution.
-PLATFORMS = {"simulation": SIMULATED_SKILLS, "real": REAL_SKILLS}
+PLATFORMS: dict[str, str] = {"simulation": SIMULATED_SKILLS, "real": REAL_SKILLS}
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Section):
     """A skill of the task.
 
     :param name: prefix of its variables; by default the skill's type.
     :param parameters: fixed values by key; elements by label.
     """
 
-    name: str
-    skill: str
-    label: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    name: Text
+    skill: Text
+    label: Text = ""
+    parameters: Keyed[Any] = field(default_factory=dict)
+
+    @classmethod
+    def completed(cls, data: dict[str, Any]) -> dict[str, Any]:
+        return {"name": str(data.get("skill")), **data}
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(Section):
     """How the task is simulated.
 
     :param time_limit: of an execution (s of simulated time); the task is preempted then.
@@ -39,13 +45,13 @@ class Simulation:
     :param step_rate: of the physics (Hz).
     """
 
-    time_limit: float = 30.0
-    tick_rate: float = 10.0
-    step_rate: int = 240
+    time_limit: Positive = 30.0
+    tick_rate: Annotated[Number, Field(ge=1.0, le=240.0)] = 10.0
+    step_rate: Annotated[Whole, Field(ge=240, le=2000)] = 240
 
 
 @dataclass(frozen=True)
-class RealPlatform:
+class RealPlatform(Section):
     """How the task is executed on running nodes.
 
     :param manager: node name of the skill manager; "" for the only one.
@@ -54,40 +60,8 @@ class RealPlatform:
     :param sample_rate: of the record (Hz).
     """
 
-    manager: str = ""
+    manager: Text = ""
     reset: tuple[Step, ...] = ()
-    reset_timeout: float = 120.0
-    signals: Mapping[str, str] = field(default_factory=dict)
-    sample_rate: float = 10.0
-
-
-def read_step(section: Section) -> Step:
-    """Reads a step."""
-    skill = section.text("skill")
-    step = Step(section.text("name", skill), skill, section.text("label", ""), section.section("parameters").take_all())
-    section.end()
-    return step
-
-
-def read_simulation(section: Section) -> Simulation:
-    """Reads the section `simulation`."""
-    simulation = Simulation(
-        section.number("time_limit", 30.0, above=0.0),
-        section.number("tick_rate", 10.0, low=1.0, high=240.0),
-        section.whole("step_rate", 240, low=240, high=2000),
-    )
-    section.end()
-    return simulation
-
-
-def read_real(section: Section) -> RealPlatform:
-    """Reads the section `real`."""
-    real = RealPlatform(
-        section.text("manager", ""),
-        tuple(read_step(part) for part in section.listed("reset", ())),
-        section.number("reset_timeout", 120.0, above=0.0),
-        {name: str(label) for name, label in section.section("signals").take_all().items()},
-        section.number("sample_rate", 10.0, above=0.0, high=1000.0),
-    )
-    section.end()
-    return real
+    reset_timeout: Positive = 120.0
+    signals: Keyed[Annotated[str, BeforeValidator(str)]] = field(default_factory=dict)
+    sample_rate: Annotated[Positive, Field(le=1000.0)] = 10.0

@@ -48,10 +48,7 @@ def sampled_variations(features: Sequence[Feature], count: int, seed: int) -> li
     :param count: a power of 2 covers them best.
     """
     units = qmc.Sobol(len(features), seed=seed).random_base2(max(1, (count - 1).bit_length()))[:count]
-    return [
-        {each.name: float(each.low + unit * (each.high - each.low)) for each, unit in zip(features, row, strict=True)}
-        for row in units
-    ]
+    return [{each.name: each.value_of(float(unit)) for each, unit in zip(features, row, strict=True)} for row in units]
 
 
 def learn_variations(

@@ -6,11 +6,13 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import PlainValidator
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_learning.core.sections import Section, near
+from skiros2_learning.core.sections import Keyed, NotNegative, Positive, Section, Text, near, read
 from skiros2_motion.core.geometry import Pose, from_euler, multiplied
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
@@ -24,7 +26,7 @@ _LEAST_FACTOR = 0.1
 
 
 @dataclass(frozen=True)
-class BodySpread:
+class BodySpread(Section):
     """How a body may differ from the scene. All distributions are normal, clipped at `clip` standard deviations.
 
     :param position: standard deviation of x and y (m).
@@ -34,18 +36,29 @@ class BodySpread:
     :param friction: of the friction coefficient, around `mean_friction`.
     """
 
-    position: float = 0.0
-    height: float = 0.0
-    yaw: float = 0.0
-    mass: float = 0.0
-    size: float = 0.0
-    friction: float = 0.0
-    mean_friction: float = _FRICTION
-    clip: float = _CLIP
+    position: NotNegative = 0.0
+    height: NotNegative = 0.0
+    yaw: NotNegative = 0.0
+    mass: NotNegative = 0.0
+    size: NotNegative = 0.0
+    friction: NotNegative = 0.0
+    mean_friction: NotNegative = _FRICTION
+    clip: Positive = _CLIP
 
 
 @dataclass(frozen=True)
-class Randomisation:
+class _Noise(Section):
+    force_noise: NotNegative = 0.0
+    torque_noise: NotNegative = 0.0
+
+
+def _read_sensor(data: Any) -> SensorModel:
+    noise = read(_Noise, data)
+    return SensorModel(noise.force_noise, noise.torque_noise)
+
+
+@dataclass(frozen=True)
+class Randomisation(Section):
     """The differences between executions.
 
     :param bodies: by label.
@@ -53,9 +66,9 @@ class Randomisation:
     :param starts: names of postures of the arm, one of which is the start configuration; (): that of the simulator.
     """
 
-    bodies: Mapping[str, BodySpread] = field(default_factory=dict)
-    sensor: SensorModel = EXACT
-    starts: tuple[str, ...] = ()
+    bodies: Keyed[BodySpread] = field(default_factory=dict)
+    sensor: Annotated[SensorModel, PlainValidator(_read_sensor)] = EXACT
+    starts: tuple[Text, ...] = ()
 
 
 #: Each execution is as the scene.
@@ -73,24 +86,6 @@ class Draw:
     scene: SceneSpec
     friction: Mapping[str, float]
     start: str
-
-
-def read_randomisation(section: Section) -> Randomisation:
-    """Reads the section `randomisation` of a scenario."""
-    bodies = {}
-    for label, body in section.section("bodies").sections():
-        values = {
-            f.name: body.number(f.name, f.default, low=0.0, **({"above": 0.0} if f.name == "clip" else {}))
-            for f in dataclasses.fields(BodySpread)
-        }
-        bodies[label] = BodySpread(**values)
-        body.end()
-    sensor = section.section("sensor")
-    noise = SensorModel(sensor.number("force_noise", 0.0, low=0.0), sensor.number("torque_noise", 0.0, low=0.0))
-    sensor.end()
-    starts = tuple(section.texts("starts", ()))
-    section.end()
-    return Randomisation(bodies, noise, starts)
 
 
 def draw(scene: SceneSpec, randomisation: Randomisation, random: np.random.Generator) -> Draw:

@@ -70,8 +70,8 @@ def status_lines(study: LearningStudy) -> list[str]:
     results = study.results()
     broken = sum(bool(result.error) for result in results.values())
     lines = [
-        f"study {study.scenario.name}: {study.counted} of {study.scenario.evaluations} evaluations, {broken} broken, "
-        f"{study.running_count} running"
+        f"study {study.scenario.name}: {study.counted} of {study.scenario.budget.evaluations} evaluations, "
+        f"{broken} broken, {study.running_count} running"
     ]
     for number in study.best(results)[:_ROWS]:
         lines.append(f"  {number:4d}  {describe(results[number])}")
@@ -197,8 +197,8 @@ def _overview(study: LearningStudy, results: dict[int, Evaluation]) -> str:
     broken = [(number, result.error) for number, result in results.items() if result.error]
     scenario = study.scenario
     text = (
-        f"<p>{len(results)} of {scenario.evaluations} evaluations, {scenario.repetitions} executions each; optimiser "
-        f"{scenario.optimiser}; seed {scenario.seed}; {len(broken)} evaluations are broken.</p>"
+        f"<p>{len(results)} of {scenario.budget.evaluations} evaluations, {scenario.repetitions} executions each; "
+        f"optimiser {scenario.optimiser}; seed {scenario.seed}; {len(broken)} evaluations are broken.</p>"
     )
     if broken:
         items = "".join(f"<li>{number}: {html.escape(error)}</li>" for number, error in broken[:_ROWS])

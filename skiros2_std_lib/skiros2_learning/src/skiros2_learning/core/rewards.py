@@ -8,10 +8,11 @@ reward may state `things` (labels), `pairs` (labels whose clearance it reads) an
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Literal, Protocol, TypeVar, cast, get_type_hints, runtime_checkable
 
 import numpy as np
 
@@ -19,9 +20,10 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import Array, EpisodeRecord
-from skiros2_learning.core.sections import Section, near
+from skiros2_learning.core.sections import Flag, Number, Positive, Section, Text, Whole, mistaken, near, read
 
 
+@runtime_checkable
 class Reward(Protocol):
     """Computes a number from an execution."""
 
@@ -29,6 +31,7 @@ class Reward(Protocol):
 
 
 R = TypeVar("R", bound=type)
+S = TypeVar("S", bound="RewardSection")
 
 #: The classes of the catalogue, by name.
 REWARDS: dict[str, Callable[..., Reward]] = {}
@@ -53,33 +56,45 @@ def reward(name: str) -> Callable[[R], R]:
     return add
 
 
-def read_reward(section: Section) -> Reward | None:
-    """Reads a reward and its parameters. Returns None after a mistake, which the section has reported."""
-    name = section.text("reward")
-    cls: Any = REWARDS.get(name)
+@functools.cache
+def _with_parameters(base: Any, cls: Any) -> type[Any]:
+    """Returns a section with the keys of another and the parameters of a reward."""
+    try:
+        hints = get_type_hints(cls, include_extras=True)
+    except NameError:  # a name that is imported for type checkers only
+        hints = {}
+    strict: dict[Any, Any] = {float: Number, int: Whole, str: Text, bool: Flag}
+    parameters = []
+    for each in dataclasses.fields(cls):
+        hint = hints.get(each.name, Any)
+        default = {} if each.default is dataclasses.MISSING else {"default": each.default}
+        parameters.append((each.name, strict.get(hint, hint), dataclasses.field(**default)))
+    return dataclasses.make_dataclass(cls.__name__, parameters, bases=(base,), frozen=True, kw_only=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardSection(Section):
+    """The keys of a section with a reward, besides the parameters of that."""
+
+    reward: Text
+    name: Text = ""
+
+
+def read_reward(base: type[S], data: Any) -> tuple[str, Reward, S]:
+    """Reads a section with a reward.
+
+    :returns: the name for reports, the reward, and the section.
+    :raises ValidationError: with all mistakes.
+    """
+    name = data.get("reward", "") if isinstance(data, Mapping) else ""
+    cls, keys = cast(tuple[Any, Any], (REWARDS.get(str(name)), base))
+    if not name:
+        raise mistaken([(("reward",), "missing")])
     if cls is None:
-        if name:
-            section.problem("reward", f"unknown: {name!r}; {near(name, REWARDS)}")
-        return None
-    values: dict[str, Any] = {}
-    before = len(section.problems)
-    for field in dataclasses.fields(cls):
-        default = {} if field.default is dataclasses.MISSING else {"default": field.default}
-        limits = {key: value for key, value in field.metadata.items() if key in ("low", "high", "above")}
-        if field.type == "float":
-            values[field.name] = section.number(field.name, **default, **limits)
-        elif field.type == "tuple[str, ...]":
-            values[field.name] = tuple(section.texts(field.name, **default))
-        elif "known" in field.metadata:
-            values[field.name] = section.choice(field.name, field.metadata["known"], **default)
-        elif field.type == "str":
-            values[field.name] = section.text(field.name, **default)
-        else:
-            values[field.name] = section.take(field.name, **default)
-    if len(section.problems) > before:
-        return None
-    made: Reward = cls(**values)
-    return made
+        raise mistaken([(("reward",), f"unknown: {name!r}; {near(str(name), REWARDS)}")])
+    section = read(_with_parameters(keys, cls), data)
+    made: Reward = cls(**{each.name: getattr(section, each.name) for each in dataclasses.fields(cls)})
+    return section.name or section.reward, made, section
 
 
 def names_used(rewards: Iterable[Reward]) -> tuple[set[str], set[tuple[str, str]], set[str]]:
@@ -94,8 +109,9 @@ def names_used(rewards: Iterable[Reward]) -> tuple[set[str], set[tuple[str, str]
     return things | {label for pair in pairs for label in pair}, pairs, series
 
 
+Statistic = Literal["final", "maximum", "minimum", "mean", "integral"]
 #: Ways to make one number of a series.
-STATISTICS: dict[str, Callable[[Array, Array], float]] = {
+STATISTICS: dict[Statistic, Callable[[Array, Array], float]] = {
     "final": lambda values, times: float(values[-1]),
     "maximum": lambda values, times: float(values.max()),
     "minimum": lambda values, times: float(values.min()),
@@ -111,9 +127,6 @@ def _integral(values: Array, times: Array) -> float:
 def _mean(values: Array, times: Array) -> float:
     spent = float(times[-1] - times[0])
     return _integral(values, times) / spent if spent > 0.0 else float(values[0])
-
-
-_POSITIVE = {"above": 0.0}
 
 
 @reward("success")
@@ -135,7 +148,7 @@ class GoalDistance:
 
     object: str
     goal: str
-    width: float = dataclasses.field(default=0.05, metadata=_POSITIVE)
+    width: Positive = 0.05
 
     @property
     def things(self) -> tuple[str, str]:
@@ -173,8 +186,8 @@ class Time:
 @dataclass(frozen=True)
 class _Wrench:
     arm: str
-    quantity: str = dataclasses.field(default="force", metadata={"known": ("force", "torque")})
-    statistic: str = dataclasses.field(default="maximum", metadata={"known": tuple(STATISTICS)})
+    quantity: Literal["force", "torque"] = "force"
+    statistic: Statistic = "maximum"
     prefix: ClassVar[str] = ""
 
     @property
@@ -206,7 +219,7 @@ class ObstacleDistance:
 
     object: str
     obstacles: tuple[str, ...]
-    limit: float = dataclasses.field(default=0.1, metadata=_POSITIVE)
+    limit: Positive = 0.1
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -253,7 +266,7 @@ class Signal:
     """A statistic of any recorded series, such as `Arm.power`."""
 
     series: str
-    statistic: str = dataclasses.field(default="final", metadata={"known": tuple(STATISTICS)})
+    statistic: Statistic = "final"
 
     @property
     def series_names(self) -> tuple[str, ...]:

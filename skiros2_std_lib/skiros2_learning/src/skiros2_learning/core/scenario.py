@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import yaml
+from pydantic import AfterValidator, Field, PlainValidator, SkipValidation, ValidationError, ValidationInfo
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.core.yaml_text import read_yaml
@@ -18,23 +19,40 @@ from skiros2_learning.core.platforms import (
     PLATFORMS,
     REAL_SKILLS,
     SIMULATED_SKILLS,
+    Platform,
     RealPlatform,
     Simulation,
     Step,
-    read_real,
-    read_simulation,
-    read_step,
 )
-from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation, read_randomisation
-from skiros2_learning.core.rewards import Reward, read_reward
-from skiros2_learning.core.sections import Section
-from skiros2_learning.core.variables import Variable, read_variable
-from skiros2_learning.core.variations import Feature, read_feature, variation_problems
+from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation
+from skiros2_learning.core.rewards import Reward, RewardSection, read_reward
+from skiros2_learning.core.sections import (
+    Count,
+    Mistake,
+    Name,
+    Named,
+    Natural,
+    Number,
+    Positive,
+    Section,
+    Some,
+    Text,
+    mistaken,
+    mistakes_of,
+    numbers,
+    read,
+)
+from skiros2_learning.core.variables import Variable
+from skiros2_learning.core.variations import Feature, variation_problems
 
+Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp"]
 #: The samplers that a scenario may name; see `study.make_sampler`.
-OPTIMISERS = ("prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp")
+OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 #: The layout of the file.
 VERSION = 1
+
+#: What a validator knows: `context` is the folder of the file, `data` the values of the fields before its own.
+_Info = ValidationInfo[Any]
 
 Sense = Literal["maximise", "minimise"]
 
@@ -62,13 +80,23 @@ class WeightedReward:
     reward: Reward
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Weighted(RewardSection):
+    weight: Number = 1.0
+
+
+def _read_weighted(data: Any) -> WeightedReward:
+    name, reward, section = read_reward(_Weighted, data)
+    return WeightedReward(name, section.weight, reward)
+
+
 @dataclass(frozen=True)
-class Objective:
+class Objective(Section):
     """A weighted sum of rewards, kept apart from other objectives."""
 
-    name: str
-    sense: Sense
-    rewards: tuple[WeightedReward, ...]
+    name: Name
+    rewards: Annotated[tuple[Annotated[WeightedReward, PlainValidator(_read_weighted)], ...], Some]
+    sense: Sense = "maximise"
 
 
 @dataclass(frozen=True)
@@ -88,8 +116,102 @@ class Criterion:
         return max(self.at_least - value, value - self.at_most)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Limited(RewardSection):
+    at_least: Number = -math.inf
+    at_most: Number = math.inf
+
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        if not data.keys() & {"at_least", "at_most"}:
+            yield (), "expected at_least or at_most"
+
+
+def _read_criterion(data: Any) -> Criterion:
+    name, reward, section = read_reward(_Limited, data)
+    return Criterion(name, reward, section.at_least, section.at_most)
+
+
+Criteria = tuple[Annotated[Criterion, PlainValidator(_read_criterion)], ...]
+
+
 @dataclass(frozen=True)
-class Scenario:
+class Budget(Section):
+    """The number of evaluations; `initial` of them are drawn from the prior."""
+
+    evaluations: Count = 100
+    initial: Natural = 20
+
+    @classmethod
+    def completed(cls, data: dict[str, Any]) -> dict[str, Any]:
+        return {"initial": round(min([cls.initial, *numbers(data.get("evaluations"))])), **data}
+
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        most = numbers(data.get("evaluations", cls.evaluations))
+        if numbers(data["initial"]) > most:
+            yield ("initial",), f"expected at most {data.get('evaluations')}, the evaluations, got {data['initial']}"
+
+
+def _scene_file(named: Any, info: _Info) -> Path:
+    """Returns the file: absolute, or relative to the folder of the scenario."""
+    path: Path = info.context / str(named)
+    if info.data.get("execution") == SIMULATED_SKILLS and not path.is_file():
+        raise ValueError(f"no such file: {path}" if named else "missing")
+    return path.resolve() if named else Path()
+
+
+def _found(packages: tuple[str, ...], info: _Info) -> tuple[str, ...]:
+    find_libraries(packages, info.context, info.data.get("scene", Path()).parent)
+    return packages
+
+
+def _imported(plugins: tuple[str, ...]) -> tuple[str, ...]:
+    """Imports modules, before the rewards that they add are looked up."""
+    failed = []
+    for plugin in plugins:
+        try:
+            importlib.import_module(plugin)
+        except ImportError as error:
+            failed.append(f"{plugin}: {error}")
+    if failed:
+        raise ValueError("; ".join(failed))
+    return plugins
+
+
+def _named_once(task: tuple[Step, ...], info: _Info) -> tuple[Step, ...]:
+    if info.data.get("execution") in PLATFORMS.values():
+        if not task:
+            raise ValueError("no steps; name at least one skill")
+        names = [step.name for step in task]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise mistaken(((), f"several steps are called {name!r}; give each a name") for name in twice)
+    return task
+
+
+def _of_the_task(variables: tuple[Variable, ...], info: _Info) -> tuple[Variable, ...]:
+    if info.data.get("execution") in PLATFORMS.values() and "task" in info.data:
+        steps = [step.name for step in info.data["task"]]
+        text = f"expected STEP.PARAMETER with a step of the task: {', '.join(steps) or 'none'}"
+        if wrong := [each.name for each in variables if each.name.rpartition(".")[0] not in steps]:
+            raise mistaken(((name,), text) for name in wrong)
+    return variables
+
+
+def _of_the_features(variation: Any, info: _Info) -> Any:
+    problems = variation_problems(info.data["variations"], variation) if variation and "variations" in info.data else []
+    if problems:
+        raise mistaken(((), problem) for problem in problems)
+    return variation
+
+
+def _in_folder(name: str, info: _Info) -> Path:
+    folder: Path = info.context
+    return (folder / name).resolve()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario(Section):
     """A learning scenario.
 
     :param scene: file of the scene, absolute.
@@ -97,7 +219,6 @@ class Scenario:
     :param plugins: Python modules that add rewards.
     :param execution: `module:function` that runs one execution; see `evaluation.Execution`.
     :param success: what counts as success, besides the success of the task.
-    :param evaluations: budget of the study; `initial` of them are drawn from the prior.
     :param repetitions: executions per configuration, each with another draw of the randomisation.
     :param max_failures: an evaluation ends after this number of executions without success: it is hopeless.
     :param timeout: of one evaluation (s of wall time). Generous, as results should not depend on the load of a machine.
@@ -108,32 +229,49 @@ class Scenario:
     :param source: the text of the file.
     """
 
-    name: str
-    task: tuple[Step, ...]
-    variables: tuple[Variable, ...]
-    objectives: tuple[Objective, ...]
-    scene: Path
-    libraries: tuple[str, ...] = ()
-    plugins: tuple[str, ...] = ()
-    execution: str = SIMULATED_SKILLS
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    success: tuple[Criterion, ...] = ()
-    constraints: tuple[Criterion, ...] = ()
+    # in this order: some validators need the values of fields before their own
+    name: Annotated[Text, Field(alias="scenario")]
+    version: Annotated[Count, Field(le=VERSION)] = VERSION
+    platform: Platform = "simulation"
+    execution: Text = SIMULATED_SKILLS
+    settings: Annotated[Any, SkipValidation] = field(default_factory=dict)
+    scene: Annotated[Path, PlainValidator(_scene_file)]
+    libraries: Annotated[tuple[Text, ...], AfterValidator(_found)] = ()
+    plugins: Annotated[tuple[Text, ...], AfterValidator(_found), AfterValidator(_imported)] = ()
+    task: Annotated[tuple[Step, ...], AfterValidator(_named_once)]
+    variables: Annotated[Named[Variable], Some, AfterValidator(_of_the_task)]
+    objectives: Annotated[Named[Objective], Some]
+    success: Criteria = ()
+    constraints: Criteria = ()
     randomisation: Randomisation = NO_RANDOMISATION
     simulation: Simulation = field(default_factory=Simulation)
-    evaluations: int = 100
-    initial: int = 20
-    repetitions: int = 5
-    max_failures: int = 5
-    seed: int = 0
-    optimiser: str = "prior"
-    timeout: float = 600.0
-    prior_from: tuple[Path, ...] = ()
-    variations: tuple[Feature, ...] = ()
-    variation: Mapping[str, float] = field(default_factory=dict)
-    goal: str = ""
+    budget: Budget = field(default_factory=Budget)
+    repetitions: Count = 5
+    max_failures: Count = 5
+    seed: Natural = 0
+    optimiser: Optimiser = "prior"
+    timeout: Positive = 600.0
+    variations: Named[Feature] = ()
+    variation: Annotated[Mapping[str, float], SkipValidation, AfterValidator(_of_the_features)] = field(
+        default_factory=dict
+    )
+    prior_from: tuple[Annotated[Path, PlainValidator(_in_folder)], ...] = ()
+    goal: Text = ""
     real: RealPlatform = field(default_factory=RealPlatform)
     source: str = ""
+
+    @classmethod
+    def completed(cls, data: dict[str, Any]) -> dict[str, Any]:
+        execution = PLATFORMS.get(str(data.get("platform")), SIMULATED_SKILLS)
+        absent: dict[str, Any] = {"execution": execution, "scene": "", "task": [], "variables": {}, "objectives": {}}
+        if "repetitions" in data and isinstance(data["repetitions"], int):
+            absent["max_failures"] = max(1, data["repetitions"])
+        return absent | data
+
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        if "source" in data:
+            yield ("source",), "unknown key"
 
     @property
     def is_real(self) -> bool:
@@ -178,8 +316,8 @@ class Scenario:
         if "scene" in data:
             data["scene"] = str(self.scene)
         budget = data.setdefault("budget", {})
-        budget["evaluations"] = self.evaluations if evaluations is None else evaluations
-        wanted = self.initial if initial is None else initial
+        budget["evaluations"] = self.budget.evaluations if evaluations is None else evaluations
+        wanted = self.budget.initial if initial is None else initial
         budget["initial"] = min(wanted, budget["evaluations"]) if initial is None else wanted
         changes = {
             "repetitions": repetitions, "max_failures": max_failures, "optimiser": optimiser, "seed": seed,
@@ -226,127 +364,7 @@ def parse_scenario(text: str, folder: Path, source: str = "scenario") -> Scenari
         data = read_yaml(text)
     except WrongValue as error:
         raise ScenarioError(source, [str(error)]) from None
-    problems: list[str] = []
-    root = Section(data, "", problems)
-    scenario = _read(root, folder, text)
-    root.end()
-    if problems:
-        raise ScenarioError(source, problems)
-    return scenario
-
-
-def _read(root: Section, folder: Path, text: str) -> Scenario:
-    name = root.text("scenario")
-    version = root.whole("version", VERSION, low=1)
-    if version != VERSION:
-        root.problem("version", f"expected {VERSION}, got {version}")
-    plugins, libraries = tuple(root.texts("plugins", ())), tuple(root.texts("libraries", ()))
-    platform = root.choice("platform", tuple(PLATFORMS), "simulation")
-    execution = root.text("execution", PLATFORMS[platform])
-    scene = _file(root, "scene", folder, needed=execution == SIMULATED_SKILLS)
-    find_libraries([*plugins, *libraries], folder, scene.parent)
-    for plugin in plugins:
-        try:
-            importlib.import_module(plugin)
-        except ImportError as error:
-            root.problem("plugins", f"{plugin}: {error}")
-    budget = root.section("budget")
-    evaluations = budget.whole("evaluations", 100, low=1)
-    initial = budget.whole("initial", min(20, evaluations), low=0, high=evaluations)
-    budget.end()
-    task = tuple(read_step(part) for part in root.listed("task", ()))
-    variables = tuple(read_variable(key, part) for key, part in root.section("variables").sections())
-    if not variables:
-        root.problem("variables", "none; a scenario needs at least one")
-    objectives = tuple(_objective(key, part) for key, part in root.section("objectives").sections())
-    if not objectives:
-        root.problem("objectives", "none; a scenario needs at least one")
-    if execution in PLATFORMS.values():
-        if not task:
-            root.problem("task", "no steps; name at least one skill")
-        _check_names(root, task, variables)
-    repetitions = root.whole("repetitions", 5, low=1)
-    features = tuple(read_feature(key, part) for key, part in root.section("variations").sections())
-    variation = root.take("variation", {})
-    for problem in variation_problems(features, variation) if variation else ():
-        root.problem("variation", problem)
-    return Scenario(
-        name=name,
-        task=task,
-        variables=variables,
-        objectives=objectives,
-        scene=scene,
-        libraries=libraries,
-        plugins=plugins,
-        execution=execution,
-        settings=root.take("settings", {}),
-        success=tuple(_criterion(part) for part in root.listed("success", ())),
-        constraints=tuple(_criterion(part) for part in root.listed("constraints", ())),
-        randomisation=read_randomisation(root.section("randomisation")),
-        simulation=read_simulation(root.section("simulation")),
-        evaluations=evaluations,
-        initial=initial,
-        repetitions=repetitions,
-        max_failures=root.whole("max_failures", repetitions, low=1),
-        seed=root.whole("seed", 0),
-        optimiser=root.choice("optimiser", OPTIMISERS, OPTIMISERS[0]),
-        timeout=root.number("timeout", 600.0, above=0.0),
-        variations=features,
-        variation=variation,
-        prior_from=tuple((folder / name).resolve() for name in root.texts("prior_from", ())),
-        goal=root.text("goal", ""),
-        real=read_real(root.section("real")),
-        source=text,
-    )
-
-
-def _file(root: Section, key: str, folder: Path, needed: bool) -> Path:
-    """Returns a file: absolute, or relative to the folder of the scenario."""
-    named = root.text(key) if needed else root.text(key, "")
-    if not named:
-        return Path()
-    path = folder / named
-    if needed and not path.is_file():
-        root.problem(key, f"no such file: {path}")
-    return path.resolve()
-
-
-def _objective(name: str, section: Section) -> Objective:
-    sense: Sense = section.choice("sense", ("maximise", "minimise"), "maximise")  # type: ignore[assignment]
-    rewards = []
-    for part in section.listed("rewards"):
-        weight = part.number("weight", 1.0)
-        title = part.text("name", part.take("reward", ""))
-        made = read_reward(part)
-        part.end()
-        if made is not None:
-            rewards.append(WeightedReward(title, weight, made))
-    if not rewards and "rewards" in section and not section.items("rewards"):
-        section.problem("rewards", "none; an objective needs at least one")
-    section.end()
-    return Objective(name, sense, tuple(rewards))
-
-
-def _criterion(section: Section) -> Criterion:
-    limits = {key: section.number(key) for key in ("at_least", "at_most") if key in section}
-    title = section.text("name", section.take("reward", ""))
-    made = read_reward(section)
-    if not limits:
-        section.problem("", "expected at_least or at_most")
-    section.end()
-    if made is None:
-        return Criterion(title, lambda record: 0.0)
-    return Criterion(title, made, **limits)
-
-
-def _check_names(root: Section, task: Sequence[Step], variables: Sequence[Variable]) -> None:
-    names = [step.name for step in task]
-    for twice in {name for name in names if names.count(name) > 1}:
-        root.problem("task", f"several steps are called {twice!r}; give each a name")
-    for variable in variables:
-        step, dot, _ = variable.name.rpartition(".")
-        if not dot or step not in names:
-            root.problem(
-                f"variables.{variable.name}",
-                f"expected STEP.PARAMETER with a step of the task: {', '.join(names) or 'none'}",
-            )
+    try:
+        return replace(read(Scenario, data, folder), source=text)
+    except ValidationError as error:
+        raise ScenarioError(source, mistakes_of(error)) from None

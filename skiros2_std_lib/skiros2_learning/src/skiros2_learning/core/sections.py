@@ -1,174 +1,200 @@
-"""Reads nested data, such as a YAML file, and collects all mistakes in them instead of stopping at the first."""
+"""Sections of nested data, such as a YAML file: frozen dataclasses that pydantic reads, with all mistakes at once."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Iterator, Mapping
-from typing import Any, TypeVar
+import functools
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Annotated, Any, ClassVar, TypeVar, get_args
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    TypeAdapter,
+    ValidationError,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
 from skiros2_common.core.names import nearest
 
 T = TypeVar("T")
-_NO_DEFAULT: Any = object()
+
+# YAML has types: a text of digits is no number, and true is none.
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+Whole = Annotated[int, Field(strict=True)]
+Natural = Annotated[Whole, Field(ge=0)]
+Count = Annotated[Whole, Field(ge=1)]
+Text = Annotated[str, Field(strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
+#: Under this key, a section in `Named` has its key.
+_KEY = ""
+Name = Annotated[str, Field(alias=_KEY)]
+
+_EXPECTED = {
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "int_type": "an integer",
+    "float_type": "a finite number",
+    "finite_number": "a finite number",
+    "tuple_type": "a list",
+    "dict_type": "keys and values",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than_equal": "at most {le:g}",
+}
+
+#: The path of a key in a section, and what is wrong there.
+Mistake = tuple[tuple[str | int, ...], str]
+
+
+_adapter: Callable[[Any], TypeAdapter[Any]] = functools.cache(TypeAdapter)
 
 
 class Section:
-    """A mapping in the data. Each method takes one key; `end` reports the keys that nobody has taken.
+    """Base of a dataclass that is a section of the data. A key without a value (null) counts as absent.
 
-    A method that finds a mistake adds it to `problems` and returns a usable value of its type.
-
-    :param where: path of the section, for the texts; "" for the whole.
-    :param problems: shared by all sections of the data.
+    Only `read` checks: a program may make a section of any values.
     """
 
-    def __init__(self, data: Any, where: str, problems: list[str]) -> None:
-        self.where = where
-        self.problems = problems
-        self._taken: set[str] = set()
-        if data is None:
-            data = {}
-        if not isinstance(data, Mapping):
-            self.problem("", f"expected keys and values, got {data!r}")
-            data = {}
-        self._data: dict[str, Any] = {str(key): value for key, value in data.items()}
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
-    def problem(self, key: str, text: str) -> None:
-        """Adds a mistake at a key; "": of the section."""
-        self.problems.append(f"{self._path(key) or 'scenario'}: {text}")
+    @classmethod
+    def completed(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """Returns the data of the section with defaults that depend on other keys."""
+        return data
 
-    def __contains__(self, key: str) -> bool:
-        return key in self._data
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterable[Mistake]:
+        """Yields what is wrong between keys of the section.
 
-    def keys(self) -> list[str]:
-        """All keys, taken or not."""
-        return list(self._data)
+        :param data: as in the file: each key may be missing, and have a value of any type.
+        """
+        return ()
 
-    def take(self, key: str, default: Any = _NO_DEFAULT) -> Any:
-        """Returns the value of a key as it is."""
-        self._taken.add(key)
-        if self._data.get(key) is None:
-            if default is _NO_DEFAULT:
-                self.problem(key, "missing")
-                return None
-            return default
-        return self._data[key]
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        schema: Any = dict(handler.resolve_ref_schema(handler(source)))
+        ref = schema.pop("ref", None)  # the class stands for what is returned
+        names = [each.get("validation_alias", each["name"]) for each in schema["schema"]["fields"]]
+        keys = [name for name in names if name != _KEY]
+        return core_schema.no_info_wrap_validator_function(functools.partial(_read, cls, keys), schema, ref=ref)
 
-    def text(self, key: str, default: Any = _NO_DEFAULT) -> str:
-        value = self.take(key, default)
-        if value is None:
-            return ""
-        if not isinstance(value, str):
-            self.problem(key, f"expected a text, got {value!r}")
-            return ""
-        return value
 
-    def choice(self, key: str, known: Collection[str], default: Any = _NO_DEFAULT) -> str:
-        """Returns one of the known words; the first one after a mistake."""
-        value = self.take(key, default)
-        if value in known:
-            return str(value)
-        if value is not None:
-            self.problem(key, f"unknown: {value!r}; {near(str(value), known)}")
-        return next(iter(known))
+def read(cls: type[T], data: Any, context: Any = None) -> T:
+    """Reads data as an object of a class.
 
-    def number(
-        self,
-        key: str,
-        default: Any = _NO_DEFAULT,
-        low: float = -math.inf,
-        high: float = math.inf,
-        above: float = -math.inf,
-    ) -> float:
-        """Returns a finite number from `low` to `high`, greater than `above`."""
-        return self._number(key, self.take(key, default), low, high, above)
+    :param context: for validators, as `info.context`.
+    :raises ValidationError: with all mistakes; see `mistakes_of`.
+    """
+    made: T = _adapter(cls).validate_python(data, context=context)
+    return made
 
-    def whole(self, key: str, default: Any = _NO_DEFAULT, low: int = 0, high: float = math.inf) -> int:
-        """Returns an integer from `low` to `high`."""
-        value = self.take(key, default)
-        if isinstance(value, bool) or not isinstance(value, int):
-            if value is not None:
-                self.problem(key, f"expected an integer, got {value!r}")
-            return low
-        return int(self._number(key, value, low, high, -math.inf))
 
-    def flag(self, key: str, default: bool) -> bool:
-        value = self.take(key, default)
-        if not isinstance(value, bool):
-            self.problem(key, f"expected true or false, got {value!r}")
-            return default
-        return value
+def mistakes_of(error: ValidationError, where: str = "") -> list[str]:
+    """Returns the mistakes that `read` has found, one line each.
 
-    def items(self, key: str, default: Any = _NO_DEFAULT) -> list[Any]:
-        """Returns a list."""
-        value = self.take(key, default)
-        if value is None:
-            return []
-        if not isinstance(value, list | tuple):
-            self.problem(key, f"expected a list, got {value!r}")
-            return []
-        return list(value)
-
-    def numbers(self, key: str, count: int, default: Any = _NO_DEFAULT) -> list[float]:
-        """Returns a list of `count` finite numbers."""
-        values = self.items(key, default)
-        if values and len(values) != count:
-            self.problem(key, f"expected {count} numbers, got {len(values)}")
-        found = [self._number(key, value, -math.inf, math.inf, -math.inf) for value in values]
-        return found if len(found) == count else [0.0] * count
-
-    def texts(self, key: str, default: Any = _NO_DEFAULT) -> list[str]:
-        """Returns a list of texts."""
-        values = self.items(key, default)
-        wrong = [value for value in values if not isinstance(value, str)]
-        if wrong:
-            self.problem(key, f"expected texts, got {wrong!r}")
-        return [value for value in values if isinstance(value, str)]
-
-    def section(self, key: str) -> Section:
-        """Returns the section at a key; an empty one without it."""
-        return Section(self.take(key, {}), self._path(key), self.problems)
-
-    def take_all(self) -> dict[str, Any]:
-        """Returns all keys with their values."""
-        self._taken |= set(self._data)
-        return dict(self._data)
-
-    def sections(self) -> Iterator[tuple[str, Section]]:
-        """Yields all keys with their sections."""
-        for key in self._data:
-            yield key, self.section(key)
-
-    def listed(self, key: str, default: Any = _NO_DEFAULT) -> Iterator[Section]:
-        """Yields the sections of the list at a key."""
-        for index, data in enumerate(self.items(key, default)):
-            yield Section(data, f"{self._path(key)}[{index}]", self.problems)
-
-    def end(self) -> None:
-        """Reports the keys that were not taken."""
-        for key in self._data:
-            if key not in self._taken:
-                self.problem(key, f"unknown key; {near(key, self._taken)}")
-
-    def _path(self, key: str) -> str:
-        return ".".join(part for part in (self.where, key) if part)
-
-    def _number(self, key: str, value: Any, low: float, high: float, above: float) -> float:
-        usable = low if math.isfinite(low) else above + 1.0 if math.isfinite(above) else 0.0
-        if value is None:
-            return usable
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            self.problem(key, f"expected a finite number, got {value!r}")
-            return usable
-        if not low <= value <= high or value <= above:
-            wanted = [f"at least {low:g}"] if math.isfinite(low) else []
-            wanted += [f"more than {above:g}"] if math.isfinite(above) else []
-            wanted += [f"at most {high:g}"] if math.isfinite(high) else []
-            self.problem(key, f"expected {' and '.join(wanted)}, got {value:g}")
-            return usable
-        return float(value)
+    :param where: path of the data.
+    """
+    return [f"{_path([where, *each['loc']])}: {each['msg']}" for each in error.errors(include_url=False)]
 
 
 def near(name: str, known: Collection[str]) -> str:
     """Returns a hint: the known names nearest to an unknown one, or all."""
     close = nearest(name, known)
     return f"near: {', '.join(close)}" if close else f"there are: {', '.join(sorted(known)) or 'none'}"
+
+
+def numbers(values: Any) -> list[float]:
+    """Returns the finite numbers in a value of any type: those of a list, or itself."""
+    parts = values if isinstance(values, list | tuple) else [values]
+    return [float(v) for v in parts if isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e300]
+
+
+def _read(
+    cls: type[Section], keys: Collection[str], data: Any, handler: core_schema.ValidatorFunctionWrapHandler
+) -> Any:
+    if not isinstance(data, Mapping | None):
+        raise mistaken([((), f"expected keys and values, got {data!r}")])
+    given = cls.completed({str(key): value for key, value in (data or {}).items() if value is not None})
+    found = [*cls.mistakes(given)]
+    try:
+        made = handler(given)
+    except ValidationError as error:
+        found += [(each["loc"], _text(each, keys)) for each in error.errors(include_url=False)]
+    if found:
+        raise mistaken(found)
+    return made
+
+
+def mistaken(mistakes: Iterable[Mistake]) -> ValidationError:
+    """Returns an error with several mistakes, for a validator to raise."""
+    return ValidationError.from_exception_data(
+        "section",
+        [InitErrorDetails(type=PydanticCustomError("section", text), loc=loc, input=None) for loc, text in mistakes],
+    )
+
+
+def _text(error: Any, keys: Collection[str]) -> str:
+    """Describes an error of pydantic."""
+    kind, details = error["type"], error.get("ctx", {})
+    if kind == "missing":
+        return "missing"
+    if kind == "unexpected_keyword_argument":
+        return f"unknown key; {near(error['loc'][-1], keys)}"
+    if kind == "literal_error":
+        known = re.findall("'(.+?)'", details["expected"])
+        return f"unknown: {error['input']!r}; {near(str(error['input']), known)}"
+    if kind in _EXPECTED:
+        return f"expected {_EXPECTED[kind].format(**details)}, got {error['input']!r}"
+    return str(details.get("error", error["msg"]))
+
+
+def _path(parts: Iterable[str | int]) -> str:
+    """Returns a path such as `objectives.cost.rewards[0].weight`. An item of a list has the path of the list."""
+    path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
+    return re.sub(r"(\[\d+\])+$", "", path).strip(".") or "scenario"
+
+
+class _ByName:
+    """Reads sections by name: each key of the mapping is the `name` of its section."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        sections = core_schema.dict_schema(core_schema.str_schema(), handler.generate_schema(get_args(source)[0]))
+        named = core_schema.no_info_before_validator_function(_with_names, sections)
+        return core_schema.no_info_after_validator_function(lambda found: tuple(found.values()), named)
+
+
+def _with_names(data: Any) -> Any:
+    if not isinstance(data, Mapping):
+        return data
+    sections = {str(key): {} if section is None else section for key, section in data.items()}
+    return {key: {**each, _KEY: key} if isinstance(each, Mapping) else each for key, each in sections.items()}
+
+
+def _some(values: T) -> T:
+    if not values:
+        raise ValueError("none; expected at least one")
+    return values
+
+
+def _with_text_keys(data: Any) -> Any:
+    return {str(key): value for key, value in data.items()} if isinstance(data, Mapping) else data
+
+
+def _bounds(data: Any) -> Any:
+    if isinstance(data, list) and len(data) != 2:
+        raise ValueError(f"expected 2 numbers, got {len(data)}")
+    if len(limits := numbers(data)) == 2 and limits[0] >= limits[1]:
+        raise ValueError(f"expected the lower bound first, got [{limits[0]:g}, {limits[1]:g}]")
+    return data
+
+
+Some = AfterValidator(_some)
+Named = Annotated[tuple[T, ...], _ByName()]
+Keyed = Annotated[dict[str, T], BeforeValidator(_with_text_keys)]
+Range = Annotated[tuple[Number, Number], BeforeValidator(_bounds)]

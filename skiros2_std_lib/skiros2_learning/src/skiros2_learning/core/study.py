@@ -383,11 +383,13 @@ def make_sampler(scenario: Scenario) -> BaseSampler:
 
     :raises MissingPackage: it needs a package that is not installed.
     """
-    seed, initial = scenario.seed, scenario.initial
+    seed, initial = scenario.seed, scenario.budget.initial
     several = len(scenario.objectives) > 1
     if scenario.optimiser == "prior":
         priors = {v.name: prior for v in scenario.variables if (prior := prior_of(v)) is not None}
-        return PriorSampler(priors, n_startup_trials=initial, beta=max(1.0, scenario.evaluations / 10), seed=seed)
+        return PriorSampler(
+            priors, n_startup_trials=initial, beta=max(1.0, scenario.budget.evaluations / 10), seed=seed
+        )
     if scenario.optimiser == "tpe":
         return optuna.samplers.TPESampler(n_startup_trials=initial, multivariate=True, seed=seed)
     if scenario.optimiser == "nsga2":

@@ -2,69 +2,95 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from skiros2_learning.core.sections import Section
+from pydantic import AfterValidator, Field, PlainValidator
+
+from skiros2_learning.core.sections import Mistake, Name, Number, Positive, Range, Section, Text, numbers, read
 
 Kind = Literal["real", "integer", "ordinal", "categorical"]
-KINDS: tuple[Kind, ...] = ("real", "integer", "ordinal", "categorical")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 #: A value of a variable.
 Value = float | int | str | bool
 
 
 @dataclass(frozen=True)
-class Gaussian:
+class Gaussian(Section):
     """A prior: good values are near the mean.
 
     :param mean, std: in the unit of the variable.
     """
 
-    mean: float
-    std: float
+    mean: Number
+    std: Positive
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(Section):
     """A prior of a real or an integer variable: good values are near those that were good before.
 
     :param values, std: centres and standard deviation of normal kernels, in the unit of the variable.
     """
 
-    values: tuple[float, ...]
-    std: float
+    values: Annotated[tuple[Number, ...], Field(alias="samples")]
+    std: Positive
+
+
+def _normalised(weights: tuple[float, ...]) -> tuple[float, ...]:
+    total = sum(weights) or 1.0
+    return tuple(weight / total for weight in weights)
 
 
 @dataclass(frozen=True)
-class Weights:
+class Weights(Section):
     """A prior of an ordinal or categorical variable: the probability of each value, which sum to 1."""
 
-    values: tuple[float, ...]
+    values: Annotated[tuple[Number, ...], Field(alias="weights"), AfterValidator(_normalised)]
 
 
 Prior = Gaussian | Samples | Weights
+#: The keys of the priors of a kind of variable.
+_PRIORS = {
+    "real": ("mean", "samples"),
+    "integer": ("mean", "samples"),
+    "ordinal": ("mean", "weights"),
+    "categorical": ("weights",),
+}
+
+
+def _read_prior(data: Any) -> Prior:
+    keys = data if isinstance(data, Mapping) else ()
+    kind: type[Prior] = Weights if "weights" in keys else Samples if "samples" in keys else Gaussian
+    return read(kind, data)
 
 
 @dataclass(frozen=True)
-class Variable:
+class Variable(Section):
     """A parameter of a skill to be learned.
 
     :param name: SKILL.PARAMETER, or STEP.PARAMETER if the task has several steps of that skill.
-    :param low, high: of a real or an integer; both are included.
+    :param range: lowest and highest value of a real or an integer.
     :param values: of an ordinal (numbers, ascending) or a categorical variable.
     :param prior: None for a uniform one.
     """
 
-    name: str
-    kind: Kind
-    low: float = 0.0
-    high: float = 0.0
-    values: tuple[Value, ...] = ()
-    unit: str = ""
-    prior: Prior | None = None
+    name: Name
+    kind: Annotated[Kind, Field(alias="type")] = "real"
+    range: Range = (0.0, 0.0)
+    values: tuple[Any, ...] = ()
+    unit: Text = ""
+    prior: Annotated[Prior | None, PlainValidator(_read_prior)] = None
+
+    @property
+    def low(self) -> float:
+        return self.range[0]
+
+    @property
+    def high(self) -> float:
+        return self.range[1]
 
     @property
     def range_text(self) -> str:
@@ -83,6 +109,29 @@ class Variable:
             allowed = isinstance(value, kinds) and not isinstance(value, bool) and self.low <= value <= self.high
         return "" if allowed else f"{self.name}: expected {self.range_text}, got {value!r}"
 
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        kind, values = data.get("type", "real"), data.get("values")
+        if kind not in KINDS:
+            return
+        limits = numbers(data.get("range"))
+        given, other = ("range", "values") if kind in ("real", "integer") else ("values", "range")
+        if given not in data:
+            yield (given,), "missing"
+        if other in data:
+            yield (other,), f"not for variables of type {kind}; give {given}"
+        elif kind == "integer" and len(limits) == 2 and any(limit % 1 for limit in limits):
+            yield ("range",), f"expected integers, got [{limits[0]:g}, {limits[1]:g}]"
+        elif isinstance(values, list) and (text := _values_mistake(kind, values)):
+            yield ("values",), text
+        prior = data["prior"] if isinstance(data.get("prior"), Mapping) else {}
+        ends = numbers(values) or (limits if len(limits) == 2 else [])
+        for key in [each for each in ("mean", "samples", "weights") if each in prior]:
+            if key not in _PRIORS[kind]:
+                yield ("prior", key), f"not for variables of type {kind}; give {' or '.join(_PRIORS[kind])}"
+            elif text := _prior_mistake(prior[key], key, ends, values if isinstance(values, list) else ()):
+                yield ("prior", key), text
+
 
 def configuration_problems(variables: Sequence[Variable], configuration: dict[str, Any]) -> list[str]:
     """Describes all mistakes in a configuration: missing, unknown and disallowed values."""
@@ -96,73 +145,24 @@ def configuration_problems(variables: Sequence[Variable], configuration: dict[st
     return found
 
 
-def read_variable(name: str, section: Section) -> Variable:
-    """Reads a variable of a scenario."""
-    kind: Kind = section.choice("type", KINDS, "real")  # type: ignore[assignment]
-    unit = section.text("unit", "")
-    low = high = 0.0
-    values: tuple[Value, ...] = ()
-    if kind in ("real", "integer"):
-        low, high = section.numbers("range", 2)
-        if low >= high and len(section.items("range")) == 2:
-            section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
-            low, high = high, low
-        if kind == "integer" and (low % 1 or high % 1):
-            section.problem("range", f"expected integers, got [{low:g}, {high:g}]")
-    else:
-        values = tuple(section.items("values"))
-        _check_values(section, kind, values)
-    prior = _prior(section, kind, low, high, values)
-    section.end()
-    return Variable(name, kind, low, high, values, unit, prior)
-
-
-def _check_values(section: Section, kind: str, values: Sequence[Any]) -> None:
+def _values_mistake(kind: str, values: Sequence[Any]) -> str:
     if len(values) < 2:
-        section.problem("values", f"expected at least two, got {len(values)}")
-    elif len(set(map(repr, values))) < len(values):
-        section.problem("values", f"expected different values, got {list(values)!r}")
-    elif not all(isinstance(value, str | int | float) for value in values):
-        section.problem("values", f"expected texts, numbers or truth values, got {list(values)!r}")
-    elif kind == "ordinal":
-        numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
-        if len(numbers) < len(values) or sorted(numbers) != numbers:
-            section.problem("values", f"expected numbers in ascending order, got {list(values)!r}")
+        return f"expected at least two, got {len(values)}"
+    if len(set(map(repr, values))) < len(values):
+        return f"expected different values, got {values!r}"
+    if not all(isinstance(value, str | int | float) for value in values):
+        return f"expected texts, numbers or truth values, got {values!r}"
+    if kind == "ordinal" and (len(numbers(values)) < len(values) or sorted(values) != values):
+        return f"expected numbers in ascending order, got {values!r}"
+    return ""
 
 
-def _prior(section: Section, kind: str, low: float, high: float, values: Sequence[Any]) -> Prior | None:
-    if "prior" not in section:
-        return None
-    part = section.section("prior")
-    prior: Prior | None = None
-    if "weights" in part:
-        numbers = [w for w in part.items("weights") if isinstance(w, int | float) and 0 <= w < math.inf]
-        if not values:
-            part.problem("weights", f"only for ordinal and categorical variables; this one is {kind}")
-        elif len(numbers) != len(values) or len(part.items("weights")) != len(values) or sum(numbers) <= 0:
-            part.problem("weights", f"expected {len(values)} numbers of 0 or more, not all 0")
-        else:
-            prior = Weights(tuple(number / sum(numbers) for number in numbers))
-    elif "samples" in part:
-        std = part.number("std", above=0.0)
-        samples = part.numbers("samples", len(part.items("samples")))
-        outside = [value for value in samples if not low <= value <= high]
-        if values:
-            part.problem("samples", f"only for real and integer variables; this one is {kind}; give weights")
-        elif not samples:
-            part.problem("samples", "none; expected at least one")
-        elif outside:
-            part.problem("samples", f"expected {low:g} to {high:g}, the range of the variable, got {outside}")
-        else:
-            prior = Samples(tuple(samples), std)
-    else:
-        mean, std = part.number("mean"), part.number("std", above=0.0)
-        lowest, highest = (min(values), max(values)) if kind == "ordinal" and values else (low, high)
-        if kind == "categorical":
-            part.problem("", "a categorical variable has no mean; give weights")
-        elif not lowest <= mean <= highest:
-            part.problem("mean", f"expected {lowest:g} to {highest:g}, the range of the variable, got {mean:g}")
-        else:
-            prior = Gaussian(mean, std)
-    part.end()
-    return prior
+def _prior_mistake(found: Any, key: str, ends: Sequence[float], values: Sequence[Any]) -> str:
+    if key == "weights":
+        fit = isinstance(found, list) and len(found) == len(values) and min(numbers(found), default=-1.0) >= 0.0
+        return "" if fit and any(found) else f"expected {len(values)} numbers of 0 or more, not all 0"
+    if found == []:
+        return "none; expected at least one"
+    outside = [value for value in numbers(found) if ends and not min(ends) <= value <= max(ends)]
+    got = outside if isinstance(found, list) else f"{sum(outside):g}"
+    return f"expected {min(ends):g} to {max(ends):g}, the range of the variable, got {got}" if outside else ""

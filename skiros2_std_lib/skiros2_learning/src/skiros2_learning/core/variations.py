@@ -6,39 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from skiros2_learning.core.sections import Section, near
+from skiros2_learning.core.sections import Name, Range, Section, Text, near
 
 
 @dataclass(frozen=True)
-class Feature:
+class Feature(Section):
     """A number that differs between the variations of a task, and that the robot knows.
 
     :param element, property: label of the element, and its property in the scene with the number.
-    :param low, high: range that is learned.
+    :param range: lowest and highest value that is learned.
     """
 
-    name: str
-    element: str
-    property: str
-    low: float
-    high: float
-    unit: str = ""
+    name: Name
+    range: Range
+    element: Text = ""
+    property: Text = ""
+    unit: Text = ""
+
+    def value_of(self, unit: float) -> float:
+        """Returns the value at a part of the range, 0 to 1."""
+        return self.range[0] + unit * (self.range[1] - self.range[0])
 
     def unit_of(self, value: float) -> float:
         """Scales a value to 0 to 1."""
-        return (value - self.low) / (self.high - self.low)
-
-
-def read_feature(name: str, section: Section) -> Feature:
-    """Reads a feature of a scenario."""
-    low, high = section.numbers("range", 2)
-    if low >= high and len(section.items("range")) == 2:
-        section.problem("range", f"expected the lower bound first, got [{low:g}, {high:g}]")
-    feature = Feature(
-        name, section.text("element", ""), section.text("property", ""), low, high, section.text("unit", "")
-    )
-    section.end()
-    return feature
+        return (value - self.range[0]) / (self.range[1] - self.range[0])
 
 
 def variation_problems(features: Sequence[Feature], variation: Any) -> list[str]:
@@ -50,7 +41,7 @@ def variation_problems(features: Sequence[Feature], variation: Any) -> list[str]
     for each in features:
         value: Any = variation.get(each.name)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not each.low <= value <= each.high:
+        if not is_number or not each.range[0] <= value <= each.range[1]:
             unit = f" {each.unit}" if each.unit else ""
-            found.append(f"{each.name}: expected {each.low:g} to {each.high:g}{unit}, got {value!r}")
+            found.append(f"{each.name}: expected {each.range[0]:g} to {each.range[1]:g}{unit}, got {value!r}")
     return found

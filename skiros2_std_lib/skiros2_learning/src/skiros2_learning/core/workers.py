@@ -105,7 +105,7 @@ class Runner:
 
         :raises StorageFailed: finished evaluations are kept; see `LearningStudy.keep`.
         """
-        budget = self._study.scenario.evaluations
+        budget = self._study.scenario.budget.evaluations
         try:
             while True:
                 self._fill(budget)
@@ -209,7 +209,7 @@ class OneByOne:
         """
         study = self._study
         try:
-            while study.counted < study.scenario.evaluations:
+            while study.counted < study.scenario.budget.evaluations:
                 begin = time.monotonic()
                 number, configuration, seed = study.ask()
                 self.sampling_time += time.monotonic() - begin

@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, ValidationError
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, ScenarioError
-from skiros2_learning.core.sections import Section, near
+from skiros2_learning.core.sections import Mistake, NotNegative, Section, mistakes_of, near, numbers, read
 from skiros2_learning.core.variables import Value
 from skiros2_learning.local.episode import declared_parameters, step_problems
 from skiros2_learning.local.insertion_study import SCENE, InsertionStudy, insertion_skills
@@ -28,18 +31,27 @@ from skiros2_skill.testing import SkillBench
 DEPTH, TILT, ARM_FORCE = "depth", "tilt", "Right arm.measured_force"
 
 
+Error = Annotated[NotNegative, Field(le=90.0)]
+
+
 @dataclass(frozen=True)
-class Settings:
+class Settings(Section):
     """Errors of the estimated pose of the bore. Each execution draws its errors between the bounds, in any direction.
 
     :param least_position_error, position_error: across the axis of the bore (m).
     :param least_angle_error, angle_error: of its axis (degrees).
     """
 
-    least_position_error: float = 0.0
-    position_error: float = 0.0
-    least_angle_error: float = 0.0
-    angle_error: float = 0.0
+    least_position_error: Error = 0.0
+    position_error: Error = 0.0
+    least_angle_error: Error = 0.0
+    angle_error: Error = 0.0
+
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        for key in ("position_error", "angle_error"):
+            if numbers(data.get(f"least_{key}", 0.0)) > numbers(data.get(key, 0.0)):
+                yield (key,), f"expected at least that of least_{key}"
 
 
 def run_insertion(scenario: Scenario, configuration: dict[str, Value], seed: int, index: int) -> EpisodeRecord:
@@ -120,16 +132,10 @@ def _settings(scenario: Scenario) -> Settings:
 
     :raises ScenarioError: they have mistakes; the text names all of them.
     """
-    problems: list[str] = []
-    section = Section(scenario.settings, "settings", problems)
-    settings = Settings(**{each.name: section.number(each.name, 0.0, low=0.0, high=90.0) for each in fields(Settings)})
-    section.end()
-    for key in ("position_error", "angle_error"):
-        if getattr(settings, f"least_{key}") > getattr(settings, key):
-            problems.append(f"settings.{key}: expected at least that of least_{key}")
-    if problems:
-        raise ScenarioError(f"scenario {scenario.name}", problems)
-    return settings
+    try:
+        return read(Settings, scenario.settings)
+    except ValidationError as error:
+        raise ScenarioError(f"scenario {scenario.name}", mistakes_of(error, "settings")) from None
 
 
 def _parameters(scenario: Scenario, configuration: dict[str, Value]) -> dict[str, dict[str, Value]]:

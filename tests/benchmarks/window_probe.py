@@ -16,9 +16,10 @@ from typing import Any
 from python_qt_binding.QtCore import QObject, Qt, QTimer, Signal
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_gui.app.events import TaskProgress, WorldChanged
+from skiros2_gui.app.events import WorldChanged
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_live.core.patch import TaskProgress
 
 #: A hold shows as a tick of the probe that comes late (ms).
 _TICK = 4

@@ -13,8 +13,9 @@ import pytest
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.operations import Add
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import Event, EventQueue, TaskProgress, WorldChanged
+from skiros2_gui.app.events import Event, EventQueue, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
+from skiros2_live.core.patch import TaskProgress
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.client.description import Step

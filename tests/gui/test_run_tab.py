@@ -27,12 +27,13 @@ from python_qt_binding.QtWidgets import (
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import ElementSelected, TaskProgress, TaskStarted
+from skiros2_gui.app.events import ElementSelected, TaskStarted
 from skiros2_gui.app.names import Names
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.node import ConditionText, NodeText
 from skiros2_gui.run.widgets.side_tabs import BreakpointPanel, MessageList, NodeDetails
 from skiros2_gui.run.widgets.tab import RunTab
+from skiros2_live.core.patch import TaskProgress
 from skiros2_skill.client.description import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree
 from support.recorded_run import ROOT

@@ -21,6 +21,8 @@ from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.http.live import live_router
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import TaskProgress
 from support.http_gateway import served
 from unit.skiros2_gateway.conftest import TOKENS, Gateway
 from unit.skiros2_gateway.test_live_http import _Cell, _nodes
@@ -49,8 +51,8 @@ def served_gateway(folder: Path) -> Iterator[str]:
         gateway = Gateway(folder / "jobs.sqlite", capacity=10, rate=1e9)
         await gateway.put("a")
         gateway.cell.run("a")
-        view = LiveView()
-        view.record("/robot", _nodes(3, 3))
+        view = LiveView(CellDocument())
+        view.cell.apply(TaskProgress("/robot", _nodes(3, 3), view.cell.clock()))
         agents = AgentServer(gateway.service)
         routers = [live_router(view, _Cell(), Bags(None)), agents.router()]
         async with served(gateway.service, routers=routers) as address:

@@ -16,9 +16,10 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import STOP
-from skiros2_gui.app.ros.connections import ManagerConnections
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.stops import StoppedRobot, Stops
+from skiros2_gui.app.system import stop_of
+from skiros2_live.ros.managers import ManagerConnections
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.client.description import Step
@@ -339,17 +340,18 @@ def test_commands_show_the_stop(ros_master: RosMaster, robot: SkillManagerInterf
 
 
 def test_window_shows_the_stop(driver: Driver) -> None:
-    changes = threading.Event()
-    connections = ManagerConnections("tests", lambda event: None, lambda: None, changes.set)
+    patches: list[object] = []
+    connections = ManagerConnections("tests", patches.append)
     try:
         wait_until(lambda: ROBOT in connections.managers)
         driver.press()
-        text, stop = wait_until(lambda: connections.stop_of(ROBOT) if connections.stop_of(ROBOT)[1] else None)
+        wait_until(lambda: stop_of(connections.safety(ROBOT))[1])
+        text, stop = stop_of(connections.safety(ROBOT))
         assert stop == "emergency stop"
         assert text.endswith(": emergency stop by /e_stop: data is True.")
-        assert changes.is_set()
+        assert connections.safety(ROBOT) in patches
         driver.press(False)
-        wait_until(lambda: connections.stop_of(ROBOT) == ("", ""))
+        wait_until(lambda: stop_of(connections.safety(ROBOT)) == ("", ""))
     finally:
         connections.close()
 

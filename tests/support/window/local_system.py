@@ -12,8 +12,9 @@ from skiros2_common.core.operations import RESET, Change
 from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
-from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, TaskProgress, WorldChanged
+from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner, Simulator
+from skiros2_live.core.patch import TaskProgress
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.breakpoint import Breakpoint

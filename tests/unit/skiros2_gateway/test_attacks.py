@@ -20,12 +20,12 @@ from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
-from skiros2_gateway.core.twin import element_data
 from skiros2_gateway.core.work_masters import WorkMaster
 from skiros2_gateway.http.body_limit import MAX_BODY, TIMEOUT
 from skiros2_gateway.http.server import Limits
 from skiros2_gateway.mqtt import signature
 from skiros2_gateway.opcua import server as opcua
+from skiros2_live.core.element_data import element_data
 from support.http_gateway import curl, served
 from support.source import ROOT
 from unit.skiros2_gateway.conftest import TOKENS

@@ -14,12 +14,12 @@ from asyncua import ua
 
 from skiros2_common.core.world_element import Element
 from skiros2_gateway.core.settings import Settings
-from skiros2_gateway.core.twin import element_data
 from skiros2_gateway.core.work_masters import DEFINITION, WORK_MASTER, work_masters_of
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.mqtt.signature import sign
 from skiros2_gateway.opcua.server import OpcuaServer
 from skiros2_gateway.opcua.twin import NAMESPACE
+from skiros2_live.core.element_data import element_data
 from support import hostile_corpus
 from support.broker import broker, needs_broker
 from support.http_gateway import curl, served

@@ -12,6 +12,7 @@ import pytest
 from skiros2_common.core.forward_clock import now
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.patch import apply_patch, merge_patch
+from skiros2_live.core.cell import CellDocument
 
 
 def _random_object(rng: random.Random, depth: int = 0) -> dict[str, Any]:
@@ -36,7 +37,7 @@ def test_a_viewer_has_the_document_after_any_changes(seed: int) -> None:
 
 
 async def _follow_random_changes(rng: random.Random) -> None:
-    view = LiveView()
+    view = LiveView(CellDocument())
     document = copy.deepcopy(view.snapshot()["document"])
     patches = view.stream.follow(view.stream.last_id)
     for _ in range(100):
@@ -61,7 +62,7 @@ def test_clock_that_is_set_by_a_day_loses_no_history(monkeypatch: pytest.MonkeyP
 
     async def test() -> None:
         nonlocal wall, elapsed
-        view, times = LiveView(), []
+        view, times = LiveView(CellDocument()), []
         for number in range(20):
             view.put("elements", "Part-1", {"number": number})
             times.append(view.snapshot()["time"])

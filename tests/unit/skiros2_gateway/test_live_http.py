@@ -21,9 +21,10 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_gateway.core import recorded_bag
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
-from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.http.live import live_router, page_router
-from skiros2_runs.core.goal_progress import after_feedback, after_result, new_goal
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import EntriesChanged, GoalProgress, ManagerConnection, TaskProgress
+from skiros2_live.core.scene_view import SceneView
 from skiros2_runs.core.values import ConditionStatus, NodeStatus
 from support.http_gateway import curl, served
 from support.source import ROOT
@@ -83,6 +84,13 @@ class _Live:
     def __init__(self, address: str, view: LiveView, cell: _Cell) -> None:
         self.address, self.view, self.cell = address, view, cell
 
+    def record(self, nodes: list[Any]) -> None:
+        self.view.cell.apply(TaskProgress("/robot", nodes, self.view.cell.clock()))
+
+    def goal(self, stamp: float, **message: Any) -> None:
+        """Applies a message of the goal job-1."""
+        self.view.cell.apply(GoalProgress("job-1", SimpleNamespace(**message), stamp))
+
     async def get(self, path: str, role: str = "view") -> tuple[int, Any]:
         return await curl(self.address, path, token=TOKENS[role])
 
@@ -94,7 +102,7 @@ class _Live:
 async def _live(
     gateway: Any, bags: Path | None = None, page: Path = Path("/nothing"), clock: Callable[[], float] = time.time
 ) -> AsyncIterator[_Live]:
-    view, cell = LiveView(clock), _Cell()
+    view, cell = LiveView(CellDocument(clock=clock)), _Cell()
     async with served(gateway.service, routers=[live_router(view, cell, Bags(bags)), page_router(page)]) as address:
         yield _Live(address, view, cell)
 
@@ -102,7 +110,7 @@ async def _live(
 def test_document_has_the_tree_and_the_styles_of_its_states(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with _live(gateway) as live:
-            live.view.record("/robot", _nodes(RUNNING, SUCCESS, RUNNING))
+            live.record(_nodes(RUNNING, SUCCESS, RUNNING))
             answer = (await live.get("/api/live"))[1]
             tree = answer["document"]["trees"]["run-1"]
             assert tree["shape"]["parents"] == [-1, 0, 1]
@@ -117,7 +125,7 @@ def test_document_has_the_tree_and_the_styles_of_its_states(in_gateway: Run) -> 
 def test_viewer_sees_everything_and_commands_nothing(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with _live(gateway) as live:
-            live.view.record("/robot", _nodes(RUNNING, RUNNING))
+            live.record(_nodes(RUNNING, RUNNING))
             assert (await curl(live.address, "/api/live"))[0] == 401
             assert (await live.get("/api/live/runs/run-1"))[0] == 200
             assert (await live.post("/api/live/runs/run-1/stop", "view"))[0] == 403
@@ -133,11 +141,11 @@ def test_viewer_sees_everything_and_commands_nothing(in_gateway: Run) -> None:
 def test_values_of_a_node_that_was_read_are_known_after_the_end(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with _live(gateway) as live:
-            live.view.record("/robot", _nodes(RUNNING, RUNNING))
+            live.record(_nodes(RUNNING, RUNNING))
             assert (await live.get("/api/live/runs/run-1/nodes/1"))[1]["conditions"][0]["verdict"] == "holds"
             nodes = _nodes(SUCCESS, SUCCESS)
             nodes[0].progress_code = 1  # the end
-            live.view.record("/robot", nodes)
+            live.record(nodes)
             assert (await live.get("/api/live/runs/run-1/nodes/1"))[1]["label"] == "pick"
             assert (await live.get("/api/live/runs/run-1/nodes/0"))[0] == 404
             assert (await live.post("/api/live/runs/run-1/stop"))[0] == 409
@@ -145,22 +153,22 @@ def test_values_of_a_node_that_was_read_are_known_after_the_end(in_gateway: Run)
     in_gateway(test)
 
 
-def _goal(start: float, *steps: tuple[str, int]) -> dict[str, Any]:
+def _feedback(*steps: tuple[str, int]) -> SimpleNamespace:
     """A goal that was sent at a time, with steps `pick` of `/robot`, each with its state and the number of its task."""
     plan = [{"number": n, "skill": "skiros:Pick", "label": "pick", "robot": "/robot"} for n in range(1, len(steps) + 1)]
     states = [{"number": n, "state": state, "task": task} for n, (state, task) in enumerate(steps, 1)]
-    known = new_goal('(skiros:contain "demo:Tray-1" "skiros:Product-2")', start)
-    return after_feedback(known, "running", "", json.dumps(plan), json.dumps(states), time.time())
+    return SimpleNamespace(phase="running", message="", plan=json.dumps(plan), steps=json.dumps(states))
 
 
 def test_goal_is_one_run_with_the_trees_of_its_steps(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with _live(gateway) as live:
             start = time.time()
-            live.view.put("elements", "demo:Tray-1", {"label": "Tray B"})
-            live.view.record("/robot", _nodes(RUNNING, RUNNING, RUNNING))
+            live.view.cell.apply(EntriesChanged("elements", {"demo:Tray-1": {"label": "Tray B"}}))
+            live.record(_nodes(RUNNING, RUNNING, RUNNING))
             assert (await live.get("/api/live"))[1]["document"]["trees"].keys() == {"run-1"}
-            live.view.put_goal("job-1", _goal(start, ("running", 7), ("waiting", 8)))
+            live.goal(start, goal=SimpleNamespace(goals='(skiros:contain "demo:Tray-1" "skiros:Product-2")'))
+            live.goal(time.time(), feedback=_feedback(("running", 7), ("waiting", 8)))
             document = (await live.get("/api/live"))[1]["document"]
             assert document["runs"]["run-1"]["goal"] == "run-2" and document["trees"].keys() == {"run-2"}
             assert document["goals"]["job-1"]["title"] == "Tray B contains Product-2"
@@ -179,9 +187,8 @@ def test_goal_is_one_run_with_the_trees_of_its_steps(in_gateway: Run) -> None:
 
             nodes = _nodes(FAILURE, FAILURE, FAILURE)
             nodes[0].progress_code = -1
-            live.view.record("/robot", nodes)
-            ended = after_result(_goal(start, ("running", 7)), "failed", "no plan is left", "", time.time())
-            live.view.put_goal("job-1", ended)
+            live.record(nodes)
+            live.goal(time.time(), result=SimpleNamespace(state="failed", message="no plan is left", done=""))
             assert (await live.get("/api/live/runs/run-2/why"))[1]["text"].startswith("no plan is left\n")
             assert (await live.get("/api/live/runs/run-2"))[1]["summary"]["state"] == "failed"
 
@@ -320,7 +327,7 @@ def test_scene_of_the_cell_is_shown_as_it_was(in_gateway: Run) -> None:
 
     async def test(gateway: Any) -> None:
         async with _live(gateway, clock=lambda: now[0]) as live:
-            live.view.record("/robot", _nodes(RUNNING, RUNNING))
+            live.record(_nodes(RUNNING, RUNNING))
             for x in range(3):
                 now[0] += 1.0
                 live.view.put("frames", "base", ["map", x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -375,7 +382,7 @@ def test_viewer_gets_beats_while_nothing_changes_and_patches_at_once(in_gateway:
                     clocks.append(float((await process.stdout.readline()).removeprefix(b"data: ")))
                     assert clocks[-1] <= time.monotonic() + 0.001  # rounded
                 if len(clocks) == 2:
-                    live.view.record("/robot", _nodes(RUNNING, RUNNING))
+                    live.record(_nodes(RUNNING, RUNNING))
                 if line == b"event: patch\n":
                     break
             process.kill()
@@ -389,8 +396,8 @@ def test_viewer_gets_beats_while_nothing_changes_and_patches_at_once(in_gateway:
 def test_runs_of_a_robot_that_is_gone_are_lost(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with _live(gateway) as live:
-            live.view.record("/robot", _nodes(RUNNING, RUNNING))
-            live.view.mark_lost("/robot")
+            live.record(_nodes(RUNNING, RUNNING))
+            live.view.cell.apply(ManagerConnection("/robot", False))
             assert (await live.get("/api/live"))[1]["document"]["runs"]["run-1"]["state"] == "lost"
 
     in_gateway(test)

@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("rospy")
 
 from skiros2_common.core.forward_clock import now
-from skiros2_gui.app.events import TaskProgress
-from skiros2_gui.app.ros.connections import ManagerConnections
+from skiros2_live.core.patch import TaskProgress
+from skiros2_live.ros.managers import ManagerConnections
 
 
 @pytest.mark.parametrize("days", [-1, 1])

@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import ConnectionChanged, GoalProgress, TaskProgress
+from skiros2_gui.app.events import ConnectionChanged
 from skiros2_gui.app.tasks import PAUSE, STOP, is_silent, message_text, skills_text
 from skiros2_gui.run.presenter import RunPresenter
+from skiros2_live.core.patch import GoalProgress, TaskProgress
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun

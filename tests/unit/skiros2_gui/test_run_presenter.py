@@ -12,11 +12,12 @@ import pytest
 
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import ManagersChanged, TaskProgress, TaskStarted
+from skiros2_gui.app.events import ManagersChanged, TaskStarted
 from skiros2_gui.app.tasks import PAUSE, RESUME, STEP, STOP
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
+from skiros2_live.core.patch import TaskProgress
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.client.description import Step
 from support.progress import IDLE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree, root

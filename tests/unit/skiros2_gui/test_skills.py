@@ -15,13 +15,14 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import INFERENCE, PRE
 from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import StopRequested, TaskProgress
+from skiros2_gui.app.events import StopRequested
 from skiros2_gui.app.tasks import RESUME, STEP, is_silent, message_text
 from skiros2_gui.app.window import Window
 from skiros2_gui.skills.catalogue import rows_of
 from skiros2_gui.skills.form import Editor, Field, ValueMode
 from skiros2_gui.skills.presenter import RETRY_PERIOD, Refused, SkillsPresenter
 from skiros2_gui.skills.start_status import start_status
+from skiros2_live.core.patch import TaskProgress
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_skill.client.description import Parameter

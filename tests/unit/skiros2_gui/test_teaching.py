@@ -7,10 +7,11 @@ from collections.abc import Callable
 
 import pytest
 
-from skiros2_gui.app.events import ElementSelected, TaskProgress
+from skiros2_gui.app.events import ElementSelected
 from skiros2_gui.app.window import Window
 from skiros2_gui.teach.presenter import Action, TeachPresenter
 from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_live.core.patch import TaskProgress
 from support.window.teach_cell import TeachCell
 
 

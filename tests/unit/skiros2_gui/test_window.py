@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, TaskProgress
+from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged
 from skiros2_gui.app.window import Window
+from skiros2_live.core.patch import TaskProgress
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from skiros2_common.core.operations import ADD, REMOVE, RESET, UPDATE, Change
 from skiros2_common.core.world_element import Element
 from skiros2_live.core.changed_elements import ChangedElements
+from skiros2_world_model.core.wm_errors import WmException
 
 
 def element(eid: str = "skiros:Product-7") -> Element:
@@ -36,7 +39,28 @@ def test_reset_gap_or_ontology_change_counts_as_everything(then: Change) -> None
     changed.take()
     changed.add(change(1, ADD, element()))
     changed.add(then)
-    taken = changed.take()
-    assert taken is None
-    changed.restore(taken)
     assert changed.take() is None
+
+
+def test_elements_that_could_not_be_shown_count_as_changed_again() -> None:
+    changed = ChangedElements()
+    world: Any = _World()
+    for ids in ([], ["skiros:Product-7", "skiros:Product-8"]):
+        changed.add_ids(ids)
+        with pytest.raises(WmException), changed.read(world) as read:
+            raise WmException("the world model does not answer")
+        with changed.read(world) as again:
+            assert again[0].keys() == read[0].keys() == {"skiros:Product-7", *ids}
+        assert [eid for eid, found in again[0].items() if found is None] == ids[1:]
+        assert again[1] == (not ids)
+    assert not changed.waiting.is_set()
+
+
+class _World:
+    """A scene of one element."""
+
+    def resolve_elements(self, _: Element) -> list[Element]:
+        return [element()]
+
+    def find_element(self, eid: str) -> Element | None:
+        return element() if eid == element().id else None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from skiros2_live.core.patch import GoalProgress, TaskProgress
 from skiros2_runs.core.task_run import TaskRun
 
 
@@ -23,39 +24,6 @@ class WorldChanged:
     changes: tuple[Any, ...] = ()
     is_reset: bool = False
     ontology: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class GoalProgress:
-    """A message of a goal of any client.
-
-    :param message: an `AchieveActionGoal`, `AchieveActionFeedback` or `AchieveActionResult`.
-    :param stamp: when it was received (s since the epoch).
-    """
-
-    goal_id: str
-    message: Any
-    stamp: float
-
-
-@dataclass(frozen=True)
-class TaskProgress:
-    """A manager has published the state of a task.
-
-    :param manager: the manager's node name.
-    :param nodes: a `SkillProgress` (or an object with its fields) for each node, parents before children, the root
-        first.
-    :param stamp: when it was received (s since the epoch).
-    """
-
-    manager: str
-    nodes: Sequence[Any]
-    stamp: float
-
-    @property
-    def task(self) -> int:
-        """The task's id."""
-        return int(self.nodes[0].id)
 
 
 @dataclass(frozen=True)

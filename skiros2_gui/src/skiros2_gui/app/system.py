@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from skiros2_common.core.signals import SignalSource
+from skiros2_live.core.patch import SafetyChanged
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why
 from skiros2_skill.core.breakpoint import Breakpoint
@@ -164,6 +165,13 @@ class System(Protocol):
 
     def close(self) -> None:
         """Disconnects. Does not block."""
+
+
+def stop_of(safety: SafetyChanged | None) -> tuple[str, str]:
+    """Returns the stops of a robot as a sentence, and the kind of the worst; ("", "") for none."""
+    if safety is None or not safety.stops:
+        return "", ""
+    return f"Stopped since {clock(safety.since)}: {'; '.join(safety.stops)}.", safety.state.replace("_", " ")
 
 
 def part_of(system: System, kind: str, name: str = "") -> Part | None:

@@ -9,29 +9,26 @@ from typing import Any
 
 import numpy as np
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.forward_clock import now
 from skiros2_gui.app.context import WindowContext
 from skiros2_gui.app.events import (
     ConnectionChanged,
     FailureExplained,
-    GoalProgress,
     ManagersChanged,
     RunRecorded,
     StopRequested,
     StopTarget,
-    TaskProgress,
     TasksChanged,
 )
 from skiros2_gui.app.names import Names
-from skiros2_runs.core.goal_progress import goal_after, new_goal
-from skiros2_runs.core.goal_runs import GOALS, GoalRuns
-from skiros2_runs.core.progress import has_ended
-from skiros2_runs.core.runs import Runs
+from skiros2_live.core.cell import CellDocument, GoalChanged, RunsLost
+from skiros2_live.core.patch import GoalProgress, ManagerConnection, TaskProgress
+from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import RUNNING, TaskState
 from skiros2_runs.core.task_run import Recorded, TaskRun
 from skiros2_skill.client.description import Why
 from skiros2_skill.core.runtime.history import one_line
-from skiros2_task.core.goal_sentence import goal_sentence
 
 #: The commands for a task.
 PAUSE, RESUME, STEP, STOP = "pause", "start", "tick_once", "preempt"
@@ -45,9 +42,6 @@ _ALL = -1
 
 #: Managers publish the progress of each task once a second. After this time (s) a task is checked.
 _TIMEOUT = 3.0
-
-#: The most goals that are followed.
-_MAX_GOALS = 100
 
 #: Without a message for this time a running task counts as silent (s).
 SILENCE_TIMEOUT = 5.0
@@ -68,15 +62,18 @@ class TaskList:
         self._published: weakref.WeakKeyDictionary[TaskRun, TaskState] = weakref.WeakKeyDictionary()
         self._managers: set[str] = set()  # those that are up
         self._started: dict[str, int] = {}  # the task started last in this window, by manager
-        self.runs = Runs()
-        self._goals = GoalRuns(self.runs)
-        self._goal_data: dict[str, dict[str, Any]] = {}  # by id, the newest last
         self._names = Names(window.system)
+        self._cell = CellDocument(self._names.of, clock=clock)
+        self.runs = self._cell.runs
+        self._goals = self._cell.goal_runs
         self.why_of: TaskRun | None = None
         self.why: tuple[str, ...] = ()
         self._whys: weakref.WeakKeyDictionary[TaskRun, Why] = weakref.WeakKeyDictionary()
-        window.subscribe(TaskProgress, lambda event: self._record(event.manager, event.nodes, event.stamp))
-        window.subscribe(GoalProgress, self._on_goal)
+        self._cell.subscribe(Recorded, self._publish)
+        self._cell.subscribe(RunsLost, lambda _: window.publish(TasksChanged()))
+        self._cell.subscribe(GoalChanged, self._on_goal)
+        window.subscribe(TaskProgress, self._cell.apply)
+        window.subscribe(GoalProgress, self._apply_goal)
         window.subscribe(ManagersChanged, lambda _: self._update_managers())
         window.subscribe(ConnectionChanged, lambda _: self._check_goals())
         window.subscribe(StopRequested, self._stop_all)
@@ -87,7 +84,7 @@ class TaskList:
     @property
     def shown(self) -> list[TaskRun]:
         """The tasks that lists show: goals instead of the tasks of their steps; oldest first."""
-        return [run for run in self.runs if self._goals.goal_of(run) is None]
+        return self._cell.shown
 
     @property
     def rows(self) -> list[TaskRun]:
@@ -112,7 +109,7 @@ class TaskList:
 
     def find(self, robot: str, task_id: int) -> TaskRun | None:
         """Returns the latest task with that id."""
-        return next((r for r in reversed(list(self.runs)) if (r.robot, r.task_id) == (robot, task_id)), None)
+        return self._cell.find(robot, task_id)
 
     def newest(self) -> TaskRun | None:
         """Returns the newest running task, or else the newest task."""
@@ -131,7 +128,7 @@ class TaskList:
         :param stamp: when the manager was asked (s since the epoch).
         """
         self._started[robot] = task_id
-        self._record(robot, nodes, stamp)
+        self._record_all(robot, [nodes], stamp)
 
     def clear_ended(self) -> None:
         """Removes the tasks that have ended."""
@@ -251,49 +248,22 @@ class TaskList:
 
     # -- progress ----------------------------------------------------------------------------------------------
 
-    def _record(self, robot: str, nodes: Sequence[Any], stamp: float) -> None:
-        """Records a message or a manager's answer; skips one that is older than the last, unless the task has ended."""
-        known = self.find(robot, int(nodes[0].id)) if nodes else None
-        if known is not None and stamp < known.latest.time and not has_ended(nodes):
-            return
-        recorded = self.runs.record(robot, nodes, stamp)
-        if recorded is None:
-            return
-        self._publish(recorded)
-        self._publish(self._goals.step_recorded(recorded.run, stamp))
-
-    def _on_goal(self, event: GoalProgress) -> None:
-        """Records the progress of a goal of any client."""
-        data, sent = self._goal_data.get(event.goal_id, {}), getattr(event.message, "goal", None)
-        if sent is not None and not sent.goals.strip():
-            return  # a client asks for its goal
+    def _apply_goal(self, event: GoalProgress) -> None:
         try:
-            if sent is not None:
-                data = {**(data or new_goal("", event.stamp)), "goal": sent.goals}
-            else:
-                data = goal_after(data, event.message, event.stamp)
-        except (ValueError, TypeError, LookupError) as error:
-            self._window.problems.report("following a goal", f"the message of the task manager cannot be read: {error}")
-            return
-        self._goal_data.pop(event.goal_id, None)
-        self._goal_data[event.goal_id] = data
-        title = goal_sentence(" ".join(data["goal"].split()), self._names.of) or "goal"
-        before = len(self.shown)
-        self._publish(self._goals.update(event.goal_id, title, data, event.stamp))
-        if len(self.shown) < before:  # a task has turned out to be a step
+            self._cell.apply(event)
+        except WrongValue as error:
+            self._window.problems.report("following a goal", str(error))
+
+    def _on_goal(self, change: GoalChanged) -> None:
+        if change.new_steps:
             self._window.publish(TasksChanged())
-        for old in list(self._goal_data)[:-_MAX_GOALS]:
-            del self._goal_data[old]
 
     def _check_goals(self) -> None:
         """Marks the goals as lost when the task manager has disappeared; it reports those that it continues."""
-        if self._window.system.planner is None and any(r.robot == GOALS and not r.is_finished for r in self.runs):
-            self.runs.mark_lost(GOALS)
-            self._window.publish(TasksChanged())
+        if self._window.system.planner is None:
+            self._cell.mark_lost(GOALS)
 
-    def _publish(self, recorded: Recorded | None) -> None:
-        if recorded is None:
-            return
+    def _publish(self, recorded: Recorded) -> None:
         run = recorded.run
         if self._published.get(run) != run.state:
             self._published[run] = run.state
@@ -303,7 +273,7 @@ class TaskList:
 
     def _record_all(self, robot: str, tasks: Sequence[Sequence[Any]], stamp: float) -> None:
         for nodes in tasks:
-            self._record(robot, nodes, stamp)
+            self._cell.apply(TaskProgress(robot, nodes, stamp))
 
     def _mark_missing(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
         alive = {nodes[0].id for nodes in tasks if nodes}
@@ -318,8 +288,8 @@ class TaskList:
     def _update_managers(self) -> None:
         """Marks the tasks of managers that have disconnected as lost."""
         managers = set(self._window.system.managers)
-        for name in self._managers - managers:
-            self.runs.mark_lost(name)
+        for name in self._managers ^ managers:
+            self._cell.apply(ManagerConnection(name, name in managers))
         self._managers = managers
         self._window.publish(TasksChanged())
 

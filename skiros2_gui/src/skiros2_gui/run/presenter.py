@@ -346,11 +346,11 @@ def _read_bag(path: str) -> RunBag:
     :raises BagError: it cannot be read, or has no progress of tasks.
     """
     from skiros2_bags.core.bag_file import BagError  # imported here, as it takes a second
-    from skiros2_bags.core.goal_tasks import recorded_tasks
+    from skiros2_bags.core.recorded_cell import recorded_cell
     from skiros2_bags.core.run import Run
 
     run = Run.open(path)
-    tasks, goal_of = recorded_tasks(run)
-    if not tasks:
+    cell = recorded_cell(run)
+    if not cell.runs:
         raise BagError(f"{path}: no task ran while the bag was recorded")
-    return RunBag(path, [task for index, task in enumerate(tasks) if index not in goal_of], run.damage)
+    return RunBag(path, cell.shown, run.damage)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 
-from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.forward_clock import now
-from skiros2_common.core.manager_names import manager_of, matching_name
+from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import id_order
 from skiros2_common.core.operations import SCENE
 from skiros2_common.core.signals import SIGNAL, Signal, SignalSource
@@ -19,10 +19,10 @@ from skiros2_gui.app.problems import error_text
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.signal_trace import GAP, LONGEST, Line, SignalTrace
+from skiros2_live.core.signals import manager_above, owner, read_signal
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.values import SignalBound, TaskBounds
-from skiros2_world_model.core.queries import SceneReader
 
 #: The time spans to choose from (s).
 SPANS = (10.0, 20.0, LONGEST)
@@ -192,19 +192,23 @@ class SignalPlots:
         if scene is None:
             return
         try:
-            robots = dict(self._robots_of_signals(scene))
             found = {e.id: e for e in scene.matching(Element(SIGNAL), SCENE)}
+            owner_of = partial(owner, scene)
+            robots = {eid: manager_above(element, owner_of) for eid, element in found.items()}
+            owners = {eid: owner_of(eid) for eid in found}
         except SkirosError as error:  # the world model is down and the ontologies are unknown
             self.problem = error_text(error)
             return
         self.problem = ""
         for eid in [eid for eid in self._signals if eid not in found]:
             _end(self._signals.pop(eid))
+        managers = list(self._window.system.managers)
         times = Counter(element.label for element in found.values())
         for eid, element in found.items():
-            new = _read(element, robots.get(eid, ""), self._run.robot)
-            if times[element.label] > 1 and (owner := _owner_label(scene, eid)):
-                new.label = f"{new.label} of {owner}"
+            read = read_signal(element, matching_name(robots[eid], managers), self._run.robot)
+            new = PlottedSignal(eid, element.label or eid, read.signal, read.problem, read.robot)
+            if times[element.label] > 1 and (above := owners[eid]) is not None:
+                new.label = f"{new.label} of {above.label or above.id}"
             known = self._signals.get(eid)
             if known is None or (known.signal, known.problem, known.robot) != (new.signal, new.problem, new.robot):
                 if known is not None:
@@ -212,14 +216,6 @@ class SignalPlots:
                 self._signals[eid] = new
             else:
                 known.label = new.label
-
-    def _robots_of_signals(self, scene: SceneReader) -> Iterator[tuple[str, str]]:
-        """Yields the id of each signal of a robot and the node name of the robot's manager."""
-        managers = list(self._window.system.managers)
-        for robot in scene.matching(Element("cora:Robot"), SCENE):
-            name = matching_name(manager_of(robot), managers)
-            for part in scene.branch(robot.id, "skiros:hasA", SIGNAL, SCENE):
-                yield part.id, name
 
     def _default(self) -> set[str]:
         """The ids of the signals that are plotted unless the user decides otherwise."""
@@ -298,34 +294,6 @@ def _times(frame: Frame, node: int, is_finished: bool) -> tuple[float | None, fl
     if not math.isnan(ended):
         return began, frame.start + ended
     return began, frame.time if is_finished else math.inf
-
-
-def _read(element: Element, manager: str, shown: str) -> PlottedSignal:
-    """Reads a signal's element.
-
-    :param manager: of its robot; "" for none.
-    :param shown: the manager of the shown task, whose namespace a relative topic of no robot is resolved in.
-    """
-    label = element.label or element.id
-    try:
-        signal = Signal.of(element)
-    except WrongValue as error:
-        return PlottedSignal(element.id, label, None, str(error), manager)
-    signal = replace(signal, topic=_resolve(signal.topic, manager or shown))
-    return PlottedSignal(element.id, label, signal, "", manager)
-
-
-def _owner_label(scene: SceneReader, eid: str) -> str:
-    """Returns the label of the element that a signal is a part of; "" for none."""
-    owners = [scene.find(relation["src"], SCENE) for relation in scene.related("", "skiros:hasA", eid, SCENE)]
-    return next((owner.label or owner.id for owner in owners if owner is not None), "")
-
-
-def _resolve(topic: str, node: str) -> str:
-    """Returns the full name of a topic that a node reads."""
-    if topic.startswith("/"):
-        return topic
-    return f"{node}/{topic[1:]}" if topic.startswith("~") else f"{node.rpartition('/')[0]}/{topic}"
 
 
 def _receive(source: SignalSource, trace: SignalTrace, value: float, arrival: float, problem: str) -> None:

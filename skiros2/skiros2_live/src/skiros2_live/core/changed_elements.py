@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 from skiros2_common.core.operations import RESET, Change
+from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 
 _SCENE = "scene"
 
@@ -48,8 +51,23 @@ class ChangedElements:
             self.waiting.clear()
             return None if everything else ids
 
-    def restore(self, ids: set[str] | None) -> None:
-        """Puts back what `take` returned, after reading the elements failed."""
+    @contextmanager
+    def read(self, world: WorldModelPort) -> Iterator[tuple[dict[str, Element | None], bool]]:
+        """Reads the changed elements: by id, None if removed; and whether they are the whole scene.
+
+        After an exception of the reading, or of the caller's block, they count as changed again.
+        """
+        ids = self.take()
+        try:
+            if ids is None:
+                yield {element.id: element for element in world.resolve_elements(Element())}, True
+            else:
+                yield {eid: world.find_element(eid) for eid in ids}, False
+        except Exception:
+            self._restore(ids)
+            raise
+
+    def _restore(self, ids: set[str] | None) -> None:
         with self._lock:
             if ids is None:
                 self._everything = True

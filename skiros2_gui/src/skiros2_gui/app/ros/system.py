@@ -15,7 +15,18 @@ import rosgraph
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.signals import SignalSource
 from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
-from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner, Simulator
+from skiros2_gui.app.system import (
+    MANAGER,
+    MASTER,
+    TASK_MANAGER,
+    WORLD_MODEL,
+    Manager,
+    Part,
+    Planner,
+    Simulator,
+    stop_of,
+)
+from skiros2_live.core.patch import ManagerConnection, SafetyChanged, TaskProgress
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelClient
 
@@ -164,17 +175,25 @@ class _Connections:
     def __init__(self, author: str, event_queue: EventQueue) -> None:
         # Imported here: importing rospy takes 0.25 s, and the window is drawn first.
         from skiros2_common.ros.signals import RosSignals
-        from skiros2_gui.app.ros.connections import ManagerConnections, SimulatorConnection, TaskManagerConnection
+        from skiros2_gui.app.ros.connections import SimulatorConnection, TaskManagerConnection
         from skiros2_gui.app.ros.world import WorldModelConnection
         from skiros2_gui.view3d.ros.markers import MarkerConnection
+        from skiros2_live.ros.managers import ManagerConnections, ManagerPatch
 
         def on_change() -> None:
             event_queue.put(ConnectionChanged())
 
+        def on_manager(patch: ManagerPatch) -> None:
+            match patch:
+                case TaskProgress():
+                    event_queue.put(patch)
+                case ManagerConnection():
+                    event_queue.put(ManagersChanged())
+                case SafetyChanged():
+                    on_change()
+
         self.world = WorldModelConnection(author, event_queue.put, on_change)
-        self.managers = ManagerConnections(
-            author, event_queue.put, lambda: event_queue.put(ManagersChanged()), on_change
-        )
+        self.managers = ManagerConnections(author, on_manager)
         self.task_manager = TaskManagerConnection(event_queue.put, on_change)
         self.markers = MarkerConnection(event_queue.put)
         self.signals = RosSignals()
@@ -185,7 +204,7 @@ class _Connections:
         return [
             Part(WORLD_MODEL, world.name, world.is_up, world.since, world.problem),
             *(
-                Part(MANAGER, name, is_up, since, *self.managers.stop_of(name))
+                Part(MANAGER, name, is_up, since, *stop_of(self.managers.safety(name)))
                 for name, is_up, since in self.managers.states()
             ),
             Part(TASK_MANAGER, tasks.name, tasks.is_up, tasks.since),

@@ -26,6 +26,7 @@ from skiros2_gui.view3d.ros.marker_messages import deletions, element_markers, r
 from skiros2_gui.view3d.ros.selected_marker import OnProblem, SelectedMarker
 from skiros2_live.core.changed_elements import ChangedElements
 from skiros2_live.core.markers import MarkerFactory, read_robot
+from skiros2_live.ros.parameters import mesh_folders, robot_descriptions
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
@@ -112,13 +113,12 @@ class Markers:
                 self._place_labels()
                 continue
             begin, spent = time.monotonic(), time.thread_time()
-            ids = self._changed.take()
             pause = 1.0 / RATE
             try:
-                self._update(ids)
+                with self._changed.read(self._world) as (elements, is_whole):
+                    self._update(elements, is_whole)
                 last_error = ""
             except (SkirosError, rospy.ROSException) as error:
-                self._changed.restore(ids)
                 pause = _RETRY_DELAY
                 if str(error) != last_error:  # logged once, not each second
                     log.warning("reading the scene failed; the markers are out of date: %s", error)
@@ -127,23 +127,21 @@ class Markers:
             self._place_labels()  # has a share of its own
             self._ending.wait(max(0.0, begin + pause - time.monotonic()))
 
-    def _update(self, ids: set[str] | None) -> None:
-        """Publishes the changes of these elements; None: of all.
+    def _update(self, elements: dict[str, Element | None], is_whole: bool) -> None:
+        """Publishes the changes of these elements; see `ChangedElements.read`.
 
         :raises SkirosError: the world model does not answer.
         """
-        if ids is None:
+        if is_whole:
             self._factory.forget()
-            elements = self._world.resolve_elements(Element())
-            with self._send_lock:
-                self._send(self._markers.replace_all(elements))
-        else:
-            found = {eid: self._world.find_element(eid) for eid in ids}
-            with self._send_lock:
-                self._send(self._markers.replace(found))
+        with self._send_lock:
+            if is_whole:
+                self._send(self._markers.replace_all(filter(None, elements.values())))
+            else:
+                self._send(self._markers.replace(elements))
         self._are_labels_stale = True
         chosen = self._selected.chosen
-        if chosen and (ids is None or chosen in ids):
+        if chosen and (is_whole or chosen in elements):
             self._selected.show(self._markers.get(chosen))
 
     def _place_labels(self) -> None:
@@ -203,13 +201,9 @@ class RobotMarkers:
         """Reads the parameters. Returns markers that are new or have changed, and deletions. Calls the master."""
         self._next_check = time.monotonic() + _ROBOT_PERIOD
         try:
-            names = [name for name in rospy.get_param_names() if name.rpartition("/")[2] == "robot_description"]
-            texts = {
-                name: (str(rospy.get_param(name)), str(rospy.get_param(f"{name.rpartition('/')[0]}/tf_prefix", "")))
-                for name in names
-            }
-        except (OSError, KeyError, rospy.ROSException):
-            return []  # the master is down, or a parameter was deleted meanwhile
+            texts = robot_descriptions()
+        except (OSError, rospy.ROSException):
+            return []  # the master is down
         changes: list[Marker] = []
         for name in {*self._texts, *texts}:
             if texts.get(name) != self._texts.get(name):
@@ -253,15 +247,6 @@ def _has_others(topic: str) -> bool:
     except (OSError, rosgraph.MasterException):
         return True
     return any(node != rospy.get_name() for name, nodes in publishers if name == topic for node in nodes)
-
-
-def mesh_folders() -> list[str]:
-    """Returns the folders searched for meshes: the workspace of the world model."""
-    try:
-        folder = rospy.get_param("wm/workspace_dir", "")
-    except (OSError, rospy.ROSException):
-        return []  # without a master only absolute paths are found
-    return [folder] if isinstance(folder, str) and folder else []
 
 
 class MarkerConnection:

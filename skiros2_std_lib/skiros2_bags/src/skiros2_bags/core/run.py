@@ -21,6 +21,7 @@ from skiros2_bags.core.action_call import (
 from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, BagFile, Message
 from skiros2_bags.core.bag_writer import PARAMETERS
 from skiros2_bags.core.world_history import TimedChange, timed_changes, world_at
+from skiros2_live.core.patch import TaskProgress
 from skiros2_runs.core.history import SkillRun, skill_runs
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.task_run import Recorded, TaskRun
@@ -141,12 +142,12 @@ class Run:
 
     @cached_property
     def _changes(self) -> list[TimedChange]:
-        self._need(MONITOR, "changes of the world model")
+        self.need(MONITOR, "changes of the world model")
         return timed_changes(self.messages(MONITOR))
 
     @cached_property
     def _runs(self) -> Runs:
-        self._need(PROGRESS, "progress of tasks")
+        self.need(PROGRESS, "progress of tasks")
         runs = new_runs()
         for message in self.messages(PROGRESS):
             add_progress(runs, message)
@@ -157,7 +158,10 @@ class Run:
         actions = action_topics(self.topics)
         return action_calls(self.messages(*action_topic_names(actions)), actions) if actions else []
 
-    def _need(self, message_type: str, what: str) -> None:
+    def need(self, message_type: str, what: str) -> None:
+        """
+        :raises BagError: the bag has no topic of this type, which holds `what`.
+        """
         if message_type not in self.topics.values():
             holder = f"{self.damage}; it" if self.damage else f"{self.path}: the bag"
             raise BagError(f"{holder} holds no {what}: expected a topic of the type {message_type}")
@@ -177,17 +181,27 @@ def new_runs() -> Runs:
     return Runs(most_bytes=_MAX_KEPT, most_tasks=_MAX_TASKS)
 
 
-def add_progress(runs: Runs, message: Message) -> Recorded | None:
-    """Records a message with the progress of a task.
+def progress_of(message: Message) -> TaskProgress:
+    """Returns a message with the progress of a task.
 
-    :returns: see `Runs.record`.
     :raises BagError: it cannot be read, or does not begin with the root of a task.
     """
     nodes = message.content.progress
     if nodes and nodes[0].id != nodes[0].task_id:
         begin = f"begins with node {nodes[0].id}, expected its root"
         raise BagError(f"{message.location}: the progress of task {nodes[0].task_id} {begin}")
-    return runs.record(nodes[0].robot or message.topic.removesuffix("/monitor") if nodes else "", nodes, message.time)
+    robot = nodes[0].robot or message.topic.removesuffix("/monitor") if nodes else ""
+    return TaskProgress(robot, nodes, message.time)
+
+
+def add_progress(runs: Runs, message: Message) -> Recorded | None:
+    """Records a message with the progress of a task.
+
+    :returns: see `Runs.record`.
+    :raises BagError: see `progress_of`.
+    """
+    patch = progress_of(message)
+    return runs.record(patch.manager, patch.nodes, patch.stamp)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from skiros2_common.core.names import nearest
 from skiros2_gateway.core.recorded_bag import read_runs, read_scene
 from skiros2_gateway.core.run_view import summary_data
 from skiros2_gateway.core.scene_history import SceneHistory, read_history
-from skiros2_gateway.core.scene_view import SceneView
+from skiros2_live.core.scene_view import SceneView
 from skiros2_runs.core.task_run import TaskRun
 
 #: Bags kept in memory.

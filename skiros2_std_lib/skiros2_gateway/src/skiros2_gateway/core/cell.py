@@ -10,8 +10,6 @@ from skiros2_gateway.core.edits import EditPreview, Edits
 from skiros2_gateway.core.goal_form import GoalEdit
 from skiros2_gateway.core.problems import Problem
 
-#: The states of a robot.
-IDLE, BUSY, PAUSED = "idle", "busy", "paused"
 #: Outcome of a goal whose result is unknown.
 LOST = "lost"
 #: Outcome of a goal that the task manager has never had.

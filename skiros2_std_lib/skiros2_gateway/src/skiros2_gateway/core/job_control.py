@@ -80,6 +80,7 @@ class JobControl:
         """Ends the background tasks. The jobs stay as they are."""
         if self._timer is not None:
             self._timer.cancel()
+        self._jobs.close()
         for task in self._tasks:
             task.cancel()
         self._cell = None
@@ -218,7 +219,7 @@ class JobControl:
         response.plan, response.steps = progress.plan, progress.steps
         response.robots = sorted({*response.robots, *(step["robot"] for step in progress.steps)})
         job.changed = self._clock()
-        self._note(job, GATEWAY, "progress", is_event=False)
+        self._jobs.update(job)
         others = set(response.robots) - set(job.robots)
         if job.robots and others and not job.wanted:
             job.wanted = Method.ABORT
@@ -300,8 +301,8 @@ class JobControl:
                 self._cell.start(_goal_of(loaded))
                 running += 1
 
-    def _note(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> None:
-        if not self._jobs.note(job, author, method, comment, is_event=is_event):
+    def _note(self, job: Job, author: str, method: str, comment: str = "") -> None:
+        if not self._jobs.note(job, author, method, comment):
             self._retry()
 
     def _retry(self) -> None:
@@ -326,9 +327,8 @@ class JobControl:
         found = await _collect(self.cell, self.masters, job, self._clock())
         job = self._jobs.open(job.id) or job  # it may have been cleared meanwhile
         response = job.response
-        response.changes, response.quality = found.changes, found.quality
+        response.changes, response.quality, response.collected = found.changes, found.quality, True
         response.notes = [*response.notes, *found.notes]
-        response.collected = True
         if job.state is State.ENDED:
             job.change(State.ENDED, Substate.CLOSED, self._clock())
         self._note(job, GATEWAY, "collected")

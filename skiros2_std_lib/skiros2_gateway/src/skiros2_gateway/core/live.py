@@ -1,6 +1,6 @@
-"""The live view: one document about the cell, the same for all viewers, which follow it by patches.
+"""The live view: the cell's document as JSON data, the same for all viewers, which follow it by patches.
 
-The document is JSON data; its members are tables, objects by key:
+Its members are tables, objects by key; see also `skiros2_live.core.cell.CellDocument`:
 
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
 - `goals`: {goal, title, phase, message, start, plan, steps}; see `skiros2_runs.core.goal_progress`. A goal is a run
@@ -8,7 +8,7 @@ The document is JSON data; its members are tables, objects by key:
 - `jobs` as in the event `job`, without plan, steps and changes.
 - `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
-- `elements`: {type, label, properties, relations, marker}; see `skiros2_gateway.core.scene_view`.
+- `elements`: {type, label, properties, relations, marker}; see `skiros2_live.core.scene_view`.
 - `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
 - `signals`: {name, unit, robot, value, low, high, time, problem}; `low` and `high` since the previous patch.
 
@@ -18,27 +18,23 @@ A patch is a JSON Merge Patch (RFC 7396), encoded once, and sent at most 25 time
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.forward_clock import now
-from skiros2_common.core.names import local_name, nearest
-from skiros2_common.core.wording import label_text
+from skiros2_common.core.names import nearest
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
 from skiros2_gateway.core.run_view import summary_data, tree_patch
 from skiros2_gateway.core.scene_history import TABLES, SceneHistory
-from skiros2_gateway.core.scene_view import SceneView
 from skiros2_gateway.core.service import Service
+from skiros2_live.core.cell import CellDocument, GoalChanged, RunsLost
+from skiros2_live.core.patch import EntriesChanged
+from skiros2_live.core.scene_view import SceneView
 from skiros2_runs.core.frame import Frame
-from skiros2_runs.core.goal_runs import GoalRuns
-from skiros2_runs.core.progress import NodeMessage
-from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.task_run import Recorded, TaskRun
 from skiros2_runs.core.values import NodeStatus
-from skiros2_task.core.goal_sentence import goal_sentence
 
 #: Actions on a task.
 TASK_ACTIONS = ("stop", "pause", "resume", "step")
@@ -48,8 +44,8 @@ PERIOD = 0.04
 
 #: Patches kept for viewers that resume: 10 s of changes at each patch.
 _KEPT = 250
-#: The trees, goals and ended jobs in the document.
-_MAX_TREES, _MAX_GOALS, _MAX_JOBS = 6, 20, 50
+#: The trees and ended jobs in the document.
+_MAX_TREES, _MAX_JOBS = 6, 50
 
 #: The parts of a job's response in the document; `goals` has its plan and steps.
 _RESPONSE = ("started", "ended", "outcome", "message", "robots", "quality")
@@ -85,15 +81,13 @@ class LiveCell(Protocol):
 class LiveView:
     """The document and its patches. To be used in the thread of the gateway's loop.
 
-    :param clock: returns the time (s since the epoch), which must not go back.
+    :param cell: the cell's document, of which this is a view.
     """
 
-    def __init__(self, clock: Callable[[], float] = now) -> None:
-        self._clock = clock
+    def __init__(self, cell: CellDocument) -> None:
+        self.cell = cell
         self._loop = asyncio.get_running_loop()
         self.stream = EventStream(kept=_KEPT, behind=_KEPT)
-        self.runs = Runs()
-        self.goal_runs = GoalRuns(self.runs)
         self.scenes = SceneHistory()
         self._keys: dict[str, TaskRun] = {}
         self._count = 0
@@ -103,11 +97,20 @@ class LiveView:
         self._sent: dict[str, Frame] = {}
         self._timer: asyncio.TimerHandle | None = None
         self._last_flush = 0.0
+        cell.subscribe(Recorded, self._on_progress)
+        cell.subscribe(RunsLost, lambda lost: self._show_runs(lost.runs))
+        cell.subscribe(GoalChanged, lambda goal: self._show_goal(goal.goal_id, goal.data, goal.new_steps))
+        cell.subscribe(EntriesChanged, lambda patch: self._show_entries(patch.table, patch.entries, patch.is_whole))
+        self._show_runs(cell.runs)
+        for goal_id, data in cell.goals.items():
+            self._show_goal(goal_id, data)
+        for table, entries in cell.tables.items():
+            self._show_entries(table, entries, is_whole=True)
 
     def snapshot(self) -> dict[str, Any]:
         """Returns `document`, and the id of the last patch in it as `event`."""
         self.flush()
-        return {"event": self.stream.last_id, "time": self._clock(), "document": self._document}
+        return {"event": self.stream.last_id, "time": self.cell.clock(), "document": self._document}
 
     async def follow(self, service: Service) -> None:
         """Follows the jobs, and the state of the cell, until it is cancelled."""
@@ -129,30 +132,26 @@ class LiveView:
 
     # -- runs --------------------------------------------------------------------------------------------------
 
-    def record(self, robot: str, nodes: Sequence[NodeMessage]) -> None:
-        """Records the progress of a task; see `Runs.record`."""
-        time = self._clock()
-        recorded = self.runs.record(robot, nodes, time)
-        if recorded is not None:
-            self._note(recorded)
-            self._note(self.goal_runs.step_recorded(recorded.run, time))
+    def _on_progress(self, recorded: Recorded) -> None:
+        if recorded.is_new_tick or self._key(recorded.run) in self._changed_runs:
+            self._show_runs([recorded.run])
 
-    def _note(self, recorded: Recorded | None) -> None:
-        """Has a run sent with the next patch, if it has changed."""
-        if recorded is None:
+    def _show_runs(self, runs: Iterable[TaskRun]) -> None:
+        """Has runs sent with the next patch."""
+        self._changed_runs.update((self._key(run), run) for run in runs)
+        if self._changed_runs:
+            self._schedule()
+
+    def _show_goal(self, goal_id: str, data: Mapping[str, Any] | None, new_steps: Sequence[TaskRun] = ()) -> None:
+        self.put("goals", goal_id, data)
+        self._show_runs(new_steps)
+
+    def _show_entries(self, table: str, entries: Mapping[str, Any], is_whole: bool) -> None:
+        if is_whole:
+            self.replace(table, entries)
             return
-        key = self._key(recorded.run)
-        if recorded.is_new_tick or key in self._changed_runs:
-            self._changed_runs[key] = recorded.run
-            self._schedule()
-
-    def mark_lost(self, robot: str) -> None:
-        """Marks the running tasks of a manager that has disconnected as lost."""
-        running = [run for run in self.runs if run.robot == robot and not run.is_finished]
-        self.runs.mark_lost(robot)
-        self._changed_runs.update((self._key(run), run) for run in running)
-        if running:
-            self._schedule()
+        for key, value in entries.items():
+            self.put(table, key, value)
 
     def find_run(self, key: str) -> TaskRun:
         """Returns a run by its key in the document.
@@ -163,10 +162,6 @@ class LiveView:
             near = ", ".join(nearest(key, self._keys)) or "see `runs` of the live view"
             raise UnknownName(f"there is no run {key!r}; near: {near}")
         return self._keys[key]
-
-    def _label(self, eid: str) -> str:
-        label = str(self._document["elements"].get(eid, {}).get("label", ""))
-        return label_text(label or local_name(eid))
 
     def _key(self, run: TaskRun) -> str:
         for key in reversed(self._keys):
@@ -200,23 +195,8 @@ class LiveView:
         """Replaces entries of a table by others."""
         patch = merge_patch(before, after)
         for key in patch if table in TABLES else ():
-            self.scenes.add(table, key, self._clock(), after.get(key))
+            self.scenes.add(table, key, self.cell.clock(), after.get(key))
         self._apply({table: patch} if patch else {})
-
-    def put_goal(self, goal_id: str, goal: Mapping[str, Any]) -> None:
-        """Updates a goal, see `goal_progress`, and its run."""
-        text = goal_sentence(goal["goal"], self._label) or "goal"
-        self.put("goals", goal_id, {**goal, "title": text})
-        recorded = self.goal_runs.update(goal_id, text, goal, self._clock())
-        self._note(recorded)
-        for task in self.goal_runs.tasks(recorded.run):
-            key = self._key(task)
-            if "goal" not in self.entry("runs", key):
-                self._changed_runs[key] = task
-                self._schedule()
-        goals = self._document["goals"]
-        for old in list(goals)[: max(0, len(goals) - _MAX_GOALS)]:
-            self.put("goals", old, None)
 
     def put_job(self, job: Mapping[str, Any]) -> None:
         """Updates a job."""
@@ -237,7 +217,7 @@ class LiveView:
         self._last_flush = self._loop.time()
         changed, self._changed_runs = self._changed_runs, {}
         for key, run in changed.items():
-            goal = self.goal_runs.goal_of(run)
+            goal = self.cell.goal_runs.goal_of(run)
             self.put("runs", key, summary_data(run) | ({"goal": self._key(goal)} if goal is not None else {}))
             if goal is not None:
                 if self._sent.pop(key, None) is not None:
@@ -252,7 +232,7 @@ class LiveView:
 
     def _forget(self) -> None:
         """Removes runs that are no longer kept, and the trees of older ones."""
-        kept = {id(run) for run in self.runs}
+        kept = {id(run) for run in self.cell.runs}
         for key in [key for key, run in self._keys.items() if id(run) not in kept]:
             del self._keys[key]
             self.put("runs", key, None)

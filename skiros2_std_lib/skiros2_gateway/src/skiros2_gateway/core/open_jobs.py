@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,6 +14,9 @@ from skiros2_gateway.core.store import JobStore
 
 log = logging.getLogger(__name__)
 
+#: The longest delay of writing the progress of jobs (s).
+_PROGRESS_PERIOD = 1.0
+
 
 @dataclass(frozen=True)
 class _Unwritten:
@@ -22,7 +26,6 @@ class _Unwritten:
     author: str
     method: str
     comment: str
-    is_event: bool
 
 
 class OpenJobs:
@@ -37,6 +40,8 @@ class OpenJobs:
         self._events = events
         self._jobs = {job.id: job for job in store.open_jobs()}
         self._unwritten: list[_Unwritten] = []
+        self._progressed: dict[str, Job] = {}  # by id, what is not written yet
+        self._timer: asyncio.TimerHandle | None = None
 
     def __iter__(self) -> Iterator[Job]:
         """The jobs as they are, to be read only."""
@@ -63,10 +68,31 @@ class OpenJobs:
         self._store.save(job, author, method, comment)
         self._set(job)
 
-    def note(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> bool:
+    def update(self, job: Job) -> None:
+        """Notes the progress of a job, which is written within `_PROGRESS_PERIOD`."""
+        self._set(job)
+        self._progressed[job.id] = job
+        if self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(_PROGRESS_PERIOD, self._write_progress)
+
+    def close(self) -> None:
+        """Writes the progress of jobs."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._write_progress()
+
+    def _write_progress(self) -> None:
+        self._timer = None
+        try:
+            self._store.save_progress(list(self._progressed.values()))
+            self._progressed.clear()
+        except StoreFailed as error:
+            log.error("the progress of jobs is written with the next one: %s", error)
+
+    def note(self, job: Job, author: str, method: str, comment: str = "") -> bool:
         """Notes a job that the cell has changed. Returns whether it is written."""
         self._set(job)
-        self._unwritten.append(_Unwritten(job.copy(), author, method, comment, is_event))
+        self._unwritten.append(_Unwritten(job.copy(), author, method, comment))
         try:
             self.write_unwritten()
         except StoreFailed as error:
@@ -80,10 +106,11 @@ class OpenJobs:
         """
         while self._unwritten:
             first = self._unwritten[0]
-            self._store.save(first.job, first.author, first.method, first.comment, is_event=first.is_event)
+            self._store.save(first.job, first.author, first.method, first.comment)
             del self._unwritten[0]
 
     def _set(self, job: Job) -> None:
+        self._progressed.pop(job.id, None)  # is written with the rest of the job
         if job.state in FINAL and job.response.collected:
             self._jobs.pop(job.id, None)
         else:

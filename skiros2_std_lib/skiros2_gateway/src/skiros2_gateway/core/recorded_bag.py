@@ -19,12 +19,12 @@ from types import SimpleNamespace
 from typing import Any
 
 from skiros2_bags.core.bag_file import MONITOR, BagError
-from skiros2_bags.core.goal_tasks import recorded_goals, recorded_tasks
+from skiros2_bags.core.recorded_cell import goal_indices, recorded_cell
+from skiros2_bags.core.recorded_signals import recorded_signals
 from skiros2_bags.core.run import Run
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gateway.core.scene_view import frames_data
-from skiros2_gateway.core.signal_view import recorded_signals
+from skiros2_live.core.scene_view import frames_data
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_world_model.core.replica import apply_change
 from skiros2_world_model.core.scene import Scene
@@ -99,7 +99,8 @@ def _read(part: str, path: Path) -> Any:
 
 
 def _runs(run: Run) -> RecordedRuns:
-    return RecordedRuns(*recorded_tasks(run), recorded_goals(run), recorded_signals(run), run.damage)
+    cell = recorded_cell(run)
+    return RecordedRuns(list(cell.runs), goal_indices(cell), cell.goals, recorded_signals(run), run.damage)
 
 
 def _scene(run: Run) -> RecordedScene:

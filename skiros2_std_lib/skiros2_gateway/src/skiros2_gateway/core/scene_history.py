@@ -8,7 +8,7 @@ from typing import Any
 
 from skiros2_gateway.core.patch import without_none
 from skiros2_gateway.core.recorded_bag import RecordedScene
-from skiros2_gateway.core.scene_view import SceneView
+from skiros2_live.core.scene_view import SceneView
 
 #: The tables of the live view that have a history.
 TABLES = ("elements", "frames", "bodies")

@@ -1,7 +1,7 @@
 """Keeps jobs, their history and the audit log in an SQLite file.
 
-Each call is one transaction. The file uses a write-ahead log that is synchronised at each commit: a change that was
-returned survives the end of the process and of the machine.
+Each call is one transaction. The file uses a write-ahead log that is synchronised at each commit, but that of progress:
+a change that was returned survives the end of the process and of the machine.
 """
 
 from __future__ import annotations
@@ -94,29 +94,31 @@ class JobStore:
         """Returns the number for the next job."""
         return int(self._read("SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs")[0][0])
 
-    def save(self, job: Job, author: str, method: str, comment: str = "", *, is_event: bool = True) -> None:
+    def save(self, job: Job, author: str, method: str, comment: str = "") -> None:
         """Writes a new or changed job, and an entry of its history.
 
         :param author: the client or the part of the gateway that changed it.
         :param method: the ISA-95 method, or what happened in the cell.
         """
-        response = job.response
-        is_open = job.state not in FINAL or not response.collected
-        row = (job.state, job.cleared, is_open, response.ended, response.outcome, json_text(job.to_dict()))
         with self._transaction() as db:
+            _write_job(db, job)
             db.execute(
-                "INSERT INTO jobs (id, sequence, state, cleared, is_open, ended, outcome, document)"
-                " VALUES (?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET state = excluded.state,"
-                " cleared = excluded.cleared, is_open = excluded.is_open, ended = excluded.ended,"
-                " outcome = excluded.outcome, document = excluded.document",
-                (job.id, job.sequence, *row),
+                "INSERT INTO job_events (job, time, author, method, state, substate, comment)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (job.id, job.changed, author, method, job.state, job.substate, comment),
             )
-            if is_event:
-                db.execute(
-                    "INSERT INTO job_events (job, time, author, method, state, substate, comment)"
-                    " VALUES (?, ?, ?, ?, ?, ?, ?)",
-                    (job.id, job.changed, author, method, job.state, job.substate, comment),
-                )
+
+    def save_progress(self, jobs: Sequence[Job]) -> None:
+        """Writes changed jobs without waiting for the disk: a power failure may lose the change, the end of the process
+        does not.
+        """
+        try:
+            self._db.execute("PRAGMA synchronous = NORMAL")
+            with self._transaction() as db:
+                for job in jobs:
+                    _write_job(db, job)
+        finally:
+            self._db.execute("PRAGMA synchronous = FULL")
 
     def get(self, job_id: str) -> Job | None:
         """Returns a job, also a cleared one."""
@@ -291,3 +293,16 @@ class JobStore:
             if self._db.in_transaction:  # some errors have rolled it back already
                 self._db.execute("ROLLBACK")
             raise StoreFailed(f"the job store cannot be written: {error}") from error
+
+
+def _write_job(db: sqlite3.Connection, job: Job) -> None:
+    response = job.response
+    is_open = job.state not in FINAL or not response.collected
+    row = (job.state, job.cleared, is_open, response.ended, response.outcome, json_text(job.to_dict()))
+    db.execute(
+        "INSERT INTO jobs (id, sequence, state, cleared, is_open, ended, outcome, document)"
+        " VALUES (?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET state = excluded.state,"
+        " cleared = excluded.cleared, is_open = excluded.is_open, ended = excluded.ended,"
+        " outcome = excluded.outcome, document = excluded.document",
+        (job.id, job.sequence, *row),
+    )

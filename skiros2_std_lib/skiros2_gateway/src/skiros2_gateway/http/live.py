@@ -122,7 +122,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         run = view.find_run(key)
         if run.robot != GOALS:
             return await cell.why(run.robot, run.task_id)
-        failed = [task for task in view.goal_runs.tasks(run) if task.state is TaskState.FAILED]
+        failed = [task for task in view.cell.goal_runs.tasks(run) if task.state is TaskState.FAILED]
         why = await cell.why(failed[-1].robot, failed[-1].task_id) if failed else {"text": "", "explanations": []}
         return {**why, "text": "\n".join(filter(None, (run.latest.message(0), why["text"])))}
 
@@ -134,7 +134,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         service.view(caller)
         run = find(key)
         if not key.startswith("bag/"):
-            origin = view.goal_runs.origin(run, node)
+            origin = view.cell.goal_runs.origin(run, node)
             if origin is None:
                 raise UnknownName(f"node {node} of {key} is in no task")
             run, node = origin
@@ -170,8 +170,8 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         async def send() -> dict[str, Any]:
             run = live_run(key)
             if run.robot == GOALS and action == "stop":
-                cell.stop_goal(view.goal_runs.id_of(run))
-            for task in view.goal_runs.tasks(run) if run.robot == GOALS else [run]:
+                cell.stop_goal(view.cell.goal_runs.id_of(run))
+            for task in view.cell.goal_runs.tasks(run) if run.robot == GOALS else [run]:
                 if run is task or (action != "stop" and not task.is_finished):
                     await cell.command(action, task.robot, task.task_id)
             return {}

@@ -126,8 +126,8 @@ def _live_view(
     service: Service, cell: RosCell, settings: Settings, stop_port: int, stack: contextlib.AsyncExitStack
 ) -> list[APIRouter]:
     """Starts the live view, which ends with the stack. Returns its routes and those of the page."""
-    view = LiveView()
-    live = LiveRos(cell, view)
+    view = LiveView(cell.document)
+    live = LiveRos(cell)
     stack.callback(live.close)
     stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
     bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)

@@ -17,12 +17,14 @@ from typing import Any
 
 import actionlib
 import rospy
-from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from actionlib_msgs.msg import GoalID, GoalStatus
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_common.ros.goal_server import ACTIVE
 from skiros2_gateway.core.cell import LOST, UNKNOWN, Ending, Goal, GoalListener, Progress
+from skiros2_live.core.patch import GoalProgress
+from skiros2_live.ros.goals import GoalTopics
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION, ON_RESTART_SERVICE
@@ -75,11 +77,19 @@ class _Tracked:
 class AchieveGoals:
     """Follows goals. Its methods are called in the thread of the loop; so is the listener.
 
+    :param report: called in the thread of the loop with each message of a goal of any client.
     :param changed: called in the thread of the loop if `is_ready` has changed.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, listener: GoalListener, changed: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        listener: GoalListener,
+        report: Callable[[GoalProgress], None],
+        changed: Callable[[], None],
+    ) -> None:
         self._loop = loop
+        self._report = report
         self._listener = listener
         self._changed = changed
         self._goals: dict[str, _Tracked] = {}
@@ -90,19 +100,13 @@ class AchieveGoals:
         self._client.pub_goal.impl.set_queue_size(1000)
         self._client.pub_cancel.impl.set_queue_size(1000)
         self._watch = ServerWatch(self._client)
-        name = self._client.ns
-        self._subscribers = [
-            rospy.Subscriber(f"{name}/feedback", msgs.AchieveActionFeedback, self._hand_over(self._on_feedback)),
-            rospy.Subscriber(f"{name}/result", msgs.AchieveActionResult, self._hand_over(self._on_result)),
-            rospy.Subscriber(f"{name}/status", GoalStatusArray, self._hand_over(self._on_status)),
-        ]
+        self._topics = GoalTopics(self._hand_over(self._on_message), self._hand_over(self._on_status))
         self._timer = loop.call_later(_CHECK_PERIOD, self._check)
 
     def close(self) -> None:
         """Stops following. Goals continue in the task manager."""
         self._timer.cancel()
-        for subscriber in self._subscribers:
-            subscriber.unregister()
+        self._topics.close()
         self._client.stop()
 
     @property
@@ -139,15 +143,21 @@ class AchieveGoals:
 
     # -- in the thread of the loop -----------------------------------------------------------------------------
 
-    def _on_feedback(self, message: Any) -> None:
-        goal_id, feedback = message.status.goal_id.id, message.feedback
+    def _on_message(self, patch: GoalProgress) -> None:
+        self._report(patch)
+        if hasattr(patch.message, "feedback"):
+            self._on_feedback(patch.goal_id, patch.message.feedback)
+        elif hasattr(patch.message, "result"):
+            self._on_result(patch.goal_id, patch.message)
+
+    def _on_feedback(self, goal_id: str, feedback: Any) -> None:
         if goal_id in self._goals:
             self._goals[goal_id].is_heard = True
             plan, steps = json.loads(feedback.plan or "[]"), json.loads(feedback.steps or "[]")
             self._listener.goal_progress(goal_id, Progress(feedback.phase, feedback.message, plan, steps))
 
-    def _on_result(self, message: Any) -> None:
-        goal_id, result = message.status.goal_id.id, message.result
+    def _on_result(self, goal_id: str, message: Any) -> None:
+        result = message.result
         if self._goals.pop(goal_id, None) is not None:
             if message.status.goal_id.stamp.is_zero():  # the answer to a question
                 outcome = UNKNOWN if message.status.status == GoalStatus.REJECTED else LOST

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import functools
 import json
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import rospy
 
-from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
@@ -23,19 +23,21 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.goal_check import goal_problems
 from skiros2_gateway.core.goal_form import GoalEdit, GoalForms
 from skiros2_gateway.core.problems import Problem
-from skiros2_gateway.core.robots import DISCONNECTED, first_stop
-from skiros2_gateway.core.twin import change_data, element_data
 from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.blocking_calls import BlockingCalls
 from skiros2_gateway.ros.goals import AchieveGoals, set_on_restart
 from skiros2_gateway.ros.queries import UserQueries
 from skiros2_gateway.ros.robot_stops import RobotStops
-from skiros2_gateway.ros.robots import Robots
 from skiros2_gateway.ros.scene_work_masters import SceneWorkMasters
 from skiros2_gateway.ros.skill_runs import SkillRuns, check_start
+from skiros2_live.core.cell import CellDocument, RobotChanged
+from skiros2_live.core.element_data import change_data, element_data
+from skiros2_live.core.patch import Patch
+from skiros2_live.core.robots import DISCONNECTED, Robot, first_stop
+from skiros2_live.ros.managers import ManagerConnections
 from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
-from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.goal_report import ASKING
 from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
@@ -45,6 +47,9 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+
+#: The most goals in the document.
+_MAX_GOALS = 20
 
 
 class RosCell:
@@ -67,8 +72,11 @@ class RosCell:
         self.stops = RobotStops()
         self._queries = UserQueries()
         self._wm: WorldModelInterface | None = None
-        self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), listener.cell_changed)
-        self._robots = Robots(rospy.get_name(), self._loop, self._on_robot)
+        #: The robots, tasks and goals of the cell; `LiveRos` adds the scene. Owned by the thread of the loop.
+        self.document = CellDocument(max_goals=_MAX_GOALS)
+        self.document.subscribe(RobotChanged, lambda change: self._on_robot(change.robot))
+        self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), self._apply, listener.cell_changed)
+        self._managers = ManagerConnections(rospy.get_name(), self.report)
         self._robots_of: dict[str, list[tuple[str, str]]] = {}  # (robot, skill) of each goal's running steps
         self._questions: dict[str, str] = {}  # of goals that ask how to continue after a restart; "": they do not
         self._paused: set[str] = set()
@@ -98,7 +106,7 @@ class RosCell:
         for task in self._tasks:
             task.cancel()
         self._goals.close()
-        self._robots.close()
+        self._managers.close()
         self.stops.close()
         self._calls.close()
         self._queries.close()
@@ -115,7 +123,7 @@ class RosCell:
 
     @property
     def capacity(self) -> int:
-        connected = sum(robot.is_connected for robot in self._robots.robots.values())
+        connected = sum(robot.is_connected for robot in self.document.robots.values())
         return self._capacity or max(1, connected)
 
     @property
@@ -125,13 +133,8 @@ class RosCell:
     async def problems(
         self, goal: str, elements: Mapping[str, tuple[str, str]], robots: Sequence[str]
     ) -> list[Problem]:
-        known, connected = self._robots.robots, list(self._robots.agents)
-        problems = []
-        for i, name in enumerate(robots):
-            if name not in known:
-                near = tuple(nearest(name, known) or known)
-                problems.append(Problem("unknown_name", f"robots.{i}", f"there is no robot {name}", nearest=near))
-        return problems + await self.in_thread(goal_problems, self._world_model, connected, goal, elements)
+        problems = _robot_problems(robots, self.document.robots)
+        return problems + await self.in_thread(goal_problems, self._world_model, list(self.managers), goal, elements)
 
     def start(self, goal: Goal) -> None:
         if goal.on_restart or (goal.robots and goal.plan is None):  # a given plan was checked before
@@ -203,16 +206,15 @@ class RosCell:
 
     def _report_stop(self, goal_id: str) -> None:
         robots = [robot for robot, _ in self._robots_of.get(goal_id, [])]
-        reason = self._questions.get(goal_id, "") or first_stop(self._robots.robots, robots)
+        reason = self._questions.get(goal_id, "") or first_stop(self.document.robots, robots)
         self._listener.goal_suspended(goal_id, reason)
 
     def _command_tasks(self, goal_id: str, action: str) -> None:
         """Pauses or resumes the tasks of a goal's running steps."""
         for name, label in self._robots_of.get(goal_id, []):
-            client = self._robots.agents.get(name)
-            for number, message in client.progress.items() if client is not None else ():
-                if any(node.label == label for node in message.progress):
-                    self._spawn(self._command_task(action, name, number, goal_id))
+            for run in self.document.running(name):
+                if any(node.label == label for node in run.nodes):
+                    self._spawn(self._command_task(action, name, run.task_id, goal_id))
 
     async def _command_task(self, action: str, robot: str, task: int, goal_id: str) -> None:
         try:
@@ -223,14 +225,14 @@ class RosCell:
     # -- reading -----------------------------------------------------------------------------------------------
 
     @property
-    def robots(self) -> Robots:
-        """The robots, with the clients of their managers."""
-        return self._robots
+    def managers(self) -> dict[str, ManagerClient]:
+        """The clients of the robots' managers that run, by their node names."""
+        return self._managers.managers
 
     @property
     def connected(self) -> list[str]:
         """The node names of the robots' managers that run."""
-        return sorted(robot.name for robot in self._robots.robots.values() if robot.is_connected)
+        return sorted(robot.name for robot in self.document.robots.values() if robot.is_connected)
 
     @property
     def world_model(self) -> WorldModelInterface | None:
@@ -238,8 +240,7 @@ class RosCell:
         return self._wm
 
     def state(self) -> dict[str, Any]:
-        robots = [robot.to_dict() for _, robot in sorted(self._robots.robots.items())]
-        return {"robots": robots, "ready": self.is_ready, "capacity": self.capacity}
+        return {"robots": self.document.robots_data(), "ready": self.is_ready, "capacity": self.capacity}
 
     async def world(self) -> dict[str, Any]:
         def read() -> dict[str, Any]:
@@ -259,7 +260,7 @@ class RosCell:
                     {"type": s.type, "label": s.label, "parameters": [p.as_json() for p in s.parameters.values()]}
                     for s in client.read_skills()
                 ]
-                for name, client in self._robots.agents.items()
+                for name, client in self.managers.items()
             }
 
         return await self.in_thread(read)
@@ -316,11 +317,9 @@ class RosCell:
             raise Refused("the world model has not answered yet")
         return self._wm
 
-    def _client(self, robot: str) -> SkillManagerInterface:
-        """
-        :raises UnknownName: no such robot is connected.
-        """
-        clients = self._robots.agents
+    def _client(self, robot: str) -> ManagerClient:
+        """:raises UnknownName: no such robot is connected."""
+        clients = self.managers
         name = matching_name(robot, clients)
         if not name:
             near = ", ".join(nearest(robot, clients) or clients) or "none"
@@ -329,11 +328,20 @@ class RosCell:
 
     # -- internals ---------------------------------------------------------------------------------------------
 
-    def _on_robot(self, name: str) -> None:
-        robot = self._robots.robots[name]
+    def report(self, patch: Patch) -> None:
+        """Has a patch applied to the document. Any thread."""
+        self._in_loop(self._apply, patch)
+
+    def _apply(self, patch: Patch) -> None:
+        try:
+            self.document.apply(patch)
+        except WrongValue as error:
+            log.warning("%s", error)
+
+    def _on_robot(self, robot: Robot) -> None:
         self.stops.set_robots(self.connected)
         for goal_id, running in list(self._robots_of.items()):
-            if any(robot_name == name for robot_name, _ in running) and robot.state != DISCONNECTED:
+            if any(name == robot.name for name, _ in running) and robot.state != DISCONNECTED:
                 self._report_stop(goal_id)
         self._listener.cell_changed()
 
@@ -344,7 +352,16 @@ class RosCell:
 
     def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
         if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(functools.partial(call, *arguments))
+            self._loop.call_soon_threadsafe(partial(call, *arguments))
+
+
+def _robot_problems(names: Sequence[str], robots: Collection[str]) -> list[Problem]:
+    problems = []
+    for i, name in enumerate(names):
+        if name not in robots:
+            near = tuple(nearest(name, robots) or robots)
+            problems.append(Problem("unknown_name", f"robots.{i}", f"there is no robot {name}", nearest=near))
+    return problems
 
 
 def _collect(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_gateway.core.cell import BUSY, IDLE, PAUSED
+from skiros2_live.core.patch import SafetyChanged
+from skiros2_runs.core.progress import NodeMessage, has_ended, task_state
+from skiros2_runs.core.states import FAILURE, SUCCESS, TaskState
 
-#: The state of a robot whose skill manager does not run.
-DISCONNECTED = "disconnected"
+#: The states of a robot without a stop; disconnected: its skill manager does not run.
+IDLE, BUSY, PAUSED, DISCONNECTED = "idle", "busy", "paused", "disconnected"
 #: The state of a `SafetyStatus` without a stop.
 _NO_STOP = "running"
 
@@ -31,7 +33,7 @@ class Robot:
     """A robot.
 
     :param name: the node name of its skill manager.
-    :param safety: the state of its `SafetyStatus`; with the reason of the stop.
+    :param safety: the last one reported; None: none, or it is not connected.
     :param tasks: those that have not ended.
     :param times: how long it has been in each state, up to `since` (s).
     """
@@ -39,8 +41,7 @@ class Robot:
     name: str
     clock: Callable[[], float] = time.time
     is_connected: bool = True
-    safety: str = _NO_STOP
-    reason: str = ""
+    safety: SafetyChanged | None = None
     tasks: dict[int, RobotTask] = field(default_factory=dict)
     succeeded: int = 0
     failed: int = 0
@@ -50,6 +51,36 @@ class Robot:
 
     def __post_init__(self) -> None:
         self.since = self.clock()
+
+    @property
+    def stop(self) -> str:
+        """The kind of the active stop, such as `protective_stop`; "" if there is none."""
+        return self.safety.state if self.safety is not None and self.safety.state != _NO_STOP else ""
+
+    @property
+    def reason(self) -> str:
+        """The reason of the stop; "" if it is not known."""
+        return self.safety.reason if self.safety is not None else ""
+
+    def connect(self, is_connected: bool) -> None:
+        """Notes that its manager has connected or disconnected; the known tasks are lost."""
+        self.is_connected = is_connected
+        self.safety = None
+        self.failed += len(self.tasks)
+        self.tasks.clear()
+
+    def follow(self, nodes: Sequence[NodeMessage]) -> None:
+        """Notes the progress of a task.
+
+        :param nodes: the root first.
+        """
+        root = nodes[0]
+        if not has_ended(nodes):
+            label = nodes[1].label if len(nodes) > 1 else root.label
+            self.tasks.setdefault(root.id, RobotTask(label)).is_paused = task_state(root) is TaskState.PAUSED
+        elif self.tasks.pop(root.id, None) is not None:
+            self.succeeded += root.state == SUCCESS
+            self.failed += root.state == FAILURE
 
     def update(self) -> bool:
         """Computes the state. Returns whether it has changed."""
@@ -64,8 +95,8 @@ class Robot:
     def _state(self) -> str:
         if not self.is_connected:
             return DISCONNECTED
-        if self.safety != _NO_STOP:
-            return self.safety
+        if self.stop:
+            return self.stop
         if self.tasks and all(task.is_paused for task in self.tasks.values()):
             return PAUSED
         return BUSY if self.tasks else IDLE
@@ -113,6 +144,6 @@ def first_stop(robots: Mapping[str, Robot], names: list[str]) -> str:
     """Returns why the named robots stand still, such as `/arm: protective_stop (light curtain)`; "" if none does."""
     for name in names:
         robot = robots.get(name)
-        if robot is not None and robot.is_connected and robot.safety != _NO_STOP:
-            return f"{name}: {robot.safety}" + (f" ({robot.reason})" if robot.reason else "")
+        if robot is not None and robot.is_connected and robot.stop:
+            return f"{name}: {robot.stop}" + (f" ({robot.reason})" if robot.reason else "")
     return ""

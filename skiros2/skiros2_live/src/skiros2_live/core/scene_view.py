@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skiros2_common.core.world_element import Element
-from skiros2_gateway.core.twin import element_data
+from skiros2_live.core.element_data import element_data
 from skiros2_live.core.markers import MESH, MarkerFactory, RobotPart, read_robot
 from skiros2_motion.core.geometry import Pose
 

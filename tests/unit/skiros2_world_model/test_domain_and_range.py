@@ -38,11 +38,11 @@ def ontology() -> Ontology:
 
 
 def test_subclasses_fit_a_domain(ontology: Ontology) -> None:
-    assert ontology.misfits("a:Dog", "a:eats", "a:Bone") == []
+    assert ontology.domain_range_violations("a:Dog", "a:eats", "a:Bone") == []
 
 
 def test_subproperty_inherits_domain_and_range(ontology: Ontology) -> None:
-    assert ontology.misfits("a:Bone", "a:gnaws", "a:Dog") == [
+    assert ontology.domain_range_violations("a:Bone", "a:gnaws", "a:Dog") == [
         "the subject of a:eats is a a:Animal, which a:Bone is not",
         "the object of a:eats is a a:Bone, which a:Dog is not",
     ]
@@ -54,16 +54,16 @@ def test_reader_during_a_check_gets_all_of_its_result(ontology: Ontology, monkey
 
     def check_later(child: str, parent: str) -> bool:
         monkeypatch.undo()
-        found.append(list(ontology.misfits(*relation)))  # as another thread does meanwhile
+        found.append(list(ontology.domain_range_violations(*relation)))  # as another thread does meanwhile
         return check(child, parent)
 
     monkeypatch.setattr(ontology, "is_subclass", check_later)
-    assert ontology.misfits(*relation) == found[0]
+    assert ontology.domain_range_violations(*relation) == found[0]
     assert len(found[0]) == 2
 
 
 def test_unknown_classes_break_no_rule(ontology: Ontology) -> None:
-    assert ontology.misfits("a:Cat", "a:eats", "") == []
+    assert ontology.domain_range_violations("a:Cat", "a:eats", "") == []
 
 
 def _world_model(workspace: Path, strict: bool) -> tuple[LocalWorldModel, Element, Element]:

@@ -70,7 +70,7 @@ def state(wm: LocalWorldModel) -> dict[str, Any]:
         context = model._contexts[name]
         scene = context.scene
         nodes = [
-            (n.id, n.type, n.label, {k: (p.dataType(), p.values) for k, p in n.properties.items()}, n.provenance)
+            (n.id, n.type, n.label, {k: (p.dataType(), p.values) for k, p in n.properties.items()}, n.change_info)
             for n in scene
         ]
         extras = sorted(map(str, context.extras))
@@ -156,10 +156,10 @@ def test_an_element_knows_its_last_change_after_a_restart(lives: Lives) -> None:
     wm = lives.start()
     wm.add_element(box())
     wm.set_relation(SCENE, "skiros:contain", "skiros:LargeBox-1")
-    made = {node.id: node.provenance for node in wm.model.scene()}
+    made = {node.id: node.change_info for node in wm.model.scene()}
     assert made["skiros:LargeBox-1"].author == "tester"
     lives.kill()
-    assert {node.id: node.provenance for node in lives.start().model.scene()} == made
+    assert {node.id: node.change_info for node in lives.start().model.scene()} == made
 
 
 def test_the_numbers_go_on_and_the_first_change_continues_the_chain(lives: Lives) -> None:

@@ -102,7 +102,7 @@ def content(model: WorldModel) -> dict[str, Any]:
     for name in found.copy():
         for node in model.scene(name):
             values = {key: (p.dataType(), repr(p.values)) for key, p in node.properties.items()}
-            found[f"{name} {node.id}"] = node.type, node.label, values, node.provenance
+            found[f"{name} {node.id}"] = node.type, node.label, values, node.change_info
         found[f"{name} relations"] = sorted(model.scene(name).relations())
     # the blank nodes of files have other names each time
     found["ontology"] = {str(t) for t in model.knowledge_base.store.triples("ontology") if "_:" not in str(t)}

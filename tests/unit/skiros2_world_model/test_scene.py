@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.property import Property
-from skiros2_world_model.core.scene import ChangeSet, ElementRecord, Provenance, Scene, apply
+from skiros2_world_model.core.scene import ChangeInfo, ChangeSet, ElementRecord, Scene, apply
 
 
 def node(eid, etype="a:T", label="", **values):
@@ -114,7 +114,7 @@ def test_one_number_may_stand_under_two_types():
 def test_changed_records_have_the_provenance_of_the_change(scene):
     scene.begin()
     scene.relate("a:T-1", "a:holds", "a:T-2")
-    scene.commit(Provenance(7, 1.0, "me"))
+    scene.commit(ChangeInfo(7, 1.0, "me"))
     assert [scene.element(eid).version for eid in ("a:T-1", "a:T-2", "a:T-3")] == [7, 7, 0]
 
 
@@ -239,7 +239,7 @@ def test_index_matches_a_model_after_random_changes_and_roll_backs(first, second
     if ending == "roll back":
         scene.roll_back()
     else:
-        changes = scene.commit(Provenance(1, 1.0, "me"))
+        changes = scene.commit(ChangeInfo(1, 1.0, "me"))
         if ending == "read and invert":
             changes = ChangeSet.from_json(changes.to_json())
         if ending != "commit":

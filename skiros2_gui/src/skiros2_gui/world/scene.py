@@ -15,7 +15,7 @@ from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.operations import RESET, SCENE, Change
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.replica import apply_change
-from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ROOT, ChangeInfo, ElementRecord, Scene
 
 #: The parent of elements that nothing contains.
 UNPLACED = "(held by nothing)"
@@ -76,8 +76,8 @@ class SceneHierarchy:
         self._rows: dict[str, int] = {}
         elements = list(elements)
         for element in elements:
-            provenance = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
-            self.scene.put(ElementRecord(element.id, element.type, element.label, element.property_view, provenance))
+            change_info = ChangeInfo(max(element.version, 0), element.getLastUpdate().timestamp())
+            self.scene.put(ElementRecord(element.id, element.type, element.label, element.property_view, change_info))
         for element in elements:
             for relation in element.relation_view:
                 if relation["src"] == "-1":

@@ -16,7 +16,7 @@ Relation = tuple[str, str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Provenance:
+class ChangeInfo:
     """The change that last modified something: its number, its time (s since the epoch) and its author."""
 
     version: int = 0
@@ -24,7 +24,7 @@ class Provenance:
     author: str = ""
 
 
-UNKNOWN = Provenance()
+UNKNOWN = ChangeInfo()
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +35,12 @@ class ElementRecord:
     type: str
     label: str
     properties: dict[str, Property]
-    provenance: Provenance = UNKNOWN
+    change_info: ChangeInfo = UNKNOWN
 
     @property
     def version(self) -> int:
         """The number of the last change."""
-        return self.provenance.version
+        return self.change_info.version
 
     def equals(self, other: ElementRecord) -> bool:
         """Whether class, label and properties are equal."""
@@ -217,23 +217,23 @@ def record_json(record: ElementRecord) -> str:
         raise WrongValue(f"{record.id}: {error}") from None
 
 
-def read_record(eid: str, text: str, provenance: Provenance = UNKNOWN) -> ElementRecord:
+def read_record(eid: str, text: str, change_info: ChangeInfo = UNKNOWN) -> ElementRecord:
     """Parses the JSON of an element.
 
     :raises ValueError: the text was not written by `record_json`.
     """
-    record = _record(eid, json.loads(text), provenance)
+    record = _record(eid, json.loads(text), change_info)
     if record is None:
         raise ValueError(f"{eid}: expected an element")
     return record
 
 
-def _record(eid: str, content: Any, provenance: Provenance = UNKNOWN) -> ElementRecord | None:
+def _record(eid: str, content: Any, change_info: ChangeInfo = UNKNOWN) -> ElementRecord | None:
     if content is None:
         return None
     etype, label, properties = content
     read = {key: _property(key, values) for key, values in properties.items()}
-    return ElementRecord(eid, etype, label, read, provenance)
+    return ElementRecord(eid, etype, label, read, change_info)
 
 
 def _typed(prop: Property) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from skiros2_common.command_line.command import (
 from skiros2_common.command_line.completion import Completer, Typed, complete_by
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.command_line.master import check_node
+from skiros2_common.core.operations import SCENE
 from skiros2_world_model.command_line import reading, writing
 from skiros2_world_model.core.report import VIOLATION, Report
 from skiros2_world_model.core.world_model_client import WorldModelClient
@@ -146,7 +147,7 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
             complete_by(action, _COMPLETERS[names[0]])
     parser.add_argument(
         "--context",
-        default="" if name == "query" else "scene",
+        default="" if name == "query" else SCENE,
         metavar="NAME",
         help="the context (default: %(default)s)" if name != "query" else "the context (default: all)",
     )

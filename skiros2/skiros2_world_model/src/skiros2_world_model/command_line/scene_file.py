@@ -15,7 +15,7 @@ from skiros2_world_model.core.knowledge_base import KnowledgeBase, is_knowledge_
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.rdf import read_triples
 from skiros2_world_model.core.report import Report
-from skiros2_world_model.core.scene import Provenance
+from skiros2_world_model.core.scene import ChangeInfo
 from skiros2_world_model.core.scene_rdf import SceneContent
 from skiros2_world_model.core.validation import scene_file_triples, validate
 
@@ -29,7 +29,7 @@ def read_scene_file(path: Path) -> list[Element]:
     with quiet(logging.ERROR, "skiros2_world_model"):  # no warnings in a comparison
         knowledge_base = KnowledgeBase(base_ontologies())
         checks = CollectingChecks(knowledge_base, str(path), False)
-        content = SceneContent(triples, checks, Provenance())
+        content = SceneContent(triples, checks, ChangeInfo())
     outgoing: dict[str, list[RelationDict]] = {}
     for src, pred, dst in content.relations:
         outgoing.setdefault(src, []).append(relation_dict("-1", pred, dst))

@@ -8,7 +8,7 @@ import uuid
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
-from skiros2_common.core.changeset import ChangeSet, Provenance, Relation
+from skiros2_common.core.changeset import ChangeInfo, ChangeSet, Relation
 from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.operations import ADD, REMOVE, REMOVE_RECURSIVE, UPDATE, Change
 from skiros2_common.core.revision import local_revision
@@ -52,9 +52,9 @@ class ChangeNotifier:
         """The name of the current state."""
         return f"{self.session}-{self.number}"
 
-    def next(self, author: str, number: int | None = None) -> Provenance:
-        """The provenance of the change after this one (None: the last), with the current time."""
-        return Provenance((self.number if number is None else number) + 1, time.time(), author)
+    def next(self, author: str, number: int | None = None) -> ChangeInfo:
+        """The number, time and author of the change after this one (None: the last), with the current time."""
+        return ChangeInfo((self.number if number is None else number) + 1, time.time(), author)
 
     def add_listener(self, listener: Listener) -> None:
         self._listeners.append(listener)
@@ -64,22 +64,22 @@ class ChangeNotifier:
             self._listeners.remove(listener)
 
     def publish(
-        self, pending: Iterable[PendingChange], provenance: Provenance, context: str, scene: Scene
+        self, pending: Iterable[PendingChange], change_info: ChangeInfo, context: str, scene: Scene
     ) -> list[Change]:
         """Numbers the changes of one request, in order, and notifies the listeners.
 
-        :param provenance: that of the request's first change.
+        :param change_info: that of the request's first change.
         """
-        return [self._publish(change, provenance, context, scene) for change in pending]
+        return [self._publish(change, change_info, context, scene) for change in pending]
 
-    def _publish(self, pending: PendingChange, provenance: Provenance, context: str, scene: Scene) -> Change:
+    def _publish(self, pending: PendingChange, change_info: ChangeInfo, context: str, scene: Scene) -> Change:
         current = (scene.element(eid) for eid in pending.ids)
         elements = (*pending.elements, *(element for element in current if element is not None))
         relations = tuple(relation_dict(*relation) for relation in pending.relations)
         before = self.snapshot_id
         self.number += 1
         local_revision.advance()
-        stamp, author = provenance.stamp, provenance.author
+        stamp, author = change_info.stamp, change_info.author
         change = Change(
             self.number, before, self.snapshot_id, stamp, author, pending.action, context, elements, relations
         )

@@ -40,7 +40,7 @@ _MAX_WARNED = 10_000
 
 
 #: The kind of issue of a relation between wrong classes; other kinds are unknown names.
-MISFIT = "misfit"
+DOMAIN_RANGE = "domain or range"
 
 
 class Checks:
@@ -94,8 +94,8 @@ class Checks:
 
         :param obj: None when it is not an element of the scene.
         """
-        for text in self.ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
-            self._add_issue(MISFIT, text, who)
+        for text in self.ontology.domain_range_violations(subject.type, relation, obj.type if obj is not None else ""):
+            self._add_issue(DOMAIN_RANGE, text, who)
 
     def property_name(self, name: str, who: str) -> str:
         """The full name of a property.
@@ -153,8 +153,8 @@ class Checks:
             raise WrongValue(f"{self.origin}: {who}: {error}") from None
         return text
 
-    def refuse(self, who: str, what: str, error: SkirosError, done: str = "") -> None:
-        """Refuses a part of a file, and thereby the file. `CollectingChecks` records it instead.
+    def report(self, who: str, what: str, error: SkirosError, done: str = "") -> None:
+        """Reports a part of a file as wrong: refuses the file. `CollectingChecks` records it instead.
 
         :param who: the element; "": the file as a whole.
         :param what: its property or relation; "": the element as a whole.
@@ -173,7 +173,7 @@ class Checks:
             others = f" and {len(users) - 1} more" if len(users) > 1 else ""
             lines[self.origin, kind, name] = f"{self.origin}: {issue_text(kind, name)} ({users[0]}{others})"
         if lines and self._strict:
-            error = WrongValue if all(kind == MISFIT for _, kind, _ in lines) else UnknownName
+            error = WrongValue if all(kind == DOMAIN_RANGE for _, kind, _ in lines) else UnknownName
             raise error("; ".join(lines.values()))
         for what, line in lines.items():
             if self._warned is None or what not in self._warned:
@@ -211,7 +211,7 @@ class Checks:
 
 def issue_text(kind: str, name: str) -> str:
     """Formats an issue."""
-    return name if kind == MISFIT else f"unknown {kind} {name}"
+    return name if kind == DOMAIN_RANGE else f"unknown {kind} {name}"
 
 
 def made_property(
@@ -287,7 +287,7 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
 #: The maximum number of unknown names of a file for which the nearest name is searched; each takes some ms.
 _MAX_HINTS = 20
 #: By kind of issue.
-_CODES = {"class": UNKNOWN_CLASS, "relation": UNKNOWN_RELATION, "property": UNKNOWN_PROPERTY, MISFIT: WRONG_ENDS}
+_CODES = {"class": UNKNOWN_CLASS, "relation": UNKNOWN_RELATION, "property": UNKNOWN_PROPERTY, DOMAIN_RANGE: WRONG_ENDS}
 
 KEPT = "kept"
 LEFT_OUT = "left out"
@@ -300,7 +300,7 @@ class CollectingChecks(Checks):
         super().__init__(knowledge_base.index, knowledge_base.prefixes, origin, strict)
         self.flaws: dict[Finding, str] = {}  #: each finding, and how loading handles it
 
-    def refuse(self, who: str, what: str, error: SkirosError, done: str = LEFT_OUT) -> None:
+    def report(self, who: str, what: str, error: SkirosError, done: str = LEFT_OUT) -> None:
         text = str(error).removeprefix(f"{self.origin}: ")
         if text.startswith((f"{who}: ", f"{who} {what} ")):  # the finding names them itself
             text = text.partition(": ")[2]
@@ -309,8 +309,8 @@ class CollectingChecks(Checks):
 
     def property(self, etype: str, key: str, prop: Property, who: str) -> Property:
         checked = super().property(etype, key, prop, who)
-        for text in self.ontology.misfits(etype, self.full(key), ""):
-            self._add_issue(MISFIT, text, who)
+        for text in self.ontology.domain_range_violations(etype, self.full(key), ""):
+            self._add_issue(DOMAIN_RANGE, text, who)
         return checked
 
     def finish(self) -> None:

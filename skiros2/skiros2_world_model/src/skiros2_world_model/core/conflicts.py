@@ -73,7 +73,7 @@ def _exists(change_set: ChangeSet, scene: Scene, eid: str) -> bool:
 
 def _author(scene: Scene, eid: str) -> str:
     record = scene.record(eid)
-    last = record.provenance if record is not None else scene.removal(eid)
+    last = record.change_info if record is not None else scene.removal(eid)
     if last is None or not last.author:
         return ""
     return f" by {last.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(last.stamp))}"

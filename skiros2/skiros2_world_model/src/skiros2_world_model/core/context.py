@@ -18,7 +18,7 @@ from skiros2_world_model.core.journal import ContextState
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.queries import containment_cycle, format_cycle
 from skiros2_world_model.core.rdf import parse_n_triples, python_value
-from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ROOT, ChangeInfo, ElementRecord, Scene
 from skiros2_world_model.core.scene_rdf import GraphSync, SceneContent, scene_triples, scene_turtle
 from skiros2_world_model.core.transaction import template_element
 
@@ -59,16 +59,16 @@ class Context:
         return lambda: scene_turtle(records, relations, extras, ontology, prefixes)
 
     def read(
-        self, triples: Iterable[ox.Triple], checks: Checks, provenance: Provenance, adds_root: bool = True
+        self, triples: Iterable[ox.Triple], checks: Checks, change_info: ChangeInfo, adds_root: bool = True
     ) -> tuple[Scene, list[ox.Triple]]:
         """Builds a scene and its extra triples from triples. Does not change this context.
 
-        :param provenance: the provenance of the elements.
+        :param change_info: the last change of the elements.
         :param adds_root: adds the root to a scene without one, instead of refusing it.
         :raises SkirosError: a check refuses the content.
         """
         knowledge_base = self._knowledge_base
-        content = SceneContent(triples, checks, provenance)
+        content = SceneContent(triples, checks, change_info)
         scene = Scene()
         for record in content.records.values():
             scene.put(record)
@@ -81,14 +81,14 @@ class Context:
                 if dst not in scene:
                     checks.individual(dst, f"{src} {pred} {dst}")
             except SkirosError as error:
-                checks.refuse(src, pred, error, LEFT_OUT)
+                checks.report(src, pred, error, LEFT_OUT)
             else:
                 scene.relate(src, pred, dst)
         spatial = knowledge_base.index.subproperties(SPATIAL)
         while cycle := containment_cycle(scene, spatial, (record.id for record in scene)):
             holder, held = cycle[1], cycle[0]
             loop = WrongValue(f"{checks.origin}: elements that contain themselves: {format_cycle(cycle)}")
-            checks.refuse(held, "", loop, f"left out that {holder} holds {held}")
+            checks.report(held, "", loop, f"left out that {holder} holds {held}")
             for relation in list(scene.relations(holder, spatial, held)):
                 scene.unrelate(*relation)
         checks.finish()

@@ -20,7 +20,7 @@ class FileContent:
     :param adds_root: adds the root to a scene without one, instead of refusing it.
     :raises SkirosError: the file is missing, does not parse, or is refused.
     :ivar index: the ontologies that it was checked with.
-    :ivar scene: its elements have no provenance yet.
+    :ivar scene: its elements have no change_info yet.
     :ivar extras: its triples that belong to no element.
     :ivar flaws: they were logged.
     """

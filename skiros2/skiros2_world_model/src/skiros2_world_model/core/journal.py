@@ -13,7 +13,7 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from skiros2_common.core.changeset import ChangeSet, ElementRecord, Provenance, read_record, record_json
+from skiros2_common.core.changeset import ChangeInfo, ChangeSet, ElementRecord, read_record, record_json
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_common.core.operations import ONTOLOGY
 from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only
@@ -95,22 +95,22 @@ class Journal:
             self._retention.start()
         return state
 
-    def start(self, session: str, provenance: Provenance, contents: Sequence[Content]) -> None:
+    def start(self, session: str, change_info: ChangeInfo, contents: Sequence[Content]) -> None:
         """Replaces the current state with the initial contexts of a world model that does not recover.
 
         :param session: the session of its snapshot ids.
-        :param provenance: the provenance of the start.
+        :param change_info: the start, as a change.
         :param contents: as for `JournalWriter.replace_context`.
         :raises Refused: the journal cannot be written.
         """
         try:
-            self._start(session, provenance, contents)
+            self._start(session, change_info, contents)
         except Refused as error:
             cause = error.__cause__
             if not isinstance(cause, sqlite3.DatabaseError) or isinstance(cause, sqlite3.OperationalError):
                 raise
             self._file.start_over(cause)
-            self._start(session, provenance, contents)
+            self._start(session, change_info, contents)
         self._retention.start()
 
     def close(self, clean: bool = True) -> None:
@@ -146,10 +146,10 @@ class Journal:
                 self._next_numbers.clear()
 
     @contextmanager
-    def request(self, provenance: Provenance, last: int, action: str, context: str) -> Iterator[JournalWriter]:
+    def request(self, change_info: ChangeInfo, last: int, action: str, context: str) -> Iterator[JournalWriter]:
         """A transaction that writes one request.
 
-        :param provenance: the provenance of its first change.
+        :param change_info: its first change.
         :param last: the number of its last change.
         :param action: see `HistoryEntry`.
         :raises Refused: the journal cannot be written.
@@ -158,8 +158,9 @@ class Journal:
         done = False
         try:
             with nullcontext(self._shared) if self._shared is not None else self._file.transaction() as db:
-                yield JournalWriter(db, provenance, self._next_numbers)
-                db.execute(_REQUEST, (provenance.version, last, provenance.stamp, provenance.author, action, context))
+                yield JournalWriter(db, change_info, self._next_numbers)
+                number, stamp, author = _columns(change_info)
+                db.execute(_REQUEST, (number, last, stamp, author, action, context))
             done = True
         finally:
             if not done:
@@ -187,14 +188,14 @@ class Journal:
         """The text stored under a key; "" when there is none."""
         return str(read_meta(self._file.writer, _META_PREFIX + key) or "")
 
-    def _start(self, session: str, provenance: Provenance, contents: Sequence[Content]) -> None:
-        with self.request(provenance, provenance.version, "start", "") as writer:
+    def _start(self, session: str, change_info: ChangeInfo, contents: Sequence[Content]) -> None:
+        with self.request(change_info, change_info.version, "start", "") as writer:
             writer.clear()
             writer.db.execute("DELETE FROM meta WHERE key LIKE ?", (f"{_META_PREFIX}%",))
             for content in contents:
                 writer.replace_context(*content)
             _set_meta(writer.db, session=session, state=_RUNNING, origin=self._origin)
-            writer.db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (provenance.version,))
+            writer.db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (change_info.version,))
 
     def _should_recover(self, db: sqlite3.Connection) -> bool:
         state = read_meta(db, "state")
@@ -241,14 +242,14 @@ class JournalState:
 
     :param session: the session of its snapshot ids.
     :param number: the number of the last change.
-    :param last: the provenance of the last request.
+    :param last: the last change.
     :param stated: the triples added to the ontologies since they were read from files, as N-Triples.
     :param unstated: the triples removed from the ontologies since they were read from files.
     """
 
     session: str
     number: int
-    last: Provenance
+    last: ChangeInfo
     contexts: list[ContextState]
     stated: list[str]
     unstated: list[str]
@@ -266,11 +267,11 @@ def read_state(db: sqlite3.Connection) -> JournalState:
     """
     session = read_meta(db, "session")
     contexts = {name: ContextState(name, *more) for name, *more in db.execute("SELECT * FROM context ORDER BY rowid")}
-    provenance: dict[tuple[int, float, str], Provenance] = {}
+    change_info: dict[tuple[int, float, str], ChangeInfo] = {}
     rows = db.execute("SELECT context, id, content, made, stamp, author FROM element ORDER BY rowid")
     for context, eid, content, *change in rows:
         key = (change[0], change[1], change[2])
-        known = provenance.get(key) or provenance.setdefault(key, Provenance(*key))
+        known = change_info.get(key) or change_info.setdefault(key, ChangeInfo(*key))
         contexts[context].records.append(read_record(eid, content, known))
     for context, *relation in db.execute("SELECT context, src, pred, dst FROM relation ORDER BY rowid"):
         contexts[context].relations.append((relation[0], relation[1], relation[2]))
@@ -279,7 +280,7 @@ def read_state(db: sqlite3.Connection) -> JournalState:
         (stated[bool(present)] if context == ONTOLOGY else contexts[context].extras).append(triple)
     request = "SELECT last, number, stamp, author FROM request ORDER BY number DESC LIMIT 1"
     number, *last = db.execute(request).fetchone()
-    return JournalState(str(session), number, Provenance(*last), list(contexts.values()), stated[True], stated[False])
+    return JournalState(str(session), number, ChangeInfo(*last), list(contexts.values()), stated[True], stated[False])
 
 
 def recorded_state(path: Path) -> JournalState:
@@ -330,14 +331,14 @@ _NEW_ELEMENT = "INSERT INTO element VALUES (?,?,?,?,?,?,?)"
 class JournalWriter:
     """Writes the rows of one request.
 
-    :param provenance: the provenance of the request's first change.
+    :param change_info: the first change of the request.
     :param next_numbers: a cache of the recorded id numbers of the contexts.
     """
 
-    def __init__(self, db: sqlite3.Connection, provenance: Provenance, next_numbers: dict[str, int]) -> None:
+    def __init__(self, db: sqlite3.Connection, change_info: ChangeInfo, next_numbers: dict[str, int]) -> None:
         self.db = db
-        self._number = provenance.version
-        self._columns = _columns(provenance)
+        self._number = change_info.version
+        self._columns = _columns(change_info)
         self._next_numbers = next_numbers
 
     def clear(self, context: str = "") -> None:
@@ -351,7 +352,7 @@ class JournalWriter:
             self._next_numbers.clear()
 
     def replace_context(self, context: str, scene: Scene, extras: Iterable[str], file: str) -> None:
-        """Replaces the content of a context. The records keep their own provenance.
+        """Replaces the content of a context. The records keep their last change.
 
         :param extras: its extra triples, as N-Triples.
         """
@@ -359,7 +360,7 @@ class JournalWriter:
         self._context(context, scene)
         self.db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
         number = self._number
-        elements = ((context, r.id, number, *_columns(r.provenance), record_json(r)) for r in scene)
+        elements = ((context, r.id, number, *_columns(r.change_info), record_json(r)) for r in scene)
         self.db.executemany(_NEW_ELEMENT, elements)
         relations = ((context, *relation, number) for relation in scene.relations())
         self.db.executemany("INSERT INTO relation VALUES (?,?,?,?,?)", relations)
@@ -415,6 +416,6 @@ class JournalWriter:
             self.db.execute(f"DELETE FROM relation {_THE_RELATION}", key)
 
 
-def _columns(provenance: Provenance) -> tuple[int, float, str]:
+def _columns(change_info: ChangeInfo) -> tuple[int, float, str]:
     """The values of the columns made, stamp and author."""
-    return provenance.version, provenance.stamp, provenance.author
+    return change_info.version, change_info.stamp, change_info.author

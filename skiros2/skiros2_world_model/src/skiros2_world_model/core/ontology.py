@@ -78,7 +78,7 @@ class Ontology:
         self._restrictions: dict[str, list[Restriction]] = {}
         self._closures: dict[tuple[str, str], frozenset[str]] = {}
         self._limits: dict[tuple[str, str], tuple[str, int | None]] = {}
-        self._misfits: dict[tuple[str, str, str], list[str]] = {}
+        self._violations: dict[tuple[str, str, str], list[str]] = {}
         self._read(list(triples))
         self._subclasses = _inverse(self._superclasses)
         self._subproperties = _inverse(self._superproperties)
@@ -161,7 +161,7 @@ class Ontology:
         """Whether `child` is `parent` or one of its subproperties."""
         return child == parent or parent in self.superproperties(child)
 
-    def misfits(self, subject_type: str, relation: str, object_type: str) -> list[str]:
+    def domain_range_violations(self, subject_type: str, relation: str, object_type: str) -> list[str]:
         """The violations of `rdfs:domain` and `rdfs:range` by a relation between two classes, as texts.
 
         Undeclared classes violate nothing.
@@ -169,7 +169,7 @@ class Ontology:
         :param object_type: "" when the object has no class.
         """
         key = (subject_type, relation, object_type)
-        if (broken := self._misfits.get(key)) is not None:
+        if (broken := self._violations.get(key)) is not None:
             return broken
         sides = ("subject", subject_type, self._domains), ("object", object_type, self._ranges)
         broken = [
@@ -179,7 +179,7 @@ class Ontology:
             for cls in stated.get(name, ())
             if self.has_class(etype) and self.has_class(cls) and not self.is_subclass(etype, cls)
         ]
-        self._misfits[key] = broken  # complete: other threads read it at once
+        self._violations[key] = broken  # complete: other threads read it at once
         return broken
 
     # -- values ------------------------------------------------------------------------------------------------
@@ -261,7 +261,7 @@ class Ontology:
         other = copy.copy(self)
         other._superclasses = {name: list(above) for name, above in self._superclasses.items()}
         other._types = {name: list(types) for name, types in self._types.items()}
-        other._closures, other._limits, other._misfits = {}, {}, {}
+        other._closures, other._limits, other._violations = {}, {}, {}
         for subject, predicate, obj in triples:
             if predicate == "rdf:type":
                 _append(other._types.setdefault(subject, []), obj)

@@ -129,7 +129,7 @@ class OntologyLint:
         """The mistakes in a value or relation of an individual."""
         ontology = self._ontology
         other = ontology.individual(obj) if isinstance(obj, str) else None
-        for text in ontology.misfits(individual.type, key, other.type if other is not None else ""):
+        for text in ontology.domain_range_violations(individual.type, key, other.type if other is not None else ""):
             yield WRONG_ENDS, key, text
         if isinstance(obj, str) and not ontology.has_relation(key):
             yield WRONG_LITERAL, key, f"expected a literal, got {obj}"

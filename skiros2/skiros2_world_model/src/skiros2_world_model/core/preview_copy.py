@@ -86,11 +86,11 @@ class PreviewTransport:
             except Exception:
                 self._copy.roll_back()
                 raise
-            provenance = self._notifier.next(self.author)
-            committed = self._copy.commit(provenance)
+            change_info = self._notifier.next(self.author)
+            committed = self._copy.commit(change_info)
             changed = [eid for eid in committed.ids() if eid in self._copy]
             pending = [PendingChange(UPDATE, ids=changed), PendingChange(REMOVE, committed.removed())]
-            return Outcome(ids, self._notifier.publish(pending, provenance, SCENE, self._copy))
+            return Outcome(ids, self._notifier.publish(pending, change_info, SCENE, self._copy))
 
     def modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
         """:raises WmException: always."""

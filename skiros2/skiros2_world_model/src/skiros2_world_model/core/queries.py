@@ -14,7 +14,7 @@ from skiros2_common.core.operations import SCENE
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.scene import Provenance, Scene
+from skiros2_world_model.core.scene import ChangeInfo, Scene
 
 #: Up to this number of candidates are filtered one by one, without an index of property values.
 _FEW = 100
@@ -223,7 +223,7 @@ class SceneReader:
             for scene in self._scenes(context):
                 record = scene.record(element.id)
                 if record is not None:
-                    return element if record.provenance.version == element.version else scene.element(element.id)
+                    return element if record.change_info.version == element.version else scene.element(element.id)
         return None
 
     def has(self, eid: str, context: str) -> bool:
@@ -231,11 +231,11 @@ class SceneReader:
         with self._lock:
             return any(eid in scene for scene in self._scenes(context))
 
-    def removal(self, eid: str, context: str) -> Provenance | None:
+    def removal(self, eid: str, context: str) -> ChangeInfo | None:
         """The change that removed an element; None: the element exists, or its removal is unknown."""
         with self._lock:
             known = (scene.removal(eid) for scene in self._scenes(context))
-            return next((provenance for provenance in known if provenance is not None), None)
+            return next((change_info for change_info in known if change_info is not None), None)
 
     def matching(self, wanted: Element, context: str) -> list[Element]:
         """The elements that match an abstract element."""

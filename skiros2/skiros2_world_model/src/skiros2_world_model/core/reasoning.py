@@ -178,7 +178,7 @@ class Reasoning:
         found = changes.properties if changes is not None else {}
         new = {full_name(k): made_property(full_name(k), p.values, empty_type=p.dataType()) for k, p in found.items()}
         if not new.keys() <= record.properties.keys():
-            scene.put(ElementRecord(eid, record.type, record.label, {**new, **record.properties}, record.provenance))
+            scene.put(ElementRecord(eid, record.type, record.label, {**new, **record.properties}, record.change_info))
 
     def _offer(self, scene: Scene, transaction: Transaction, eid: str, removed: Element | None) -> None:
         for reasoner in self._reasoners.values():

@@ -10,7 +10,7 @@ from skiros2_common.core.changeset import UNKNOWN, ChangeSet
 from skiros2_common.core.operations import REMOVE, REMOVE_RECURSIVE, RESET, Change
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ChangeInfo, ElementRecord, Scene
 
 
 def apply_change(scene: Scene, change: Change) -> ChangeSet:
@@ -37,14 +37,14 @@ def apply_change(scene: Scene, change: Change) -> ChangeSet:
             scene.unrelate(*ends)
         else:
             scene.relate(*ends)
-    return scene.commit(Provenance(change.number, change.stamp, change.author))
+    return scene.commit(ChangeInfo(change.number, change.stamp, change.author))
 
 
-def scene_of(elements: Sequence[Element], provenance: Provenance = UNKNOWN) -> Scene:
+def scene_of(elements: Sequence[Element], change_info: ChangeInfo = UNKNOWN) -> Scene:
     """A scene of elements with at least their outgoing relations."""
     scene = Scene()
     for element in elements:
-        scene.put(ElementRecord(element.id, element.type, element.label, element.property_view, provenance))
+        scene.put(ElementRecord(element.id, element.type, element.label, element.property_view, change_info))
     for element in elements:
         for relation in element.relation_view:
             if relation["src"] == "-1":
@@ -100,7 +100,7 @@ class Replica:
         self._number = 0
         self._waiting: dict[str, Change] = {}
         self._version = 0
-        self._reset: Provenance | None = None  # the change that replaced the scene, until the new one is fetched
+        self._reset: ChangeInfo | None = None  # the change that replaced the scene, until the new one is fetched
         self._progress = threading.Condition(self.lock)
         self._fetching = threading.Lock()
         self._is_fetching = False
@@ -188,7 +188,7 @@ class Replica:
         while self._snapshot_id is not None and self._snapshot_id in self._waiting:
             change = self._waiting.pop(self._snapshot_id)
             if change.action == RESET:
-                self._reset = Provenance(change.number, change.stamp, change.author)
+                self._reset = ChangeInfo(change.number, change.stamp, change.author)
                 self._forget()
                 return
             apply_change(self._scene, change)
@@ -208,8 +208,8 @@ class Replica:
         local_revision.advance()
 
     def _load(self, snapshot: Snapshot) -> None:
-        provenance = Provenance(snapshot.number, 0.0, "")
-        scene = scene_of(snapshot.elements, provenance)
+        change_info = ChangeInfo(snapshot.number, 0.0, "")
+        scene = scene_of(snapshot.elements, change_info)
         with self.lock:
             scene.inherit_removals(self._scene, self._reset)
             self._reset = None

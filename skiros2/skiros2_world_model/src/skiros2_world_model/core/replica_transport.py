@@ -10,7 +10,7 @@ from skiros2_common.core.world_model_port import Revisions
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.replica import Replica
-from skiros2_world_model.core.scene import ROOT, Provenance
+from skiros2_world_model.core.scene import ROOT, ChangeInfo
 from skiros2_world_model.core.transport import HistoryReads, Listener, RemoteTransport, SceneReads
 from skiros2_world_model.core.wm_errors import WmConflict
 
@@ -103,7 +103,7 @@ class _ReplicaScene:
     def refreshed(self, element: Element, context: str) -> Element | None:
         return self._of(context).refreshed(element, context)
 
-    def removal(self, eid: str, context: str) -> Provenance | None:
+    def removal(self, eid: str, context: str) -> ChangeInfo | None:
         return self._of(context).removal(eid, context)
 
     def matching(self, wanted: Element, context: str) -> list[Element]:

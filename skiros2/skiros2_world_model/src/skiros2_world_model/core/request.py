@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from skiros2_common.core.changeset import UNKNOWN, Provenance
+from skiros2_common.core.changeset import UNKNOWN, ChangeInfo
 from skiros2_common.core.operations import SCENE, UPDATE, Operation
 from skiros2_world_model.core.change_notifier import PendingChange, pending_changes
 from skiros2_world_model.core.checks import Checks
@@ -21,18 +21,18 @@ class Part:
     """The part of a request that concerns one context.
 
     :param pending: its changes to publish.
-    :param provenance: that of its first change.
+    :param change_info: that of its first change.
     """
 
     context: str
     scene: Scene
     pending: list[PendingChange] = field(default_factory=list)
-    provenance: Provenance = UNKNOWN
+    change_info: ChangeInfo = UNKNOWN
 
     def commit(self) -> None:
         if not self.pending:
             self.scene.roll_back()  # nothing changed: restore the versions of the elements, too
-        self.scene.commit(self.provenance)
+        self.scene.commit(self.change_info)
 
 
 class Request:

@@ -11,13 +11,13 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from sys import intern
 
-from skiros2_common.core.changeset import ChangeSet, ElementRecord, Provenance, Relation
+from skiros2_common.core.changeset import ChangeInfo, ChangeSet, ElementRecord, Relation
 from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, ValueIndex
 
-__all__ = ["ROOT", "ElementRecord", "Provenance", "Scene"]
+__all__ = ["ROOT", "ChangeInfo", "ElementRecord", "Scene"]
 
 #: The id of the root element.
 ROOT = "skiros:Scene-0"
@@ -50,7 +50,7 @@ class Scene:
         self._pool = PropertyPool()
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
         self._changes: ChangeSet | None = None  # of the current transaction; None outside transactions
-        self._removals: dict[str, Provenance] = {}
+        self._removals: dict[str, ChangeInfo] = {}
 
     # -- elements ----------------------------------------------------------------------------------------------
 
@@ -76,7 +76,7 @@ class Scene:
         record = self._records.get(eid)
         if record is None:
             return None
-        relations, made = self.relations_of(eid), record.provenance
+        relations, made = self.relations_of(eid), record.change_info
         element = Element.shared(record.type, record.label, eid, record.properties, relations, made.version)
         element._last_update = made.stamp
         return element
@@ -115,7 +115,7 @@ class Scene:
         eid = before.id if before is not None else record.id
         known = before.properties if before is not None else _NO_PROPERTIES
         properties = {intern(k): p if known.get(k) is p else self._pool.shared(p) for k, p in record.properties.items()}
-        self.replace(eid, ElementRecord(eid, intern(record.type), record.label, properties, record.provenance))
+        self.replace(eid, ElementRecord(eid, intern(record.type), record.label, properties, record.change_info))
 
     def drop(self, eid: str) -> None:
         """Removes an element and all its relations, in both directions."""
@@ -258,40 +258,40 @@ class Scene:
                 outer.extend(inner)
             self._changes = outer
 
-    def commit(self, provenance: Provenance) -> ChangeSet:
-        """Ends the transaction, sets the provenance of every element that changed, and returns the changes."""
+    def commit(self, change_info: ChangeInfo) -> ChangeSet:
+        """Ends the transaction, sets the last change of every element that changed, and returns the changes."""
         changes, self._changes = self._changes, None
         if changes is None:
             return ChangeSet()
         for eid in changes.ids():
             old = self._records.get(eid)
-            self._record_removal(eid, provenance if old is None else None)
+            self._record_removal(eid, change_info if old is None else None)
             if old is not None:
-                new = self._records[eid] = ElementRecord(eid, old.type, old.label, old.properties, provenance)
+                new = self._records[eid] = ElementRecord(eid, old.type, old.label, old.properties, change_info)
                 if eid in changes.records:
                     changes.records[eid] = (changes.records[eid][0], new)
         return changes
 
-    def set_provenance(self, provenance: Provenance) -> None:
-        """Sets the provenance of every element."""
+    def set_change_info(self, change_info: ChangeInfo) -> None:
+        """Sets the last change of every element."""
         for eid, known in self._records.items():
-            self._records[eid] = ElementRecord(eid, known.type, known.label, known.properties, provenance)
+            self._records[eid] = ElementRecord(eid, known.type, known.label, known.properties, change_info)
 
-    def removal(self, eid: str) -> Provenance | None:
+    def removal(self, eid: str) -> ChangeInfo | None:
         """The change that removed an element; None when it exists or its removal is unknown."""
         return self._removals.get(eid)
 
-    def inherit_removals(self, before: Scene, provenance: Provenance | None) -> None:
+    def inherit_removals(self, before: Scene, change_info: ChangeInfo | None) -> None:
         """Takes the removals of a scene that a change (None: unknown) replaces by this one."""
-        removals = {**before._removals, **dict.fromkeys(before._records, provenance)}
+        removals = {**before._removals, **dict.fromkeys(before._records, change_info)}
         for eid, removed in removals.items():
             self._record_removal(eid, None if eid in self else removed)
 
-    def _record_removal(self, eid: str, provenance: Provenance | None) -> None:
+    def _record_removal(self, eid: str, change_info: ChangeInfo | None) -> None:
         """Records that a change removed an element, or (None) that it exists or nothing is known."""
         self._removals.pop(eid, None)
-        if provenance is not None:
-            self._removals[eid] = provenance
+        if change_info is not None:
+            self._removals[eid] = change_info
             if len(self._removals) > _MAX_REMOVALS:
                 del self._removals[next(iter(self._removals))]
 

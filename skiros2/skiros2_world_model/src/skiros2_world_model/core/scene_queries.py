@@ -18,7 +18,7 @@ from skiros2_common.core.world_element import Element, Reasoner, RelationDict
 from skiros2_common.core.world_model_port import Revisions
 from skiros2_world_model.core.ontology_client import OntologyClient
 from skiros2_world_model.core.queries import no_element
-from skiros2_world_model.core.scene import ROOT, Provenance
+from skiros2_world_model.core.scene import ROOT, ChangeInfo
 from skiros2_world_model.core.wm_errors import WmException, wm_errors
 
 #: How often a wait checks its condition without a change (s): for computed relations, and for the node's shutdown.
@@ -85,7 +85,7 @@ class SceneQueries(OntologyClient):
         with wm_errors():
             return self.transport.scene.refreshed(e, context_id)
 
-    def removal_of(self, eid: str, context_id: str = SCENE) -> Provenance | None:
+    def removal_of(self, eid: str, context_id: str = SCENE) -> ChangeInfo | None:
         """Returns the change that removed an element, or None when it exists or nothing is known."""
         with wm_errors():
             return self.transport.scene.removal(eid, context_id)

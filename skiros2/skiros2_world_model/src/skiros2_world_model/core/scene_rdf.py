@@ -16,7 +16,7 @@ from skiros2_world_model.core.datatypes import literal_parts
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import OWL, RDFS, XSD, Prefixes
 from skiros2_world_model.core.rdf import RDF_TYPE, TurtleWriter, WrittenStatement, literal, python_value
-from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ChangeInfo, ElementRecord, Scene
 from skiros2_world_model.core.triple_store import TripleStore
 
 _TYPE = RDF_TYPE.value
@@ -28,12 +28,12 @@ class SceneContent:
     """The elements that triples describe: individuals of a class, whether the ontologies declare it or not.
 
     :param checks: collects unknown names and flaws.
-    :param provenance: the provenance of the elements.
+    :param change_info: the last change of the elements.
     :ivar extras: triples that belong to no element, such as comments on the file; they are saved again.
     :raises WrongValue, WrongType: a value cannot be read, or has another type than its property.
     """
 
-    def __init__(self, triples: Iterable[ox.Triple], checks: Checks, provenance: Provenance) -> None:
+    def __init__(self, triples: Iterable[ox.Triple], checks: Checks, change_info: ChangeInfo) -> None:
         self.records: dict[str, ElementRecord] = {}
         self.relations: list[tuple[str, str, str]] = []
         self.extras: list[ox.Triple] = []
@@ -41,7 +41,7 @@ class SceneContent:
         self._prefixes = checks.prefixes
         self._checks = checks
         self._origin = checks.origin
-        self._provenance = provenance
+        self._provenance = change_info
         self._names: dict[str, str] = {}  # of predicates and classes, by IRI
         described: dict[str, list[ox.Triple]] = {}
         for triple in triples:
@@ -54,7 +54,7 @@ class SceneContent:
             try:
                 self._read(eid, statements)
             except SkirosError as error:
-                checks.refuse(eid, "", error, LEFT_OUT)
+                checks.report(eid, "", error, LEFT_OUT)
         for src, relation, dst in self.relations:
             if src in self.records:
                 checks.relation_ends(self.records[src], relation, self.records.get(dst), f"{src} {relation} {dst}")
@@ -100,7 +100,7 @@ class SceneContent:
         if most is not None and len(fitting) > most:
             listed = ", ".join(v.value for v in fitting)
             error = WrongValue(f"{self._origin}: {eid}: {key} has {len(fitting)} values ({listed}), allowed are {most}")
-            self._checks.refuse(eid, key, error, f"kept {', '.join(v.value for v in fitting[:most])}")
+            self._checks.report(eid, key, error, f"kept {', '.join(v.value for v in fitting[:most])}")
             fitting = fitting[:most]
         if not fitting:
             return None
@@ -117,7 +117,7 @@ class SceneContent:
             self._checks.property(etype, key, Property(key, [python_value(literal)]), eid)
         except SkirosError as error:
             text = str(error).removeprefix(f"{self._origin}: {eid}: ").removeprefix(f"{key}: ")
-            self._checks.refuse(eid, key, type(error)(f"{self._origin}: {eid}: {key}: {text}"), LEFT_OUT)
+            self._checks.report(eid, key, type(error)(f"{self._origin}: {eid}: {key}: {text}"), LEFT_OUT)
             return False
         return True
 

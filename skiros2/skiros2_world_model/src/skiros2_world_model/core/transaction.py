@@ -201,12 +201,12 @@ class Transaction:
         self._check_containment()
 
     def _check_unchanged(self, expected: Expect) -> None:
-        provenance = self._record(expected.id).provenance
-        if provenance.version > expected.version:
-            when = time.strftime("%H:%M:%S", time.localtime(provenance.stamp))
+        change_info = self._record(expected.id).change_info
+        if change_info.version > expected.version:
+            when = time.strftime("%H:%M:%S", time.localtime(change_info.stamp))
             raise Conflict(
-                f"{self._author}: {expected.id} was changed by {provenance.author or 'somebody'} at {when} (change "
-                f"{provenance.version}), after it was read (version {expected.version})"
+                f"{self._author}: {expected.id} was changed by {change_info.author or 'somebody'} at {when} (change "
+                f"{change_info.version}), after it was read (version {expected.version})"
             )
 
     def _apply(self, operation: Operation, links: list[tuple[str, RelationDict]]) -> str:

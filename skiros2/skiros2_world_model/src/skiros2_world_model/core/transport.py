@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from skiros2_common.core.operations import Change, CleanupAction, Operation, Outcome, Statement
+from skiros2_common.core.operations import SCENE, Change, CleanupAction, Operation, Outcome, Statement
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.core.world_model_port import Revisions
 from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.replica import Snapshot
 from skiros2_world_model.core.report import Report
-from skiros2_world_model.core.scene import Provenance
+from skiros2_world_model.core.scene import ChangeInfo
 
 Listener = Callable[[Change], None]
 
@@ -33,7 +33,7 @@ class SceneReads(Protocol):
     def refreshed(self, element: Element, context: str) -> Element | None:
         """Returns the given element if it has not changed since it was read, else the result of `find`."""
 
-    def removal(self, eid: str, context: str) -> Provenance | None:
+    def removal(self, eid: str, context: str) -> ChangeInfo | None:
         """Returns the change that removed an element; None: the element exists, or its removal is unknown."""
 
     def matching(self, wanted: Element, context: str) -> list[Element]:
@@ -65,10 +65,10 @@ class HistoryReads(Protocol):
         until: Point | None = None,
         author: str = "",
         limit: int = 0,
-        context: str = "scene",
+        context: str = SCENE,
     ) -> list[HistoryEntry]: ...
-    def scene_at(self, at: Point, context: str = "scene") -> HistoryEntry: ...
-    def difference(self, since: Point, until: Point | None = None, context: str = "scene") -> HistoryEntry: ...
+    def scene_at(self, at: Point, context: str = SCENE) -> HistoryEntry: ...
+    def difference(self, since: Point, until: Point | None = None, context: str = SCENE) -> HistoryEntry: ...
 
 
 class ServerCalls(Protocol):

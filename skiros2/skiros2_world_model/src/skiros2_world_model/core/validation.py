@@ -26,7 +26,7 @@ from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
 from skiros2_world_model.core.rdf import read_triples
 from skiros2_world_model.core.report import INFO, VIOLATION, WARNING, Finding, Report
-from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene import ROOT, ChangeInfo, ElementRecord, Scene
 from skiros2_world_model.core.scene_rdf import scene_triples
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def validate(
     :param origin: the file or context, for the findings.
     """
     checks = CollectingChecks(knowledge_base, origin, strict)
-    scene, extras = Context(context, knowledge_base).read(triples, checks, Provenance())
+    scene, extras = Context(context, knowledge_base).read(triples, checks, ChangeInfo())
     placed: Iterable[Finding] = ()
     if context == SCENE:
         ontology = knowledge_base.index

@@ -127,7 +127,7 @@ class Vocabulary:
 
     def mismatch(self, subject_type: str, predicate: str, object_type: str) -> str:
         """Returns why a relation violates its domain or range; "" if it does not. The world model accepts it."""
-        return "; ".join(self.ontology.misfits(subject_type, predicate, object_type))
+        return "; ".join(self.ontology.domain_range_violations(subject_type, predicate, object_type))
 
     def _inherited(self, known: Mapping[str, T], name: str) -> T | None:
         """Returns the value of a property, or else of the nearest superproperty that has one."""

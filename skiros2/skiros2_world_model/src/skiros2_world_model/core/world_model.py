@@ -104,10 +104,10 @@ class WorldModel:
             for context, file in initial:
                 self.load_initial(file, context, blank_on_error)
             if journal is not None:
-                provenance = self._notifier.next("wm")
+                change_info = self._notifier.next("wm")
                 contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
-                journal.start(self._notifier.session, provenance, contents)
-                self._notifier.publish([PendingChange(RESET)], provenance, SCENE, self.scene())
+                journal.start(self._notifier.session, change_info, contents)
+                self._notifier.publish([PendingChange(RESET)], change_info, SCENE, self.scene())
         self._journal = journal
 
     # -- reading -----------------------------------------------------------------------------------------------
@@ -222,22 +222,22 @@ class WorldModel:
         self.reasoning.commit()
         for wanted, assigned in request.renamed:
             log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
-        changes = [self._notifier.publish(p.pending, p.provenance, p.context, p.scene) for p in request.parts]
+        changes = [self._notifier.publish(p.pending, p.change_info, p.context, p.scene) for p in request.parts]
         return Outcome(ids, [change for of_part in changes for change in of_part])
 
     def _number_and_log(self, parts: Sequence[Part], author: str) -> None:
         """Numbers the parts of a request and writes them to the journal, all or none."""
         number = self.number
         for part in parts:
-            part.provenance = self._notifier.next(author, number)
+            part.change_info = self._notifier.next(author, number)
             number += len(part.pending)
         changed = [part for part in parts if part.pending]
         if self._journal is None or not changed:
             return
         with self._journal.together() if len(changed) > 1 else nullcontext():
             for part in changed:
-                last = part.provenance.version + len(part.pending) - 1
-                with self._journal.request(part.provenance, last, "change", part.context) as writer:
+                last = part.change_info.version + len(part.pending) - 1
+                with self._journal.request(part.change_info, last, "change", part.context) as writer:
                     writer.write(part.context, part.scene, part.scene.changes)
 
     def _transact_visits(self) -> None:
@@ -265,12 +265,12 @@ class WorldModel:
                 removed, added = self.knowledge_base.new(*self.knowledge_base.split(statements))
                 if not removed and not added:
                     return []
-                provenance = self._notifier.next(author)
+                change_info = self._notifier.next(author)
                 if self._journal is not None:
-                    with self._journal.request(provenance, provenance.version, "ontology", ONTOLOGY) as writer:
+                    with self._journal.request(change_info, change_info.version, "ontology", ONTOLOGY) as writer:
                         writer.ontology(map(str, removed), map(str, added))
                 self.knowledge_base.update(removed, added)
-                return self._notifier.publish([PendingChange(UPDATE)], provenance, ONTOLOGY, Scene())
+                return self._notifier.publish([PendingChange(UPDATE)], change_info, ONTOLOGY, Scene())
             removed, added = self.knowledge_base.split(statements)
             scene = self._contexts.named(context).scene
             operations = element_operations(self.knowledge_base, scene, removed, added)
@@ -299,16 +299,16 @@ class WorldModel:
     def _replace(self, target: Context, content: FileContent, file: str, author: str) -> Change:
         """Replaces a context with the content of a file. Called under the lock."""
         context, scene, extras = target.name, content.scene, content.extras
-        provenance = self._notifier.next(author)
+        change_info = self._notifier.next(author)
         if context == SCENE:
             self.reasoning.complete(scene)
-        scene.set_provenance(provenance)
+        scene.set_change_info(change_info)
         before = target.scene, target.extras
-        scene.inherit_removals(target.scene, provenance)
+        scene.inherit_removals(target.scene, change_info)
         target.replace(scene, extras)
         try:
             if self._journal is not None:
-                with self._journal.request(provenance, provenance.version, f"load {file}", context) as writer:
+                with self._journal.request(change_info, change_info.version, f"load {file}", context) as writer:
                     writer.replace_context(context, scene, map(str, extras), file)
         except Exception:
             target.replace(*before)
@@ -320,7 +320,7 @@ class WorldModel:
         self._readable.add(content.path)
         self.flaws[context] = content.flaws
         pending = [PendingChange(RESET if context == SCENE else UPDATE)]
-        return self._notifier.publish(pending, provenance, context, scene)[0]
+        return self._notifier.publish(pending, change_info, context, scene)[0]
 
     def load_initial(self, filename: str, context: str = SCENE, blank_on_error: bool = False) -> None:
         """Loads a context at the start.
@@ -402,7 +402,7 @@ class WorldModel:
                 scene.roll_back()
                 raise
             part.commit()
-            self._notifier.publish(part.pending, part.provenance, SCENE, scene)
+            self._notifier.publish(part.pending, part.change_info, SCENE, scene)
 
     # -- helpers -----------------------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import describes
 from skiros2_world_model.core.report import Finding, Report
-from skiros2_world_model.core.scene import Provenance
+from skiros2_world_model.core.scene import ChangeInfo
 from skiros2_world_model.core.transport import HistoryReads
 from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.last_will import last_will_request
@@ -83,13 +83,13 @@ class RosScene:
     def refreshed(self, element: Element, context: str) -> Element | None:
         return self.find(element.id, context)
 
-    def removal(self, eid: str, context: str) -> Provenance | None:
+    def removal(self, eid: str, context: str) -> ChangeInfo | None:
         try:
             entries = self._history.changes(eid, limit=1, context=context)
         except WmException:
             return None  # no journal, or the element never existed
         gone = [entry for entry in entries if entry.before and not entry.after]
-        return Provenance(gone[0].number, gone[0].stamp, gone[0].author) if gone else None
+        return ChangeInfo(gone[0].number, gone[0].stamp, gone[0].author) if gone else None
 
     def matching(self, wanted: Element, context: str) -> list[Element]:
         return self._services.elements(_ACTION.RESOLVE, context, element2msg(wanted))[0]
@@ -130,13 +130,13 @@ class RosHistory:
         limit: int = 0,
         context: str = SCENE,
     ) -> list[HistoryEntry]:
-        return self._entries(history_request("changes", context, since, until, eid, author, limit))
+        return self._entries(history_request(srvs.WmHistoryRequest.CHANGES, context, since, until, eid, author, limit))
 
     def scene_at(self, at: Point, context: str = SCENE) -> HistoryEntry:
-        return self._entries(history_request("scene", context, until=at))[0]
+        return self._entries(history_request(srvs.WmHistoryRequest.SCENE, context, until=at))[0]
 
     def difference(self, since: Point, until: Point | None = None, context: str = SCENE) -> HistoryEntry:
-        return self._entries(history_request("difference", context, since, until))[0]
+        return self._entries(history_request(srvs.WmHistoryRequest.DIFFERENCE, context, since, until))[0]
 
     def _entries(self, request: srvs.WmHistoryRequest) -> list[HistoryEntry]:
         return [msg2entry(m) for m in self._services.history.call(request).entries]

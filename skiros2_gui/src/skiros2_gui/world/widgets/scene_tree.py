@@ -178,9 +178,9 @@ class SceneModel(QAbstractItemModel):
         if record is None:
             return eid
         lines = [eid, vocabulary.description(record.type) if vocabulary is not None else ""]
-        if record.provenance.author:
-            when = time.strftime("%H:%M:%S", time.localtime(record.provenance.stamp))
-            lines.append(f"Last changed by {record.provenance.author.strip('/')} at {when}")
+        if record.change_info.author:
+            when = time.strftime("%H:%M:%S", time.localtime(record.change_info.stamp))
+            lines.append(f"Last changed by {record.change_info.author.strip('/')} at {when}")
         return "\n".join(line for line in lines if line)
 
     # -- drag and drop -----------------------------------------------------------------------------------------

@@ -21,11 +21,11 @@ workspace:  ## set up for packages of your own: what the demo needs, and a compi
 	@.ci/setup run planner sim workspace
 
 # The demos: the package and the program of each.
-pick-place := skiros2_sim_skills pick_place_demo
-piston := skiros2_contact_skills piston_demo
-factory := skiros2_gateway factory_demo
-push := skiros2_learning push_demo
-insertion-learning := skiros2_learning insertion_learning_demo
+pick-place := skiros2_demo pick_place_demo
+piston := skiros2_piston_demo piston_demo
+factory := skiros2_factory_demo factory_demo
+push := skiros2_learning_demo push_demo
+insertion-learning := skiros2_learning_demo insertion_learning_demo
 demos := pick-place piston factory push insertion-learning
 override DEMO := $(or $(DEMO),pick-place)
 gui := $(filter-out 0 false no,$(GUI))

@@ -10,16 +10,16 @@ from setuptools import find_packages, setup
 
 ROOT = Path(__file__).parent
 #: The folders of the packages; the window needs ROS.
-SOURCES = sorted(
-    path.relative_to(ROOT).as_posix()
-    for pattern in ("skiros2/*/src", "skiros2_std_lib/*/src")
-    for path in ROOT.glob(pattern)
-)
+SOURCES = [
+    f"{folder}/src"
+    for folder in re.findall(r"^(?!skiros2_gui)[^#\n]+$", (ROOT / "packages.txt").read_text(), re.M)
+    if (ROOT / folder / "src").is_dir()
+]
 #: Files that programs read: in the distribution below share/, as in catkin's install space.
 SHARED = {
     "share/skiros2/ontologies": "ontologies/*.ttl",
     "share/skiros2/ontologies/shapes": "ontologies/shapes/*",
-    "share/skiros2_demo_skills/owl": "skiros2_std_lib/skiros2_demo_skills/owl/*.ttl",
+    "share/skiros2_demo_skills/owl": "skiros2_std_lib/demos/timed_skills/owl/*.ttl",
 }
 
 

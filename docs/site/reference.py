@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: The sources of all packages, by package.
 SOURCES = {
     path.name: path
-    for pattern in ("skiros2/*/src/*", "skiros2_std_lib/*/src/*", "skiros2_gui/src/*")
+    for pattern in ("skiros2/*/src/*", "skiros2_std_lib/**/src/*", "skiros2_gui/src/*")
     for path in sorted(ROOT.glob(pattern))
     if (path / "__init__.py").is_file()
 }
@@ -43,6 +43,11 @@ SKILLS = (
     *("skiros2_std_skills", "skiros2_demo_skills", "skiros2_sim_skills", "skiros2_contact_skills"),
     *("skiros2_teaching", "skiros2_perception"),
 )
+
+
+def package_of(file: Path) -> str:
+    """The name of the package with a launch file or a program."""
+    return str(xml.parse(file.parent.parent / "package.xml").findtext("name"))
 
 
 @functools.cache
@@ -356,9 +361,9 @@ class _Interface:
 def ros_interface(problems: list[str]) -> str:
     """Launch arguments; topics, services, actions and parameters of the nodes; message definitions."""
     page = ["# ROS interface", "## Launch files"]
-    for file in sorted([*ROOT.glob("launch/*.launch"), *ROOT.glob("skiros2_std_lib/*/launch/*.launch")]):
+    for file in sorted([*ROOT.glob("launch/*.launch"), *ROOT.glob("skiros2_std_lib/**/launch/*.launch")]):
         tree = xml.parse(file)
-        package = "skiros2" if file.parent.parent == ROOT else file.parent.parent.name
+        package = package_of(file)
         arguments = [each for each in tree.getroot() if each.tag == "arg" and "value" not in each.attrib]
         problems += [f"{file.name}: argument {a.get('name')} has no doc" for a in arguments if not a.get("doc")]
         page += [f"### {package} {file.name}", f"`roslaunch {package} {file.name}`"]
@@ -424,9 +429,9 @@ def commands(problems: list[str]) -> str:
     """The help of each command."""
     page = ["# Commands", "`rosrun PACKAGE COMMAND`; without ROS, `skiros2 COMMAND`."]
     os.environ["COLUMNS"] = "110"
-    files = sorted([*ROOT.glob("skiros2/*/nodes/*"), *ROOT.glob("skiros2_std_lib/*/nodes/*")])
-    for package in dict.fromkeys(file.parent.parent.name for file in files):
-        mine = [f for f in files if f.parent.parent.name == package and not f.name.endswith("_node") and f.is_file()]
+    files = sorted([*ROOT.glob("skiros2/*/nodes/*"), *ROOT.glob("skiros2_std_lib/**/nodes/*")])
+    for package in dict.fromkeys(map(package_of, files)):
+        mine = [f for f in files if package_of(f) == package and not f.name.endswith("_node") and f.is_file()]
         page += [f"## {package}"] if mine else []
         for file in mine:
             shown = help_of(file)

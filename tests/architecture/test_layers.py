@@ -164,6 +164,19 @@ def test_packages_import_no_higher_package() -> None:
     ]
 
 
+def test_only_demos_import_demos() -> None:
+    """But for the library of timed skills, on which others build."""
+    demos = {name for name, folder in PACKAGES.items() if "/demos/" in folder} - {"skiros2_demo_skills"}
+    assert demos
+    assert not [
+        f"{file}:{line}: {name}"
+        for file in FILES
+        if file.package not in demos
+        for line, name in file.imports()
+        if name.partition(".")[0] in demos
+    ]
+
+
 def test_nothing_imports_the_window() -> None:
     assert not [
         f"{file}:{line}: {name}"

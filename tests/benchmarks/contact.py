@@ -19,7 +19,7 @@ from skiros2_sim.core.world import World
 from skiros2_std_skills.core.driver_names import SWITCH_CONTROLLER, controller_topics
 from support.ros import Ros
 
-SCENE = Path(__file__).resolve().parents[2] / "skiros2_std_lib/skiros2_contact_skills/scene/piston_scene.ttl"
+SCENE = Path(__file__).resolve().parents[2] / "skiros2_std_lib/demos/piston/scene/piston_scene.ttl"
 #: Steps of the world per second, and steps between two updates of the torques.
 RATE, PERIOD = 1000, 2
 RUNS = 3

@@ -40,7 +40,7 @@ from skiros2_sim.core.world import World  # noqa: E402
 from support import known_functions as known  # noqa: E402
 
 Row = dict[str, Any]
-SCENARIOS = ROOT / "skiros2_std_lib/skiros2_learning/scenarios"
+SCENARIOS = ROOT / "skiros2_std_lib/demos/learning/scenarios"
 #: Commands of PyBullet to motors.
 _MOTORS = ("setJointMotorControlArray", "setJointMotorControl2")
 #: Standard deviation of priors on known functions, relative to the ranges; the good ones are off by half of it.

@@ -35,7 +35,7 @@ PICTURES = 5
 MOST, MOST_WITH_CAMERA = 0.2, 0.5
 
 ROOT = Path(__file__).resolve().parents[2]
-OWL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
+OWL = ROOT / "skiros2_std_lib/demos/pick_and_place/owl"
 
 
 def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:

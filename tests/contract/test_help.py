@@ -10,13 +10,14 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from skiros2_common import __version__
+from support.packages import package_folders
 from support.ros import ROOT
 
 #: Those that launch files call, and the check of a bag; tests of the other commands are beside their own.
 PROGRAMS = (
     "skiros2/skiros2_world_model/nodes/check_world",
     "skiros2/skiros2_skill/nodes/check_skills",
-    "skiros2_std_lib/skiros2_sim_skills/nodes/check_run",
+    "skiros2_std_lib/demos/pick_and_place/nodes/check_run",
 )
 #: All.
 NODES = sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("skiros2*/**/nodes/*") if path.is_file())
@@ -48,6 +49,6 @@ def test_every_program_tells_its_version(
 
 
 def test_versions_agree() -> None:
-    packages = [*ROOT.glob("package.xml"), *ROOT.glob("skiros2*/package.xml"), *ROOT.glob("skiros2*/*/package.xml")]
+    packages = [ROOT / folder / "package.xml" for folder in (".", *package_folders().values())]
     assert {ET.parse(path).findtext("version") for path in packages} == {__version__}
     assert tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"] == __version__

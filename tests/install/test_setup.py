@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_demo.demo import NEXT
-from skiros2_learning.command_line.demo import INSERTION, PUSH, following
+from skiros2_learning_demo.demo import INSERTION, PUSH, following
 from support.ros import ROOT
 
 #: uv takes the index from pip's settings.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -10,7 +11,12 @@ ROOT = Path(__file__).resolve().parents[2]
 def package_folders() -> dict[str, str]:
     """Returns the folder of each package, relative to the repository, lower layers first."""
     lines = (ROOT / "packages.txt").read_text().splitlines()
-    return {Path(line).name: line for line in lines if line and not line.startswith("#")}
+    return {name_of(ROOT / line): line for line in lines if line and not line.startswith("#")}
+
+
+def name_of(folder: Path) -> str:
+    """Returns the name of the package in a folder; that of a demo's folder differs."""
+    return str(ElementTree.parse(folder / "package.xml").findtext("name"))
 
 
 def source_folders() -> list[Path]:

@@ -18,7 +18,7 @@ from support.ros import ROOT, Ros
 #: Of the scene.
 ROBOT, ARM, GRIPPER, CAMERA = "cora:Robot-1", "rparts:ArmDevice-3", "rparts:GripperEffector-4", "skiros:DepthCamera-20"
 TRAY, PRODUCT = "demo:Tray-10", "skiros:Product-14"
-WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_sim_skills" / "owl"
+WORKSPACE = ROOT / "skiros2_std_lib/demos/pick_and_place/owl"
 SCENE = "sim_scene.ttl"
 
 WAIT = 60.0  # s of wall time

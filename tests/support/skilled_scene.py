@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
@@ -15,14 +16,14 @@ from skiros2_world_model.core.world_model import WorldModel
 from support.ros import ROOT
 
 
-def scene_with_skills(package: str, scene: str, robots: Mapping[str, Sequence[str]]) -> LocalWorldModel:
+def scene_with_skills(package: str, scene: Path, robots: Mapping[str, Sequence[str]]) -> LocalWorldModel:
     """Loads the scene and enters the robots.
 
-    :param scene: file in the package's folder `owl`.
+    :param package: with the skills.
     :param robots: the skills of each, by class; they are of the package, or standard ones.
     """
-    model = WorldModel(ROOT / "ontologies", ROOT / "skiros2_std_lib" / package / "owl")
-    model.load_initial(scene)
+    model = WorldModel(ROOT / "ontologies", scene.parent)
+    model.load_initial(scene.name)
     wmi = LocalWorldModel("test", model)
     for robot, skills in robots.items():
         library = SkillLibrary(wmi)

@@ -24,7 +24,7 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import ROOT, Ros, wait_until
 from support.window.display import Display
 
-CELL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
+CELL = ROOT / "skiros2_std_lib/demos/pick_and_place/owl"
 PRODUCT = "skiros:Product-14"
 TRAY = "demo:Tray-10"
 

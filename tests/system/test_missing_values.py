@@ -26,7 +26,7 @@ GOAL = "(skiros:at Block Goal)"
 
 
 def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: Ros) -> None:
-    scene = f"{rospkg.RosPack().get_path('skiros2_learning')}/scene"
+    scene = f"{rospkg.RosPack().get_path('skiros2_learning_demo')}/scene"
     files = {"workspace_dir": scene, "init_scene": "push_scene.ttl"}
     ros.run("skiros2_world_model", "world_model_server_node", name="wm", params=files)
     libraries = ["skiros2_std_skills", "skiros2_sim_skills", "skiros2_learning.demo_skills"]
@@ -60,7 +60,7 @@ def test_the_goal_action_names_missing_values_and_plans_with_applied_ones(ros: R
     wait_until(lambda: warning in texts or not plan(), 60.0, "the warning")
     task_manager.wait_for_line("the plan lacks values")
 
-    scenario = load_scenario(ROOT / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml")
+    scenario = load_scenario(ROOT / "skiros2_std_lib/demos/learning/scenarios/push.yaml")
     result = Evaluation(dict.fromkeys(NAMES, 0.01), 1, {"goal": 1.0, "force": 1.0}, success_rate=1.0)
     apply_result(WorldModelInterface("tests"), scenario, 1, result, "2026-01-01T00:00:00+00:00")
     tasks.make_plan(GOAL)

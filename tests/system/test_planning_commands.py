@@ -17,7 +17,7 @@ from support.ros import Ros, install_environment, run_command
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
-DEMO = Path(__file__).parents[2] / "skiros2_std_lib/skiros2_demo_skills/owl/pick_place_scene.ttl"
+DEMO = Path(__file__).parents[2] / "skiros2_std_lib/demos/timed_skills/owl/pick_place_scene.ttl"
 DEMO_GOAL = "(skiros:contain demo:Tray-12 skiros:Product-14)"
 
 

@@ -21,3 +21,22 @@ function(skiros2_install_nodes)
     catkin_install_python(PROGRAMS "${script}" DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
   endforeach()
 endfunction()
+
+# skiros2_also_in(package DIRECTORIES launch ... PROGRAMS nodes/a ...)
+#
+# Lets `rosrun`, `roslaunch` and `$(find ...)` find folders and programs, which skiros2_install_nodes has installed, in
+# another package too, in the devel and in the install space.
+function(skiros2_also_in package)
+  cmake_parse_arguments(also "" "" "DIRECTORIES;PROGRAMS" ${ARGN})
+  install(DIRECTORY ${also_DIRECTORIES} DESTINATION ${CATKIN_GLOBAL_SHARE_DESTINATION}/${package})
+  foreach(folder ${also_DIRECTORIES})
+    set(share "${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_SHARE_DESTINATION}/${package}")
+    file(MAKE_DIRECTORY "${share}")
+    file(CREATE_LINK "${CMAKE_CURRENT_SOURCE_DIR}/${folder}" "${share}/${folder}" SYMBOLIC)
+  endforeach()
+  foreach(program ${also_PROGRAMS})
+    get_filename_component(name "${program}" NAME)
+    catkin_install_python(PROGRAMS "${CMAKE_CURRENT_BINARY_DIR}/nodes/${name}"
+      DESTINATION ${CATKIN_GLOBAL_LIBEXEC_DESTINATION}/${package})
+  endforeach()
+endfunction()

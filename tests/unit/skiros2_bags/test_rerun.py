@@ -23,9 +23,9 @@ from skiros2_skill.core.processors import ParallelFs
 from support.ros import ROOT
 
 BAGS = ROOT / "tests" / "bags"
-WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
+WORKSPACE = ROOT / "skiros2_std_lib/demos/timed_skills/owl"
 SETTINGS = Settings(WORKSPACE)
-SIMULATED = Settings(ROOT / "skiros2_std_lib" / "skiros2_sim_skills" / "owl", tolerance=Tolerance(0.02, 0.02))
+SIMULATED = Settings(ROOT / "skiros2_std_lib/demos/pick_and_place/owl", tolerance=Tolerance(0.02, 0.02))
 
 
 @pytest.fixture(scope="module")

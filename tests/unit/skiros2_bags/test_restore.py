@@ -15,7 +15,7 @@ from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
 
 BAG = Path(__file__).parents[2] / "bags/pick_place.bag"
-WORKSPACE = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_demo_skills/owl"
+WORKSPACE = Path(__file__).parents[3] / "skiros2_std_lib/demos/timed_skills/owl"
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from support.skilled_scene import planner_of, scene_with_skills, steps
 
+SCENE = Path(__file__).parents[3] / "skiros2_std_lib/demos/timed_skills/owl/pick_place_scene.ttl"
 TRAY_A, TRAY_B, TRAY_C = "demo:Tray-10", "demo:Tray-12", "demo:Tray-11"
 PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 
@@ -17,7 +19,7 @@ PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 def planner() -> Iterator[TaskPlanner]:
     """Plans with the demo's robot and skills."""
     skills = ["drive", "pick", "place", "move_base_timed", "move_arm_timed"]
-    wmi = scene_with_skills("skiros2_demo_skills", "pick_place_scene.ttl", {"mobile_manipulator": skills})
+    wmi = scene_with_skills("skiros2_demo_skills", SCENE, {"mobile_manipulator": skills})
     with planner_of(wmi) as planner:
         yield planner
 

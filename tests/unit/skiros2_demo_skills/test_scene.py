@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from rdflib import OWL, RDF, RDFS, Graph, URIRef
 
-FOLDER = Path(__file__).parents[3] / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
+FOLDER = Path(__file__).parents[3] / "skiros2_std_lib/demos/timed_skills/owl"
 SKIROS = "http://rvmi.aau.dk/ontologies/skiros.owl#"
 CORA = "http://www.inf.ufrgs.br/phi-group/ontologies/cora.owl#"
 DEMO = "http://example.org/skiros2/demo.owl#"

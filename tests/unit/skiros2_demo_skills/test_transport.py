@@ -12,7 +12,7 @@ from skiros2_skill.testing import FakeClock, SkillBench
 from skiros2_std_reasoners.core.spatial_data import pose_of
 
 ROOT = Path(__file__).parents[3]
-SCENE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl" / "pick_place_scene.ttl"
+SCENE = ROOT / "skiros2_std_lib/demos/timed_skills/owl" / "pick_place_scene.ttl"
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from skiros2_learning.core.variables import Gaussian
 from skiros2_learning.local.episode import check_scenario
 from skiros2_learning.local.identification import identify, identify_goal, variable_of
 
-PUSH = load_scenario(Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml")
+PUSH = load_scenario(Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/push.yaml")
 
 
 def required(value: object, **limits: object) -> Param:

@@ -18,7 +18,7 @@ from skiros2_learning.local.insertion import default_configuration
 
 pytestmark = pytest.mark.timeout(300)
 
-FILE = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/insertion.yaml"
+FILE = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/insertion.yaml"
 
 
 def configuration(force: float, radius: float, velocity: float, distance: float) -> dict[str, Value]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from skiros2_common.core.world_element import Element
 from skiros2_learning.local.knowledge import fresh_world_model
 
-SCENE = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scene/push_scene.ttl"
+SCENE = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scene/push_scene.ttl"
 BOXES = "SELECT ?x WHERE { ?x a skiros:Product . ?x rdfs:label ?y }"
 
 

@@ -16,7 +16,7 @@ from skiros2_learning.core.scenario import load_scenario
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.testing import SkillBench
 
-SCENARIOS = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios"
+SCENARIOS = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios"
 PUSH, INSERTION = load_scenario(SCENARIOS / "push.yaml"), load_scenario(SCENARIOS / "insertion.yaml")
 VALUES = {"Push.StartX": -0.01, "Push.StartY": -0.07, "Push.GoalX": 0.01, "Push.GoalY": -0.05}
 RESULT = Evaluation(dict(VALUES), 17, {"goal": 1.05, "force": 20.0}, {}, 1.0)

@@ -20,7 +20,7 @@ from support.learning_tasks import moving_optimum
 
 pytestmark = pytest.mark.timeout(300)
 
-PUSH = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml"
+PUSH = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/push.yaml"
 
 TEXT = scenario_text(
     "moving_bowl", "moving_bowl", "xy", evaluations=9, initial=5, repetitions=1, seed=2,

@@ -58,7 +58,7 @@ def test_each_mistake_is_one_line_on_stderr(file: str, tmp_path: Path, capsys: p
         assert error.count("\n") == 1
 
 
-PUSH = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml"
+PUSH = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/push.yaml"
 
 
 @pytest.mark.parametrize(

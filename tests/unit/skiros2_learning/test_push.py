@@ -14,7 +14,7 @@ from skiros2_learning.core.scenario import Criterion, Scenario, Step, load_scena
 from skiros2_learning.core.variables import Variable
 from skiros2_learning.local.episode import check_scenario
 
-PUSH = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml"
+PUSH = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/push.yaml"
 GOOD = {"Push.StartX": -0.005, "Push.StartY": -0.07, "Push.GoalX": 0.01, "Push.GoalY": -0.045}
 
 

@@ -11,7 +11,7 @@ from skiros2_learning.core.rewards import GoalDistance, ObstacleDistance
 from skiros2_learning.core.scenario import ScenarioError, load_scenario, parse_scenario
 from skiros2_learning.core.variables import Gaussian, Weights, configuration_problems
 
-PUSH = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/scenarios/push.yaml"
+PUSH = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/push.yaml"
 
 PLAIN = """
 scenario: plain

@@ -179,9 +179,9 @@ def test_camera_may_be_mounted_on_a_body_or_the_map() -> None:
 @pytest.mark.parametrize(
     "file",
     [
-        "skiros2_demo_skills/owl/pick_place_scene.ttl",
-        "skiros2_sim_skills/owl/sim_scene.ttl",
-        "skiros2_sim_skills/owl/three_robots_scene.ttl",
+        "demos/timed_skills/owl/pick_place_scene.ttl",
+        "demos/pick_and_place/owl/sim_scene.ttl",
+        "demos/pick_and_place/owl/three_robots_scene.ttl",
     ],
 )
 def test_library_scenes_are_stable(file: str) -> None:

@@ -23,7 +23,7 @@ from support.physical_drivers import PhysicalDrivers
 from support.simulated_cell import at, box
 from support.stand_in_drivers import ABORTED, SUCCEEDED, StandInDrivers, install
 
-SCENE = Path(__file__).parents[3] / "skiros2_std_lib" / "skiros2_sim_skills" / "owl" / "sim_scene.ttl"
+SCENE = Path(__file__).parents[3] / "skiros2_std_lib/demos/pick_and_place/owl" / "sim_scene.ttl"
 PLANNER = "/mobile_manipulator/arm/plan_motion"
 JOINTS = "/mobile_manipulator/arm/follow_joint_trajectory"
 ARM, WALL = "rparts:ArmDevice-3", "test:Wall-1"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.skilled_scene import planner_of, scene_with_skills, steps
 
+SCENE = Path(__file__).parents[3] / "skiros2_std_lib/demos/pick_and_place/owl/sim_scene.ttl"
 TRAY_B, TRAY_C, TRAY_D = "demo:Tray-12", "demo:Tray-11", "demo:Tray-13"
 PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 
@@ -18,7 +20,7 @@ PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 def wmi() -> LocalWorldModel:
     """The scene with the robot and its skills."""
     skills = ["drive", "look", "pick", "place", "move_base", "tuck_arm", "detect_objects"]
-    return scene_with_skills("skiros2_sim_skills", "sim_scene.ttl", {"mobile_manipulator": skills})
+    return scene_with_skills("skiros2_sim_skills", SCENE, {"mobile_manipulator": skills})
 
 
 @pytest.fixture(scope="module")

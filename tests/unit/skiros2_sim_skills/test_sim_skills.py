@@ -17,7 +17,7 @@ from skiros2_skill.testing import FakeClock, SkillBench
 from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from support.stand_in_drivers import ABORTED, SUCCEEDED, StandInDrivers, install, pose_of, true_things
 
-SCENE = Path(__file__).parents[3] / "skiros2_std_lib" / "skiros2_sim_skills" / "owl" / "sim_scene.ttl"
+SCENE = Path(__file__).parents[3] / "skiros2_std_lib/demos/pick_and_place/owl" / "sim_scene.ttl"
 MOVE = "/mobile_manipulator/move_base"
 ARM = "/mobile_manipulator/arm/cartesian_motion"
 JOINTS = "/mobile_manipulator/arm/follow_joint_trajectory"

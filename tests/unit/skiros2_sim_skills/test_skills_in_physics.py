@@ -17,7 +17,7 @@ from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from support.physical_drivers import PhysicalDrivers
 from support.stand_in_drivers import install
 
-SCENE = Path(__file__).parents[3] / "skiros2_std_lib" / "skiros2_sim_skills" / "owl" / "sim_scene.ttl"
+SCENE = Path(__file__).parents[3] / "skiros2_std_lib/demos/pick_and_place/owl" / "sim_scene.ttl"
 PRODUCT, TRAY_B, GRIPPER = "skiros:Product-14", "demo:Tray-12", "rparts:GripperEffector-4"
 PERIOD = 0.1
 

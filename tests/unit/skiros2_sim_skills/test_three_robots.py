@@ -19,7 +19,7 @@ from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from support.skilled_scene import scene_with_skills
 
 ROOT = Path(__file__).parents[3]
-OWL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
+OWL = ROOT / "skiros2_std_lib/demos/pick_and_place/owl"
 SCENE = OWL / "three_robots_scene.ttl"
 GOAL = """(skiros:contain demo:Tray-34 skiros:Product-40), (skiros:contain demo:Tray-35 skiros:Product-41),
     (skiros:contain demo:Tray-37 skiros:Product-42)"""
@@ -30,7 +30,7 @@ ROBOTS["stationary"] = ["look", "pick", "place"]
 
 @pytest.fixture(scope="module")
 def plan() -> Iterator[PlanningResult]:
-    wmi = scene_with_skills("skiros2_sim_skills", SCENE.name, ROBOTS)
+    wmi = scene_with_skills("skiros2_sim_skills", SCENE, ROBOTS)
     processes = EngineProcesses()
     yield TaskPlanner(wmi, planner_named(processes, Quality.BEST.value), Limits(10.0)).plan(GOAL)
     processes.close()

@@ -17,7 +17,7 @@ from skiros2_world_model.core.local_world_model import LocalWorldModel, source_o
 from skiros2_world_model.core.world_model import WorldModel
 from support.source import ROOT
 
-DEMO = ROOT / "skiros2_std_lib/skiros2_demo_skills/owl/pick_place_scene.ttl"
+DEMO = ROOT / "skiros2_std_lib/demos/timed_skills/owl/pick_place_scene.ttl"
 OFFLINE = ("--scene", str(DEMO), "--libraries", "skiros2_demo_skills")
 GOAL = "(skiros:contain demo:Tray-12 skiros:Product-14)"
 #: No tray is a thing that can be grasped.

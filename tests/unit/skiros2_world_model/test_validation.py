@@ -62,7 +62,7 @@ def test_a_scene_in_order_has_no_findings(validate):
 
 
 def test_the_scene_of_the_demo_is_in_order():
-    folder = ROOT / "skiros2_std_lib/skiros2_demo_skills/owl"
+    folder = ROOT / "skiros2_std_lib/demos/timed_skills/owl"
     report = validate_file(folder / "pick_place_scene.ttl", KnowledgeBase(source_ontologies(), folder))
     assert report.summary == "nothing found"
 

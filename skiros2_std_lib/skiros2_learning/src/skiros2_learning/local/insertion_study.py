@@ -37,12 +37,11 @@ from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.places import move_in_world_model
 
 #: Of the sources, or else of the installed package.
-_FOLDERS = (Path(skiros2_contact_skills.__file__).parents[2], *Path(skiros2_contact_skills.__file__).parents)
 SCENE = next(
     file
-    for folder in _FOLDERS
-    for file in (folder / "scene/piston_scene.ttl", folder / "share/skiros2_contact_skills/scene/piston_scene.ttl")
-    if file.exists()
+    for folder in Path(skiros2_contact_skills.__file__).parents
+    for place in ("demos/piston", "share/skiros2_piston_demo")
+    if (file := folder / place / "scene/piston_scene.ttl").exists()
 )
 ROBOT, ARM, GRIPPER = "cora:Robot-1", "rparts:ArmDevice-3", "rparts:GripperEffector-5"
 BLOCK, PISTON, GRASP = "piston:EngineBlock-11", "piston:Piston-20", "skiros:GraspingPose-21"

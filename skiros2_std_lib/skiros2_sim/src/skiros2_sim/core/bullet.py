@@ -221,7 +221,7 @@ class Bullet:
     def joint_states(self, body: int, joints: Sequence[int]) -> list[JointState]:
         if not joints:
             return []
-        return [JointState._make(state) for state in pybullet.getJointStates(body, joints, **self._world)]
+        return list(map(JointState._make, pybullet.getJointStates(body, joints, **self._world)))
 
     def set_joint(self, body: int, joint: int, position: float) -> None:
         pybullet.resetJointState(body, joint, position, **self._world)
@@ -296,7 +296,7 @@ class Bullet:
             found = pybullet.getContactPoints(**self._world)
         else:
             found = pybullet.getContactPoints(body, **self._world)
-        return [ContactPoint._make(point[1:]) for point in found]
+        return list(map(ContactPoint._make, found))
 
     def detect_contacts(self) -> None:
         pybullet.performCollisionDetection(**self._world)

@@ -68,12 +68,14 @@ class JointState(NamedTuple):
 class ContactPoint(NamedTuple):
     """A point where two bodies touch, or nearly do.
 
+    :param kind: of the engine.
     :param normal: from the other body to the first.
     :param distance: negative is the depth.
     :param force: along the normal.
     :param friction_1, friction_2: forces along `direction_1`, `direction_2`.
     """
 
+    kind: int
     body: int
     other_body: int
     link: int

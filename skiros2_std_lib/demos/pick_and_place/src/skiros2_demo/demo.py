@@ -398,7 +398,7 @@ def _launch(options: argparse.Namespace) -> list[str]:
         return ["skiros2_demo_skills", "demo.launch", "gui:=false", *scene]
     simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
     simulated.append(f"noise:={NOISE}")
-    return ["skiros2_sim_skills", "demo.launch", "gui:=false", *simulated, *scene]
+    return ["skiros2_demo", "demo.launch", "gui:=false", *simulated, *scene]
 
 
 def _displaced(pose: Pose, random: Random) -> Pose:

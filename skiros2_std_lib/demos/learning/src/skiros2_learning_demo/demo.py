@@ -27,7 +27,7 @@ from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Value
 from skiros2_learning.core.workers import Runner
 from skiros2_learning.local.insertion import ARM_FORCE, DEPTH, default_configuration
-from skiros2_learning.ros.production import produce
+from skiros2_learning_demo.production import produce
 
 #: Executions of the chosen configuration, with draws that nothing has used before.
 _TRIES = 10
@@ -101,7 +101,7 @@ class _Run:
         self._demo = demo
         self._options = options
         self._folder: Path = options.folder
-        folder = Path(rospkg.RosPack().get_path("skiros2_learning")) / "scenarios"
+        folder = Path(rospkg.RosPack().get_path("skiros2_learning_demo")) / "scenarios"
         self._scenario = load_scenario(folder / demo.scenario)
 
     def run(self) -> CommandResult:

@@ -40,7 +40,7 @@ def produce(scenario: Scenario, number: int, result: Evaluation, study: Path, fo
     with System(folder) as system:
         system.start_recording(_ROBOT)
         system.init_node("learning")
-        system.launch("skiros2_learning", "push.launch", "gui:=false", f"rate:={_RATE}")
+        system.launch("skiros2_learning_demo", "push.launch", "gui:=false", f"rate:={_RATE}")
         simulation = Simulation()
         system.wait_for(simulation.is_ready, "the simulator")
         skills = rospy.ServiceProxy(f"{_ROBOT}/get_skills", ResourceGetDescriptions)

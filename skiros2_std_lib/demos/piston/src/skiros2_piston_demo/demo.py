@@ -49,7 +49,7 @@ class PistonDemo(Demo):
         options = self._options
         simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
         scene = [f"init_scene:={options.scene}"] if options.scene else []
-        return ["skiros2_contact_skills", "piston.launch", "gui:=false", *simulated, *scene]
+        return ["skiros2_piston_demo", "piston.launch", "gui:=false", *simulated, *scene]
 
     def prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
         things = {element.id: element for element in scene}

@@ -113,7 +113,7 @@ class FactoryDemo:
 
     def _launch_arguments(self, broker: int) -> list[str]:
         """Returns package, file and arguments to launch."""
-        masters = Path(rospkg.RosPack().get_path("skiros2_gateway")) / "config/demo_work_masters.yaml"
+        masters = Path(rospkg.RosPack().get_path("skiros2_factory_demo")) / "config/demo_work_masters.yaml"
         settings = {
             "folder": str(self._gateway_folder), "http_port": 0, "opcua_port": 0, "mqtt": f"127.0.0.1:{broker}",
             "work_masters": str(masters),
@@ -122,7 +122,7 @@ class FactoryDemo:
         simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
         text = yaml.safe_dump(settings, default_flow_style=True, width=10_000).strip()
         gateway = ["gateway:=true", f"gateway_settings:={text}"]
-        return ["skiros2_sim_skills", "demo.launch", "gui:=false", *simulated, *gateway]
+        return ["skiros2_demo", "demo.launch", "gui:=false", *simulated, *gateway]
 
     @property
     def _gateway_folder(self) -> Path:

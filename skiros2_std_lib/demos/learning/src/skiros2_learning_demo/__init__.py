@@ -1,0 +1,1 @@
+"""The demos of learning: a push, and the search of a bore."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 from collections.abc import Collection
 from graphlib import CycleError, TopologicalSorter
@@ -98,8 +99,8 @@ PORTS = {
     },
 }
 
-#: What the parts of `skiros2_skill.core` may not import: the tree is below the engine, that below running tasks; what
-#: explains and checks reads the records of the parts below it.
+#: What the parts of `skiros2_skill.core` may not import: the engine, which knows nodes and the library by protocols, is
+#: below the tree, that below running tasks; what explains and checks reads the records of the parts below it.
 ABOVE = {
     "engine": ("tree", "runtime", "library", "lint"),
     "tree": ("runtime", "library", "lint"),
@@ -141,6 +142,18 @@ def test_parts_of_skills_import_no_higher_part() -> None:
         if _under(file.module, (f"{core}.{part}",))
         for line, name in file.imports()
         if _under(name, tuple(f"{core}.{other}" for other in above))
+    ]
+
+
+def test_engine_assigns_nothing_to_nodes() -> None:
+    """What a start, a tick or an end changes is in the skill run."""
+    engine = [file for file in CORES if _under(file.module, ("skiros2_skill.core.engine",))]
+    assert not [
+        f"{file}:{target.lineno}: node.{target.attr}"
+        for file in engine
+        for target in ast.walk(file.tree)
+        if isinstance(target, ast.Attribute) and isinstance(target.ctx, ast.Store)
+        if isinstance(target.value, ast.Name | ast.Attribute) and ast.unparse(target.value).split(".")[-1] == "node"
     ]
 
 

@@ -18,6 +18,8 @@
 Each error text names the request, the object concerned and the expectation.
 """
 
+from typing import Self
+
 #: The most characters of an error text: it may repeat names of a request, which have any length.
 _MAX_TEXT = 100_000
 
@@ -34,6 +36,13 @@ class SkirosError(Exception):
         # `KeyError.__str__` would return the repr of its argument.
         text = " ".join(str(a) for a in self.args)
         return text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]} ... ({len(text)} characters)"
+
+    def with_text(self, text: str) -> Self:
+        """Returns the same error with another text. Its constructor, which may take other arguments, is not called."""
+        error = type(self).__new__(type(self))
+        error.__dict__.update(self.__dict__)
+        error.args = (text,)
+        return error
 
 
 class UnknownName(SkirosError, KeyError):

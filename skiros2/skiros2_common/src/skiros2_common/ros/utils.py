@@ -113,7 +113,7 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
             prop.assign(_plain_values(*given) or _values(*given))
             properties[message.key] = prop
         except SkirosError as error:
-            errors.append(type(error)(f"property {message.key!r}: {error}"))
+            errors.append(error.with_text(f"property {message.key!r}: {error}"))
     if len(errors) == 1:
         raise errors[0]
     if errors:

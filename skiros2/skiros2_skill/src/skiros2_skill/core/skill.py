@@ -18,10 +18,14 @@ from skiros2_skill.core.processors import (
     SerialStar,
 )
 from skiros2_skill.core.tree.compound import SkillBase
-from skiros2_skill.core.tree.node import Root, Skill, SkillInterface
+from skiros2_skill.core.tree.node import ControlNode, Root, SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
+#: The name that libraries know.
+Skill = ControlNode
+
 __all__ = [
+    "ControlNode",
     "Element",
     "Loop",
     "NoFail",

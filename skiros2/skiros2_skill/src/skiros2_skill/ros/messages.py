@@ -17,7 +17,7 @@ from skiros2_runs.core.progress import status_text
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.request import SkillRequest
 from skiros2_skill.core.runtime.request_json import read_request
-from skiros2_skill.core.runtime.task import NodeProgress, Task
+from skiros2_skill.core.runtime.task import NodeSnapshot, Task
 
 WIRE_STATES = {
     State.Success: msgs.SkillProgress.SUCCESS,
@@ -98,7 +98,7 @@ def progress_messages(task: Task, robot: str, with_params: bool = False) -> list
     return nodes
 
 
-def _node_message(task_id: int, robot: str, node: NodeProgress, with_params: bool) -> Any:
+def _node_message(task_id: int, robot: str, node: NodeSnapshot, with_params: bool) -> Any:
     return msgs.SkillProgress(
         robot,
         task_id,

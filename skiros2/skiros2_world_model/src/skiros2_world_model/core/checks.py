@@ -139,7 +139,7 @@ class Checks:
             for value in checked.values:
                 _check_plain(value, key)
         except (WrongType, WrongValue) as error:
-            raise type(error)(f"{self.origin}: {who}: {error}") from None
+            raise error.with_text(f"{self.origin}: {who}: {error}") from None
         return checked
 
     def label(self, text: str, who: str) -> str:

@@ -117,7 +117,7 @@ class SceneContent:
             self._checks.property(etype, key, Property(key, [python_value(literal)]), eid)
         except SkirosError as error:
             text = str(error).removeprefix(f"{self._origin}: {eid}: ").removeprefix(f"{key}: ")
-            self._checks.report(eid, key, type(error)(f"{self._origin}: {eid}: {key}: {text}"), LEFT_OUT)
+            self._checks.report(eid, key, error.with_text(f"{self._origin}: {eid}: {key}: {text}"), LEFT_OUT)
             return False
         return True
 

@@ -300,12 +300,10 @@ class SkillRun:
     @property
     def progress(self) -> Progress:
         """The last progress report. Any thread."""
-        instance = self.instance
-        if instance is None:
+        source = self.instance
+        if source is None:
             return self._reported
-        return Progress(
-            instance.progress_code, instance.progress_msg, instance.progress_period, instance.progress_time
-        )  # fmt: skip
+        return Progress(source.progress_code, source.progress_msg, source.progress_period, source.progress_time)
 
     def has_progressed(self) -> bool:
         """Whether the instance has reported progress since the last call."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import dis
+import ast
 import functools
 import inspect
+import linecache
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from types import CodeType, FunctionType
+from types import FunctionType
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, WrongType
@@ -45,8 +46,11 @@ class Described:
     def __init__(self, cls: type, wmi: WorldModelPort | None) -> None:
         self.cls = cls
         self.skill = self.instance(ReadOnlyWorldModel(wmi))
-        #: Whether it may declare parameters at run time.
-        self.is_open = any(_may_declare(name, method.__code__) for name, method in _hooks(cls))
+
+    @functools.cached_property
+    def is_open(self) -> bool:
+        """Whether it may declare parameters at run time."""
+        return any(_may_declare(name, method) for name, method in _hooks(self.cls))
 
     def instance(self, wmi: WorldModelPort) -> Any:
         """Creates an instance with its description."""
@@ -158,30 +162,38 @@ def _hooks(cls: type) -> Iterator[tuple[str, FunctionType]]:
                 yield name, method
 
 
-@functools.cache
-def _may_declare(name: str, method: CodeType) -> bool:
+def _may_declare(name: str, method: FunctionType) -> bool:
     """Whether a method may add a parameter: itself or, in a start hook, through a function that gets the skill."""
-    loaded = ("LOAD_FAST", "LOAD_DEREF", "LOAD_CLOSURE")
-    for code in _codes(method):
-        if "addParam" in code.co_names:
+    code = method.__code__
+    first = code.co_varnames[0] if code.co_argcount else ""
+    linecache.checkcache(code.co_filename)  # the library may have been reloaded
+    functions = _functions("".join(linecache.getlines(code.co_filename))).get(code.co_firstlineno)
+    if functions is None:
+        return True  # without its source
+    for node in (node for function in functions for node in ast.walk(function)):
+        if isinstance(node, ast.Attribute) and node.attr == "addParam":
             return True
-        before: dis.Instruction | None = None
-        for step in dis.get_instructions(code) if name in _STARTS else ():
-            # `self.x` is an attribute access; any other use of `self` passes it on
-            if before is not None and step.opname not in ("LOAD_ATTR", "LOAD_METHOD", "STORE_ATTR"):
-                return True
-            mine = step.opname in loaded and step.argval == _first_argument(method)
-            before = step if mine and step.opname != "LOAD_CLOSURE" else None
-    return False
+    return name in _STARTS and any(_passes_on(first, function) for function in functions)
 
 
-def _first_argument(method: CodeType) -> str:
-    return method.co_varnames[0] if method.co_argcount else ""
+def _passes_on(name: str, function: ast.AST) -> bool:
+    """Whether a function uses a variable for more than access to its attributes."""
+    accesses = {id(node.value) for node in ast.walk(function) if isinstance(node, ast.Attribute)}
+    names = (node for node in ast.walk(function) if isinstance(node, ast.Name) and node.id == name)
+    return any(id(node) not in accesses for node in names)
 
 
-def _codes(code: CodeType) -> Iterator[CodeType]:
-    """The code of a function and of its nested functions."""
-    yield code
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _codes(constant)
+@functools.lru_cache(100)
+def _functions(source: str) -> dict[int, list[ast.AST]]:
+    """The functions of a module by their first line; {} for a source that cannot be parsed."""
+    found: dict[int, list[ast.AST]] = {}
+    try:
+        tree = ast.parse(source)
+    except SyntaxError:
+        return found
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.Lambda):
+            decorators = node.decorator_list if isinstance(node, ast.FunctionDef) else []
+            line = min(part.lineno for part in (node, *decorators))
+            found.setdefault(line, []).append(node)
+    return found

@@ -29,7 +29,7 @@ class Fault:
     :param code: the kind of fault.
     :param skill: `type-label`.
     :param file, line: the source location; "" and 0 when it is not known.
-    :param done: the consequence when the skill is loaded and run.
+    :param consequence: when the skill is loaded and run.
     """
 
     severity: str
@@ -38,25 +38,31 @@ class Fault:
     text: str
     file: str = ""
     line: int = 0
-    done: str = ""
+    consequence: str = ""
 
     def __str__(self) -> str:
-        done = f" ({self.done})" if self.done else ""
-        return f"{self.file}:{self.line}: {self.severity}: [{self.code}] {self.skill}: {self.text}{done}"
+        consequence = f" ({self.consequence})" if self.consequence else ""
+        return f"{self.file}:{self.line}: {self.severity}: [{self.code}] {self.skill}: {self.text}{consequence}"
 
     def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        data = asdict(self)
+        return {**data, "done": data.pop("consequence")}
 
 
 def fault_of(
-    described: Described, severity: str, code: str, text: str, place: SourceLocation | None = None, done: str = ""
+    described: Described,
+    severity: str,
+    code: str,
+    text: str,
+    place: SourceLocation | None = None,
+    consequence: str = "",
 ) -> Fault:
     """Creates a fault of a skill.
 
     :param place: its source location; None: that of the class.
     """
     file, line = place or class_location(described.cls)
-    return Fault(severity, code, described.name, text, file, line, done)
+    return Fault(severity, code, described.name, text, file, line, consequence)
 
 
 _IMPLEMENTATION_WINS = "loaded; the declaration of the implementation is used"
@@ -123,8 +129,8 @@ def _condition_faults(described: Described) -> Iterator[Fault]:
                 if param is None:
                     if not described.is_open:
                         text = f"{name} refers to {key!r}; the parameters are: {known}"
-                        done = "loaded; it fails where the condition is checked and no such parameter was added"
-                        yield fault_of(described, WARNING, "unknown-key", text, place, done)
+                        consequence = "loaded; it fails where the condition is checked and no such parameter was added"
+                        yield fault_of(described, WARNING, "unknown-key", text, place, consequence)
                 elif key in condition.element_keys and not param.is_element:
                     text = f"{name} wants an element, parameter {key!r} is of type {type_name(param)}"
                     yield fault_of(described, WARNING, "wrong-type", text, place, "loaded; the condition does not hold")
@@ -164,7 +170,7 @@ def _description_contradictions(described: Described, wmi: WorldModelPort | None
         place = skill.location_of(key)
         if own is None:
             text = f"the description {base.type} has the parameter {key!r}, the implementation has not"
-            yield fault_of(described, WARNING, "contradicts-description", text, done=_IMPLEMENTATION_WINS)
+            yield fault_of(described, WARNING, "contradicts-description", text, consequence=_IMPLEMENTATION_WINS)
         elif not _narrows(own, wanted, wmi):
             text = f"parameter {key!r} is {type_name(wanted)} in the description {base.type}, here {type_name(own)}"
             yield fault_of(described, WARNING, "contradicts-description", text, place, _IMPLEMENTATION_WINS)

@@ -200,7 +200,7 @@ def _checked(
             problems.append(WrongType(f"{name}, parameter {error}"))
         except SkirosError as error:
             wrong.add(key)
-            problems.append(type(error)(f"{name}, parameter {key!r}: {error}"))
+            problems.append(error.with_text(f"{name}, parameter {key!r}: {error}"))
         else:
             if values:
                 given[key] = values
@@ -216,7 +216,7 @@ def _checked(
             try:
                 given[key] = _checked_values(param, Param(key, "", learned[key], ParamTypes.Required), wmi)
             except SkirosError as error:
-                problems.append(type(error)(f"{name}, learned value of parameter {key!r}: {error}"))
+                problems.append(error.with_text(f"{name}, learned value of parameter {key!r}: {error}"))
         else:
             problems.append(Refused(f"{name}: required parameter {key!r} ({param.dataType().__name__}) is not set"))
     if problems:

@@ -24,7 +24,7 @@ from skiros2_skill.core.engine.failures import Failure
 from skiros2_skill.core.engine.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.engine.skill_run import SkillRun
 from skiros2_skill.core.runtime.preemption import PreemptHandlers
-from skiros2_skill.core.tree.node import Root, Skill, SkillInterface, all_nodes
+from skiros2_skill.core.tree.node import ControlNode, Root, SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -44,8 +44,8 @@ class _StepBudget:
 
 
 @dataclass(frozen=True)
-class NodeProgress:
-    """The progress of one node of a task."""
+class NodeSnapshot:
+    """A node of a task at one moment."""
 
     id: int
     parent_id: int
@@ -347,21 +347,21 @@ class Task:
         self.revision += changed
         return changed
 
-    def progress(self) -> list[NodeProgress]:
+    def progress(self) -> list[NodeSnapshot]:
         """The progress of the nodes, parents before children; nodes without an id are omitted. Any thread."""
         self._node_ids.assign(self)
         reason = "" if self.ended.is_set() or not self.paused else "paused"
         return [_progress_of(node, reason if node is self.root else "") for node in self.nodes() if node._id >= 0]
 
 
-def _progress_of(node: SkillInterface, reason: str) -> NodeProgress:
+def _progress_of(node: SkillInterface, reason: str) -> NodeSnapshot:
     """:param reason: the message of a node without one."""
-    return NodeProgress(
+    return NodeSnapshot(
         id=node.id,
         parent_id=node.parent.id if node.parent is not None else -1,
         parent_label=node.parent.label if node.parent is not None else "",
         type=node.type,
-        label=node.label if not isinstance(node, Skill) else node.label or node.processor.printType(),
+        label=node.label if not isinstance(node, ControlNode) else node.label or node.processor.printType(),
         processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
         state=node.state,
         progress_code=node.progress_code,

@@ -14,7 +14,7 @@ from skiros2_common.core.source_location import caller_location
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.processors import Processor
 from skiros2_skill.core.protocols import Library
-from skiros2_skill.core.tree.node import Skill, SkillInterface
+from skiros2_skill.core.tree.node import ControlNode, SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -100,9 +100,9 @@ class SkillBase(SkillInterface):
             self.library.require_type(ptype, plabel)
         return SkillWrapper(ptype, plabel, self.library)
 
-    def getNode(self, children_processor: Processor) -> Skill:
+    def getNode(self, children_processor: Processor) -> ControlNode:
         """Creates an unnamed group."""
-        return Skill("", children_processor, self._wmi)
+        return ControlNode("", children_processor, self._wmi)
 
     # During `expand`, children are added to the node in the tree.
 

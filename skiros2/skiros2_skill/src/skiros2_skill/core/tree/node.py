@@ -393,7 +393,7 @@ class Root(_Group):
         super().__init__(":Root", name, Sequential(), wmi)
 
 
-class Skill(_Group):
+class ControlNode(_Group):
     """A group: a node with a processor and no skill.
 
     :param name: shown to people.

@@ -9,7 +9,7 @@ RUN apt-get update && apt-get install --yes --no-install-recommends ca-certifica
     && rm -rf /var/lib/apt/lists/*
 COPY . /skiros2
 WORKDIR /skiros2
-RUN make setup FOR="run planner sim gateway" && rm -rf build/stage ~/.cache /var/cache/apt/archives /var/lib/apt/lists/*
+RUN make setup FOR="run planner sim gateway page" && rm -rf build/stage ~/.cache /var/cache/apt/archives /var/lib/apt/lists/*
 RUN useradd --create-home skiros
 USER skiros
 EXPOSE 8765 8766

@@ -32,7 +32,7 @@ gui := $(filter-out 0 false no,$(GUI))
 
 demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=factory: jobs from a MES; DEMO=push, DEMO=insertion-learning learn parameters
 	@$(if $(filter $(demos),$(DEMO)),,echo "there is no demo $(DEMO): make demo DEMO=..., one of $(demos)" >&2; exit 2)
-	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway) $(if $(gui),window)
+	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway page) $(if $(gui),window)
 	@exec .ci/in_ros rosrun $($(DEMO)) $(if $(gui),--gui) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
@@ -50,9 +50,10 @@ test-long: setup  ## run the long tests, tests/long: kills, soak, schemas, attac
 compiled-tests: setup
 	@exec .ci/in_ros $(python) -m pytest --collect-only -qq >/dev/null
 
-lint: setup  ## check style and types
+lint: setup  ## check style and types, also of the page's code
 	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise . && $(python) -m ruff format --check --quiet .
 	@echo "mypy" && MYPYPATH=$$($(python) tests/support/packages.py) $(python) -m mypy --no-error-summary
+	@echo "page" && PATH=$(CURDIR)/.venv/bin:$$PATH skiros2_std_lib/skiros2_gateway/web/check .venv/page
 
 # Exit status: 0 none is known, 1 there are some, 2 not checked: no service of advisories answers.
 audit: setup  ## look for known vulnerabilities of the pinned packages (pip-audit, npm audit); needs a network, and says if there is none
@@ -79,7 +80,7 @@ bench-gateway: setup  ## measure the gateway: latency, 100 clients, kills, hosti
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
 	@.ci/setup run
-	@cd requirements && for list in uv run core planner sim learning dev gateway browser export bench docs; do \
+	@cd requirements && for list in uv run core planner sim learning dev gateway page browser export bench docs; do \
 		../.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
 			$$([ $$list != core ] || echo --constraint run.txt) $$list.in --output-file $$list.txt || exit; \

@@ -22,7 +22,7 @@ const inherited = ["constructor", "toString"].filter((name) => document.goals?.[
 process.stdout.write(JSON.stringify({ inherited, document, polluted: ({}).admin ?? ({}).a ?? null }));
 """
 
-pytestmark = pytest.mark.skipif(not NODE.exists(), reason="needs node: .ci/setup run gateway")
+pytestmark = pytest.mark.skipif(not NODE.exists(), reason="needs node: .ci/setup run gateway page")
 
 
 def run_in_node(program: str, *arguments: str) -> Any:

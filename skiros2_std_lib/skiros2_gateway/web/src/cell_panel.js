@@ -25,7 +25,10 @@ export class CellPanel {
     this.cell = cell;
     this.run = run;
     const list = () => h("div", { class: "list" });
-    [this.robots, this.jobs, this.runs, this.bags] = [list(), list(), list(), list()];
+    this.robots = list();
+    this.jobs = list();
+    this.runs = list();
+    this.bags = list();
     this.newJob = h("button", { class: "primary small", id: "new-job", hidden: true, onclick: () => openJobDialog(cell) }, "New job");
     this.runsTitle = h("h2", {}, "Runs");
     this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("") }, "Back to the cell");

@@ -2,7 +2,7 @@
 
 import { causeOfRun } from "./causes.js";
 import { GOALS, button, robotOf } from "./cell_panel.js";
-import { notify, request } from "./cell.js";
+import { request } from "./cell.js";
 import { runPath } from "./run.js";
 import { commandRobots } from "./commands.js";
 import { clock, duration, h, keyed, setText } from "./dom.js";
@@ -17,7 +17,8 @@ export class RunBar {
   #causes = new Map();
 
   constructor(panel, cell, run) {
-    [this.cell, this.run] = [cell, run];
+    this.cell = cell;
+    this.run = run;
     this.chip = h("span", { class: "chip" });
     this.name = h("b");
     this.times = h("span", { class: "dim" });
@@ -101,7 +102,8 @@ export class NodeDetails {
   #answer = "";
 
   constructor(panel, cell, run) {
-    [this.cell, this.run] = [cell, run];
+    this.cell = cell;
+    this.run = run;
     this.title = h("h3");
     this.facts = h("dl", { class: "facts" });
     this.parameters = h("dl", { class: "facts parameters" });
@@ -174,7 +176,8 @@ export class LogView {
   #asked = "";
 
   constructor(panel, cell, run) {
-    [this.cell, this.run] = [cell, run];
+    this.cell = cell;
+    this.run = run;
     this.list = h("ol", { class: "log" });
     this.empty = h("p", { class: "empty" }, "No messages.");
     panel.append(this.list, this.empty);

@@ -19,12 +19,14 @@ const CONNECTIONS = { connecting: ["connecting", "idle"], live: ["live", "succes
   silent: ["", "failure"], denied: ["not logged in", "idle"] };
 
 const main = document.getElementById("main");
+/** @returns {HTMLElement} */
 const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
 const cell = new Cell();
 const run = new ShownRun(cell);
 const selection = new Selection();
 const approvals = new ApprovalsView(cell);
 const signals = new SignalsView(panelOf("signals"), cell, run);
+/** @type {[HTMLElement, any][]} */
 const views = [
   [approvals.button, approvals],
   [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run)],
@@ -42,6 +44,7 @@ const views = [
 const stale = new Set();
 let isDrawing = false;
 
+/** @param {(view: any) => boolean} which */
 function draw(which = () => true) {
   for (const entry of views) if (which(entry[1])) stale.add(entry);
   if (isDrawing) return;
@@ -75,7 +78,7 @@ async function showScene() {
   }
 }
 
-cell.addEventListener("change", ({ detail: patch }) => {
+cell.addEventListener("change", (/** @type {CustomEvent} */ { detail: patch }) => {
   signals.take(patch ? (patch.signals ?? {}) : null);
   if (!patch || patch.runs) run.refresh();
   scene?.take(patch);
@@ -134,7 +137,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => scen
 function choose(region, name) {
   main.dataset[region] = name;
   for (const tab of document.querySelectorAll(`nav[data-region="${region}"] button`))
-    tab.setAttribute("aria-current", tab.dataset.tab === name);
+    tab.setAttribute("aria-current", String(tab.getAttribute("data-tab") === name));
   draw();
   showScene();
   scene?.draw();
@@ -146,7 +149,7 @@ for (const [region, names] of Object.entries(REGIONS)) {
   choose(region, names[0]);
 }
 // A panel asks for another one, such as the list of runs for the tree.
-main.addEventListener("show-panel", ({ detail: name }) => {
+main.addEventListener("show-panel", (/** @type {CustomEvent} */ { detail: name }) => {
   choose("phone", name);
   choose("centre", name);
 });

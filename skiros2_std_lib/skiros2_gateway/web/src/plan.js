@@ -11,7 +11,8 @@ export class PlanView {
   #chosen = "";
 
   constructor(panel, cell, run) {
-    [this.cell, this.run] = [cell, run];
+    this.cell = cell;
+    this.run = run;
     this.select = h("select", { "aria-label": "Goal", onchange: () => this.#choose() });
     this.message = h("p", { class: "dim" });
     this.axis = h("div", { class: "axis" });

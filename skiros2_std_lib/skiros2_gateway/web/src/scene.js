@@ -27,7 +27,10 @@ export class Scene {
   #shown = null; // the run's scene that is shown, null: the live document
 
   constructor(panel, cell, run, selection) {
-    [this.cell, this.run, this.selection, this.panel] = [cell, run, selection, panel];
+    this.cell = cell;
+    this.run = run;
+    this.selection = selection;
+    this.panel = panel;
     this.renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.moment = h("span", { class: "moment chip paused", hidden: true });
@@ -117,7 +120,8 @@ export class Scene {
 
   // Draws a change of the cell. Where drawing is slow, this waits, for the other views follow 25 changes a second.
   #drawSoon() {
-    this.#timer ??= setTimeout(() => {
+    if (this.#timer !== null) return;
+    this.#timer = setTimeout(() => {
       this.#timer = null;
       this.draw();
     }, this.#next - performance.now());

@@ -10,7 +10,8 @@ export class SignalsView {
   #samples = new Map(); // by id: [time, low, high]
 
   constructor(panel, cell, run) {
-    [this.cell, this.run] = [cell, run];
+    this.cell = cell;
+    this.run = run;
     this.list = h("div", { class: "signals" });
     this.empty = h("p", { class: "empty" }, "The scene has no signals. Elements of the class skiros:Signal name them.");
     panel.append(this.list, this.empty);

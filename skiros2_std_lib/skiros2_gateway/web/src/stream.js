@@ -54,7 +54,7 @@ setInterval(() => {
   for (const [port, tab] of tabs) if (Date.now() - tab.heard > 1000 * FORGOTTEN) leave(port);
 }, 10000);
 
-self.onconnect = ({ ports: [port] }) => {
+/** @type {any} */ (self).onconnect = ({ ports: [port] }) => {
   port.onmessage = ({ data }) => {
     if (data.follow !== undefined) follow(port, data.follow);
     else if (data.leave) leave(port);

@@ -21,7 +21,9 @@ export class WorldView {
   #collapsed = new Set();
 
   constructor(panel, cell, run, selection) {
-    [this.cell, this.run, this.selection] = [cell, run, selection];
+    this.cell = cell;
+    this.run = run;
+    this.selection = selection;
     this.filter = h("input", { type: "search", placeholder: "Find an element", "aria-label": "Find an element", oninput: () => this.render() });
     this.count = h("span", { class: "dim grow" });
     this.list = h("div", { class: "world", role: "tree" });

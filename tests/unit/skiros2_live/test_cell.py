@@ -1,0 +1,97 @@
+"""The document of a cell, from patches as the adapters report them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_live.core.cell import CellDocument, GoalChanged, RobotChanged, RunsLost
+from skiros2_live.core.patch import EntriesChanged, GoalProgress, ManagerConnection, SafetyChanged, TaskProgress
+from skiros2_runs.core.goal_runs import GOALS
+from skiros2_runs.core.states import TaskState
+from support.progress import SUCCESS, ProgressNode, root
+
+ROBOT = "/robot"
+GOAL = "(skiros:contain demo:Tray-1 skiros:Product-2)"
+
+
+@pytest.fixture
+def cell() -> CellDocument:
+    return CellDocument(clock=lambda: 100.0, max_goals=2)
+
+
+def record(cell: CellDocument, stamp: float, node: ProgressNode) -> None:
+    cell.apply(TaskProgress(ROBOT, [node], stamp))
+
+
+def send(cell: CellDocument, text: str = GOAL, goal_id: str = "goal") -> None:
+    cell.apply(GoalProgress(goal_id, SimpleNamespace(goal=SimpleNamespace(goals=text)), 1.0))
+
+
+def test_message_older_than_the_last_counts_only_if_it_is_the_end(cell: CellDocument) -> None:
+    record(cell, 2.0, root(1))
+    record(cell, 1.0, root(1, message="late"))
+    [run] = cell.runs
+    assert len(run) == 1 and run.latest.time == 2.0
+    record(cell, 1.0, root(1, SUCCESS, 1))
+    assert run.state is TaskState.SUCCEEDED
+    record(cell, 0.5, root(1))
+    assert list(cell.runs) == [run], "an answer that was given before the end starts no task"
+
+
+def test_tasks_of_a_disconnected_robot_are_lost_and_count_as_failed(cell: CellDocument) -> None:
+    lost: list[RunsLost] = []
+    states: list[str] = []
+    cell.subscribe(RunsLost, lost.append)
+    cell.subscribe(RobotChanged, lambda change: states.append(change.robot.state))
+    cell.apply(ManagerConnection(ROBOT, True))
+    record(cell, 1.0, root(1))
+    cell.apply(SafetyChanged(ROBOT, "emergency_stop", "button", ("emergency stop by button",), 1.0))
+    cell.apply(SafetyChanged(ROBOT, "running", "", (), 2.0))
+    cell.apply(ManagerConnection(ROBOT, False))
+    assert states == ["idle", "busy", "emergency_stop", "busy", "disconnected"]
+    assert [run.state for change in lost for run in change.runs] == [TaskState.LOST]
+    assert cell.robots_data()[0]["counters"]["failed"] == 1
+
+
+def test_title_of_a_goal_has_the_labels_of_its_elements(cell: CellDocument) -> None:
+    cell.apply(EntriesChanged("elements", {"demo:Tray-1": {"label": "Tray B"}}))
+    send(cell)
+    assert cell.goals["goal"]["title"] == "Tray B contains Product-2"
+    assert [run.robot for run in cell.shown] == [GOALS]
+
+
+def test_client_that_asks_for_its_goal_changes_nothing(cell: CellDocument) -> None:
+    send(cell)
+    before = dict(cell.goals["goal"])
+    send(cell, "")
+    assert cell.goals == {"goal": before}
+
+
+@pytest.mark.parametrize("plan", ["{", "[1]", "{}"])
+def test_message_that_cannot_be_read_changes_nothing(cell: CellDocument, plan: str) -> None:
+    send(cell)
+    before = dict(cell.goals["goal"])
+    feedback = SimpleNamespace(phase="running", message="", plan=plan, steps="")
+    with pytest.raises(WrongValue, match="cannot be read"):
+        cell.apply(GoalProgress("goal", SimpleNamespace(feedback=feedback), 2.0))
+    assert cell.goals == {"goal": before}
+
+
+def test_oldest_goals_are_discarded(cell: CellDocument) -> None:
+    removed: list[Any] = []
+    cell.subscribe(GoalChanged, lambda change: removed.append(change.goal_id) if change.data is None else None)
+    for number in range(4):
+        send(cell, goal_id=f"goal-{number}")
+    assert removed == ["goal-0", "goal-1"] and list(cell.goals) == ["goal-2", "goal-3"]
+
+
+def test_entries_are_replaced_one_by_one_or_as_a_whole(cell: CellDocument) -> None:
+    cell.apply(EntriesChanged("frames", {"a": [1], "b": [2]}))
+    cell.apply(EntriesChanged("frames", {"a": None, "c": [3]}))
+    assert cell.tables["frames"] == {"b": [2], "c": [3]}
+    cell.apply(EntriesChanged("frames", {"d": [4]}, is_whole=True))
+    assert cell.tables["frames"] == {"d": [4]}

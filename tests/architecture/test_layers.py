@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Collection
 from graphlib import CycleError, TopologicalSorter
 
+import grimp
 import pytest
 
+from support.packages import source_folders
 from support.source import PACKAGES, WINDOW_SUBJECTS, source_files
 
 FILES = source_files()
@@ -202,20 +203,11 @@ def test_nothing_imports_the_window() -> None:
 
 def test_skills_of_real_arms_need_no_simulator() -> None:
     """A robot has no PyBullet: its skills and drivers must not reach the simulator by any import."""
-    modules = {file.module: file for file in FILES if file.part != "nodes"}
-    packages = ("skiros2_motion.", "skiros2_contact_skills.", "skiros2_teaching.")
-    waiting = [name for name in modules if name.startswith(packages)]
-    assert waiting
-    seen = {name: name for name in waiting}  # how it was reached
-    while waiting:
-        name = waiting.pop()
-        for imported in modules[name].runtime_imports():
-            top = imported.partition(".")[0]
-            assert top not in ("pybullet", "skiros2_sim", "skiros2_sim_skills"), f"{seen[name]} -> {imported}"
-            found = _module_of(imported, modules)
-            if found and found not in seen:
-                seen[found] = f"{seen[name]} -> {found}"
-                waiting.append(found)
+    graph = imports(exclude_type_checking_imports=True)
+    for package in ("skiros2_motion", "skiros2_contact_skills", "skiros2_teaching"):
+        for simulator in ("pybullet", "skiros2_sim", "skiros2_sim_skills"):
+            chain = graph.find_shortest_chain(package, simulator, as_packages=True)
+            assert chain is None, " -> ".join(chain)
 
 
 def test_only_the_adapter_of_physics_uses_the_engine() -> None:
@@ -225,23 +217,24 @@ def test_only_the_adapter_of_physics_uses_the_engine() -> None:
 
 
 def test_imports_have_no_circles() -> None:
-    """Also not through imports inside functions."""
-    modules = {file.module: file for file in FILES if file.part != "nodes"}
-    graph = {
-        module: {found for name in file.runtime_imports() if (found := _module_of(name, modules)) not in ("", module)}
-        for module, file in modules.items()
-    }
+    """Also not through imports inside functions, or for type checkers only."""
+    graph = imports()
+    modules = {module: graph.find_modules_directly_imported_by(module) - {module} for module in graph.modules}
     try:
-        TopologicalSorter(graph).prepare()
+        TopologicalSorter(modules).prepare()
     except CycleError as error:
         pytest.fail(" <- ".join(error.args[1]))
 
 
-def _module_of(name: str, modules: Collection[str]) -> str:
-    """The module that a name is imported from; "" for one of another project."""
-    while name and name not in modules:
-        name = name.rpartition(".")[0]
-    return name
+def imports(exclude_type_checking_imports: bool = False) -> grimp.ImportGraph:
+    """The imports of all Python packages, and of these from other projects."""
+    packages = [init.parent.name for folder in source_folders() for init in folder.glob("*/__init__.py")]
+    return grimp.build_graph(
+        *packages,
+        include_external_packages=True,
+        exclude_type_checking_imports=exclude_type_checking_imports,
+        cache_dir=None,
+    )
 
 
 def _under(name: str, modules: tuple[str, ...]) -> bool:

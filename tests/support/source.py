@@ -61,17 +61,6 @@ class SourceFile:
         """The module's full name; of a package, that of the package."""
         return ".".join(part for part in self._module_parts() if part != "__init__")
 
-    def runtime_imports(self) -> Iterator[str]:
-        """The full names of the imports, without those for type checkers only."""
-        for_types = {
-            inner.lineno
-            for node in ast.walk(self.tree)
-            if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-            for inner in ast.walk(node)
-            if isinstance(inner, ast.Import | ast.ImportFrom)
-        }
-        return (name for line, name in self.imports() if line not in for_types)
-
     def _module_parts(self) -> list[str]:
         parts = list(self.path.with_suffix("").parts)
         return parts[parts.index("src") + 1 :]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import colorsys
-import math
 import os
 import xml.etree.ElementTree as xml
 import zlib
@@ -14,7 +13,8 @@ from pathlib import Path
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
-from skiros2_motion.core.geometry import Pose, Vector, from_euler, half_extents
+from skiros2_motion.core.geometry import Pose, Vector, half_extents
+from skiros2_motion.core.urdf import origin_of, vector
 from skiros2_std_reasoners.core import spatial_data as space
 
 #: Red, green, blue and opacity (0 to 1).
@@ -241,10 +241,7 @@ def _part(visual: xml.Element, frame: str, materials: Mapping[str, Colour]) -> R
     shape = geometry[0] if geometry is not None and len(geometry) else None
     if shape is None:
         return None
-    origin = visual.find("origin")
-    position = _vector(origin.get("xyz") if origin is not None else None, "0 0 0")
-    roll, pitch, yaw = _vector(origin.get("rpy") if origin is not None else None, "0 0 0")
-    pose = Pose(position, from_euler(roll, pitch, yaw))
+    pose = origin_of(visual)
     material = visual.find("material")
     name = material.get("name", "") if material is not None else ""
     own = _colour(material) if material is not None and material.find("color") is not None else None
@@ -253,10 +250,10 @@ def _part(visual: xml.Element, frame: str, materials: Mapping[str, Colour]) -> R
         url = shape.get("filename", "")
         address = url if "://" in url else f"file://{url}"
         has_materials = address.lower().endswith((".dae", ".obj"))
-        size = _vector(shape.get("scale"), "1 1 1")
+        size = vector(shape.get("scale"), "1 1 1")
         return RobotPart(frame, pose, MESH, size, address, None if has_materials else colour or _GREY)
     if shape.tag == "box":
-        return RobotPart(frame, pose, BOX, _vector(shape.get("size"), "0 0 0"), "", colour or _GREY)
+        return RobotPart(frame, pose, BOX, vector(shape.get("size")), "", colour or _GREY)
     width = 2.0 * float(shape.get("radius", "0"))
     if shape.tag == "sphere":
         return RobotPart(frame, pose, SPHERE, (width, width, width), "", colour or _GREY)
@@ -270,10 +267,3 @@ def _colour(material: xml.Element) -> Colour:
     colour = material.find("color")
     red, green, blue, opacity = map(float, (colour.get("rgba", "") if colour is not None else "").split())
     return red, green, blue, opacity
-
-
-def _vector(text: str | None, default: str) -> Vector:
-    x, y, z = map(float, (text or default).split())
-    if not all(map(math.isfinite, (x, y, z))):
-        raise ValueError(f"numbers are not finite: {text}")
-    return x, y, z

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
-from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
+from skiros2_motion.core.geometry import IDENTITY, composed
+from skiros2_motion.core.urdf import origin_of, vector
 
 _MOVING = ("revolute", "continuous", "prismatic")
 
@@ -47,12 +48,15 @@ def read_chain(urdf: str, base: str, tip: str) -> Chain:
         link = _of(path[0], "parent", "link")
     names, velocities, joints, pose = [], [], [], IDENTITY
     for joint in path:
-        pose = composed(pose, _origin(joint))
-        if joint.get("type") not in _MOVING:
-            continue
+        try:
+            pose = composed(pose, origin_of(joint))
+            if joint.get("type") not in _MOVING:
+                continue
+            axis = vector(_of(joint, "axis", "xyz"), "1 0 0")
+        except ValueError as error:
+            raise ConfigurationError(f"joint {joint.get('name')}: {error}") from None
         names.append(joint.get("name", ""))
         velocities.append(_number(joint, "limit", "velocity", 1.0))
-        axis = [float(part) for part in (_of(joint, "axis", "xyz") or "1 0 0").split()]
         has_limits = joint.get("type") != "continuous"
         lower, upper = (
             _number(joint, "limit", key, default) if has_limits else default
@@ -79,12 +83,3 @@ def _number(joint: xml.Element, tag: str, key: str, default: float) -> float:
     if not math.isfinite(value):
         raise ConfigurationError(f"joint {joint.get('name')}: {key} is {text!r}, expected a number")
     return value
-
-
-def _origin(joint: xml.Element) -> Pose:
-    try:
-        x, y, z = (float(part) for part in (_of(joint, "origin", "xyz") or "0 0 0").split())
-        roll, pitch, yaw = (float(part) for part in (_of(joint, "origin", "rpy") or "0 0 0").split())
-    except ValueError:
-        raise ConfigurationError(f"joint {joint.get('name')}: its origin is not three numbers each") from None
-    return Pose((x, y, z), from_euler(roll, pitch, yaw))

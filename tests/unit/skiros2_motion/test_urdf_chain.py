@@ -24,5 +24,5 @@ def test_tip_is_where_the_joints_put_it() -> None:
     [('xyz="0 0 1" rpy', 'xyz="0 0 nan" rpy'), ('xyz="0.5 0 0"', 'xyz="0.5 0"'), ('axis xyz="0 0 1"', 'axis xyz="z"')],
 )
 def test_origin_or_axis_without_three_finite_numbers_is_refused(right: str, wrong: str) -> None:
-    with pytest.raises(ConfigurationError, match="joint (turn|end): "):
+    with pytest.raises(ConfigurationError, match=r"joint (turn|end): "):
         read_chain(ARM.replace(right, wrong), "base", "tool")

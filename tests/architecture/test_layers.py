@@ -41,6 +41,7 @@ OUTSIDE = {
         "sqlalchemy",
         "pydantic",
         "pydantic_core",
+        "pebble",
         "yaml",
         "matplotlib",
     },

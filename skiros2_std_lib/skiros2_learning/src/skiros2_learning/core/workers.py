@@ -12,24 +12,21 @@ import multiprocessing
 import signal
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
-from multiprocessing.connection import wait
-from typing import Any
+
+from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from skiros2_learning.core.evaluation import Evaluation, Execution, evaluate
-from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.storage import StorageFailed
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Value
-from skiros2_learning.core.worker_process import work
+from skiros2_learning.core.worker_process import begin, run
 
 log = logging.getLogger(__name__)
 
 #: Attempts of an evaluation whose process dies.
 ATTEMPTS = 2
-#: Time that an ending process has (s).
-_END_TIMEOUT = 2.0
 
 #: Called after each evaluation with its number and its result.
 Report = Callable[[int, Evaluation], None]
@@ -45,44 +42,6 @@ class Job:
     attempts: int = 0
 
 
-class Worker:
-    """A process that evaluates. Started with `spawn`: it shares nothing with this process."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.connection, other = context.Pipe()
-        self.process = context.Process(target=work, args=(other, scenario), daemon=True)
-        self.process.start()
-        other.close()
-        self.job: Job | None = None
-        self._deadline = 0.0
-        self._timeout = scenario.timeout
-
-    def start(self, job: Job) -> None:
-        """Starts an evaluation.
-
-        :raises OSError: the process has died.
-        """
-        self.job = job
-        job.attempts += 1
-        self._deadline = time.monotonic() + self._timeout
-        self.connection.send((job.configuration, job.seed))
-
-    @property
-    def is_late(self) -> bool:
-        return self.job is not None and time.monotonic() > self._deadline
-
-    def end(self) -> None:
-        """Ends the process."""
-        self.connection.close()
-        if self.process.is_alive():
-            self.process.terminate()
-            self.process.join(_END_TIMEOUT)
-        if self.process.is_alive():
-            self.process.kill()
-        self.process.join()
-
-
 class Runner:
     """Runs a study until its budget is used up.
 
@@ -94,7 +53,7 @@ class Runner:
         self._study = study
         self._count = count
         self._report = report
-        self._workers: list[Worker] = []
+        self._running: dict[ProcessFuture[Evaluation], Job] = {}
         self._repeated: list[Job] = []
         #: Time (s) that the sampler has taken.
         self.sampling_time = 0.0
@@ -105,87 +64,60 @@ class Runner:
 
         :raises StorageFailed: finished evaluations are kept; see `LearningStudy.keep`.
         """
-        budget = self._study.scenario.budget.evaluations
+        scenario = self._study.scenario
+        # with `spawn`, a process shares nothing with this one
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPool(self._count, context=context, initializer=begin, initargs=(scenario,))
         try:
             while True:
-                self._fill(budget)
-                if not any(worker.job is not None for worker in self._workers):
+                while len(self._running) < self._count and (job := self._next_job()) is not None:
+                    job.attempts += 1
+                    future = pool.schedule(run, (job.configuration, job.seed), timeout=scenario.timeout)
+                    self._running[future] = job
+                if not self._running:
                     return
-                self._collect()
+                wait(self._running, timeout=0.2, return_when=FIRST_COMPLETED)
+                for future in [each for each in self._running if each.done()]:
+                    self._end(self._running.pop(future), future)
                 self._study.beat()
         except StorageFailed:
-            self._keep_finished()
+            for future, job in self._running.items():
+                if future.done() and future.exception() is None:
+                    self._study.keep(job.number, future.result())
             raise
         finally:
-            for worker in self._workers:
-                worker.end()
-            self._workers.clear()
+            pool.stop()  # type: ignore[no-untyped-call]
+            pool.join()
+            self._running.clear()
             self._repeated.clear()
             self._study.release()
 
-    def _keep_finished(self) -> None:
-        """Keeps the results that the processes have sent, when the storage fails."""
-        for worker in self._workers:
-            if worker.job is not None and worker.connection.poll():
-                with suppress(EOFError, OSError):
-                    self._study.keep(worker.job.number, worker.connection.recv())
+    def _next_job(self) -> Job | None:
+        if self._repeated:
+            return self._repeated.pop()
+        if self._study.counted + self._study.running_count >= self._study.scenario.budget.evaluations:
+            return None
+        begin = time.monotonic()
+        job = Job(*self._study.ask())
+        self.sampling_time += time.monotonic() - begin
+        return job
 
-    def _fill(self, budget: int) -> None:
-        """Gives each free process an evaluation, as far as the budget allows."""
-        while len(self._workers) < self._count:
-            self._workers.append(Worker(self._study.scenario))
-        for worker in [worker for worker in self._workers if worker.job is None]:
-            if self._repeated:
-                job = self._repeated.pop()
-            elif self._study.counted + self._study.running_count < budget:
-                begin = time.monotonic()
-                job = Job(*self._study.ask())
-                self.sampling_time += time.monotonic() - begin
-            else:
-                return
-            try:
-                worker.start(job)
-            except OSError:
-                self._replace(worker, job)
-
-    def _collect(self) -> None:
-        """Waits for the next event: a result, a death, or a deadline."""
-        connections: dict[Any, Worker] = {w.connection: w for w in self._workers if w.job is not None}
-        for ready in wait(list(connections), timeout=0.2):
-            worker = connections[ready]
-            job = worker.job
-            assert job is not None
-            try:
-                result: Evaluation = worker.connection.recv()
-            except (EOFError, OSError):
-                self._replace(worker, job)
-                continue
-            worker.job = None
-            self._tell(job, result)
-        for worker in [worker for worker in self._workers if worker.is_late]:
-            job = worker.job
-            assert job is not None
-            self._remove(worker)
+    def _end(self, job: Job, future: ProcessFuture[Evaluation]) -> None:
+        """Stores a result, or repeats the evaluation of a process that has died."""
+        try:
+            result: Evaluation = future.result()
+        except TimeoutError:
             text = f"not finished within {self._study.scenario.timeout:g} s of wall time"
-            self._tell(job, Evaluation(job.configuration, job.seed, error=text))
-
-    def _replace(self, worker: Worker, job: Job) -> None:
-        """Repeats the evaluation of a process that has died, or gives up."""
-        worker.process.join(_END_TIMEOUT)
-        code = worker.process.exitcode
-        self._remove(worker)
-        ended = f"signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"exit status {code}"
-        log.warning("evaluation %d: its process has died (%s), attempt %d", job.number, ended, job.attempts)
-        if job.attempts < ATTEMPTS:
-            self._repeated.append(job)
-            return
-        self._tell(job, Evaluation(job.configuration, job.seed, error=f"its process died {ATTEMPTS} times ({ended})"))
-
-    def _remove(self, worker: Worker) -> None:
-        worker.end()
-        self._workers.remove(worker)
-
-    def _tell(self, job: Job, result: Evaluation) -> None:
+            result = Evaluation(job.configuration, job.seed, error=text)
+        except ProcessExpired as error:
+            code = error.exitcode
+            ended = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
+            log.warning("evaluation %d: its process has died (%s), attempt %d", job.number, ended, job.attempts)
+            if job.attempts < ATTEMPTS:
+                self._repeated.append(job)
+                return
+            text = f"its process died {ATTEMPTS} times ({ended})"
+            result = Evaluation(job.configuration, job.seed, error=text)
         self._study.tell(job.number, result)
         self._report(job.number, result)
 

@@ -53,7 +53,7 @@ def properties(draw: st.DrawFn) -> dict[str, Property]:
 def elements(draw: st.DrawFn) -> Element:
     element = Element(draw(st.sampled_from(TYPES)), draw(st.text(max_size=2)), draw(st.just("") | ids))
     for key, prop in draw(properties()).items():
-        element._put(key, prop)
+        element.put(key, prop)
     for src, pred in draw(st.lists(st.tuples(ids, st.sampled_from(PREDICATES)), max_size=2)):
         element.addRelation(src, pred, "-1")
     return element

@@ -328,7 +328,7 @@ def _change(element: Element, changes: ElementChanges) -> None:
     for key in changes.removed_properties:
         element.removeProperty(key)
     for prop in changes.properties.values():
-        element._put(prop.key, prop)
+        element.put(prop.key, prop)
     element.removeRelations(changes.removed_relations)
     for r in changes.added_relations:
         element.addRelation(r["src"], r["type"], r["dst"])

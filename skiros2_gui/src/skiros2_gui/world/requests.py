@@ -89,7 +89,7 @@ class Requests:
         pose = Pose((x, y, z), from_euler(*map(math.radians, angles)))
         moved = Element(record.type, record.label, eid)
         for key in pose_keys(record.properties):
-            moved._put(key, record.properties[key].clone())
+            moved.put(key, record.properties[key].clone())
         set_pose(moved, pose)
         before = record.properties
         changed = {k: p for k, p in moved.property_view.items() if k not in before or p.values != before[k].values}

@@ -111,7 +111,8 @@ class ElementContent:
         self._own_keys: set[str] | None = None  # None: the element owns all properties
         self._owns_relations = True
         self._version = -1
-        self._last_update = 0.0
+        #: The time of the last change in the world model (s since the epoch); 0.0: unknown.
+        self.last_update = 0.0
 
     @classmethod
     def with_content(
@@ -150,7 +151,7 @@ class ElementContent:
         element._own_keys = set()
         element._owns_relations = False
         element._version = version
-        element._last_update = 0.0
+        element.last_update = 0.0
         return element
 
     @property
@@ -212,7 +213,7 @@ class ElementContent:
         """
         local = self._local_relations if keep_children else []
         self.__dict__.update(fresh.view().__dict__)
-        self._last_update = fresh._last_update
+        self.last_update = fresh.last_update
         self._local_relations = local
 
     def complete(self, present: Self) -> None:
@@ -222,7 +223,7 @@ class ElementContent:
         """
         base = present.view()
         for key, prop in self._props.items():
-            base._put(base._key_of(key) or key, prop)
+            base.put(base._key_of(key) or key, prop)
         known = {relation_key(r) for r in base._rels}
         added = [r for r in self._rels if relation_key(r) not in known]
         if added:
@@ -253,7 +254,7 @@ class ElementContent:
         copy._local_relations = list(self._local_relations)
         copy._original = self._original
         copy._version = self._version
-        copy._last_update = self._last_update
+        copy.last_update = self.last_update
         return copy
 
     def __copy__(self) -> Self:
@@ -286,7 +287,8 @@ class ElementContent:
         known = self._key_of(key)
         return None if known is None else self._props[known]
 
-    def _put(self, key: str, prop: Property) -> None:
+    def put(self, key: str, prop: Property) -> None:
+        """Stores a property, which belongs to the element then. It replaces one of the same key, as written."""
         self._own_dict()[key] = prop
         local_revision.advance()
         if self._own_keys is not None:

@@ -200,7 +200,7 @@ def decodeElement(json_string: Any) -> Element:
         element.addRelation(src, pred, dst, bool(r.get("state", True)), bool(r.get("abstract", False)))
     element = element.view()
     try:
-        element._last_update = as_type(e.get("last_update") or 0.0, float)
+        element.last_update = as_type(e.get("last_update") or 0.0, float)
     except WrongType as error:
         raise WrongValue(f"element {element!r}: 'last_update': {error}") from None
     return element

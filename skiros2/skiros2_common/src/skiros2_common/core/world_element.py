@@ -79,7 +79,7 @@ class Element(ElementContent):
 
     def getLastUpdate(self) -> datetime:
         """The time of the last change in the world model; 1970 if unknown."""
-        return datetime.fromtimestamp(self._last_update)
+        return datetime.fromtimestamp(self.last_update)
 
     def __repr__(self) -> str:
         return f"{self._id or self._type}-{self._label}"
@@ -149,7 +149,7 @@ class Element(ElementContent):
         if datatype is not None:
             self._put_converted(key, value, DATATYPES[datatype], force_convertion)
         elif known is None:
-            self._put(key, Property(key, value))
+            self.put(key, Property(key, value))
         elif isinstance(value, type):
             return
         elif force_convertion and value is not None:
@@ -167,14 +167,14 @@ class Element(ElementContent):
                 raise
             log.error("%s. The property has no value.", error)
             prop = Property(key, datatype)
-        self._put(key, prop)
+        self.put(key, prop)
 
     def appendProperty(self, key: str, value: Any) -> None:
         """Appends a value to a property; creates the property if missing."""
         if self._find(key) is not None:
             self.getProperty(key).addValue(value)
         else:
-            self._put(key, Property(key, value))
+            self.put(key, Property(key, value))
 
     def removeProperty(self, key: str) -> None:
         """Removes a property, if it exists; with `skiros:DiscreteReasoner`, also the properties of its reasoners."""

@@ -24,7 +24,7 @@ class RemainingChanges:
     def restore(self, element: Element) -> None:
         """Applies the changes to the element again after it was refreshed."""
         for key, prop in self.properties.items():
-            element._put(key, prop)
+            element.put(key, prop)
         for key in self.removed_properties:
             element.removeProperty(key)
         element.removeRelations(self.removed_relations)

@@ -223,4 +223,4 @@ def _write_value(element: Element, key: str, item: object, present: bool) -> Non
         values.append(item)
     element.removeProperty(key)
     if values:
-        element._put(key, Property(key, values if len({type(v) for v in values}) == 1 else [str(v) for v in values]))
+        element.put(key, Property(key, values if len({type(v) for v in values}) == 1 else [str(v) for v in values]))

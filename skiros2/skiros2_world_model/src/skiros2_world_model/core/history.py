@@ -102,7 +102,7 @@ def _element(record: ElementRecord) -> Element:
     """A copy, as made by hand: writing it restores this state."""
     element = Element(record.type, record.label, record.id)
     for key, prop in record.properties.items():
-        element._put(key, prop.clone())
+        element.put(key, prop.clone())
     return element
 
 

@@ -258,11 +258,13 @@ class OntologyClient:
 
     def is_subclass(self, child: str, parent: str) -> bool:
         """Whether `child` is `parent` or one of its subclasses."""
-        return child == parent or self.transport.ontology.is_subclass(self._name(child), self._name(parent))
+        prefix = self._default_prefix
+        return child == parent or self.transport.ontology.is_subclass(_named(child, prefix), _named(parent, prefix))
 
     def is_subproperty(self, child: str, parent: str) -> bool:
         """Whether `child` is `parent` or one of its subproperties."""
-        return child == parent or self.transport.ontology.is_subproperty(self._name(child), self._name(parent))
+        prefix = self._default_prefix
+        return child == parent or self.transport.ontology.is_subproperty(_named(child, prefix), _named(parent, prefix))
 
     # -- helpers -----------------------------------------------------------------------------------------------
 

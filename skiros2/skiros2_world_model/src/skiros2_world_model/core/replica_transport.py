@@ -98,7 +98,10 @@ class _ReplicaScene:
         return self._reader
 
     def find(self, eid: str, context: str) -> Element | None:
-        return self._of(context).find(eid, context)
+        if context != SCENE:
+            return self._remote.find(eid, context)
+        self._replica.refresh()
+        return self._reader.find(eid, context)
 
     def refreshed(self, element: Element, context: str) -> Element | None:
         return self._of(context).refreshed(element, context)
@@ -114,8 +117,9 @@ class _ReplicaScene:
 
     def related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
         self._replica.refresh()
-        is_elsewhere = src and not self._reader.has(src, SCENE)
-        return (self._remote if is_elsewhere else self._reader).related(src, pred, dst)
+        if src and not self._reader.has(src, SCENE):
+            return self._remote.related(src, pred, dst)
+        return self._reader.related(src, pred, dst, SCENE)
 
     def holds(self, subj: Element, pred: str, obj: Element) -> bool:
         self._replica.refresh()

@@ -78,7 +78,7 @@ class Scene:
             return None
         relations, made = self.relations_of(eid), record.change_info
         element = Element.shared(record.type, record.label, eid, record.properties, relations, made.version)
-        element._last_update = made.stamp
+        element.last_update = made.stamp
         return element
 
     def types(self) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.element_content import relation_dict
-from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.operations import SCENE, Change, snapshot_number
 from skiros2_common.core.reasoner_registry import relations_of
@@ -19,7 +19,7 @@ from skiros2_common.core.world_model_port import Revisions
 from skiros2_world_model.core.ontology_client import OntologyClient
 from skiros2_world_model.core.queries import no_element
 from skiros2_world_model.core.scene import ROOT, ChangeInfo
-from skiros2_world_model.core.wm_errors import WmException, wm_errors
+from skiros2_world_model.core.wm_errors import WmException, wm_error, wm_errors
 
 #: How often a wait checks its condition without a change (s): for computed relations, and for the node's shutdown.
 _CHECK_PERIOD = 0.5
@@ -77,13 +77,17 @@ class SceneQueries(OntologyClient):
 
     def find_element(self, eid: str, context_id: str = SCENE) -> Element | None:
         """Returns the current state of an element, or None when it does not exist."""
-        with wm_errors():
+        try:  # faster than `wm_errors`: a tick calls it often
             return self.transport.scene.find(eid, context_id)
+        except SkirosError as error:
+            raise wm_error(error)  # noqa: B904 - the error itself may be returned
 
     def refreshed(self, e: Element, context_id: str = SCENE) -> Element | None:
         """Returns the given element if it has not changed since it was read, else the result of `find_element`."""
-        with wm_errors():
+        try:  # faster than `wm_errors`: a tick calls it often
             return self.transport.scene.refreshed(e, context_id)
+        except SkirosError as error:
+            raise wm_error(error)  # noqa: B904 - the error itself may be returned
 
     def removal_of(self, eid: str, context_id: str = SCENE) -> ChangeInfo | None:
         """Returns the change that removed an element, or None when it exists or nothing is known."""
@@ -195,8 +199,10 @@ class SceneQueries(OntologyClient):
             return self._stated(subj, pred, obj) == state
         if self._computes(pred) is not None:
             return bool(self.get_reasoner_relations(subj, pred, obj)) == state
-        with wm_errors():
+        try:
             return self.transport.scene.holds(subj, pred, obj) == state
+        except SkirosError as error:
+            raise wm_error(error)  # noqa: B904 - the error itself may be returned
 
     def allows_relation(self, subject_type: str, pred: str, object_type: str) -> bool:
         """Whether the class restrictions of the ontologies allow a relation between two classes."""

@@ -42,7 +42,7 @@ def template_element(ontology: Ontology, name: str) -> Element:
     individual = _individual(ontology, name)
     element = Element(individual.type, individual.name)
     for key, values in individual.values.items():
-        element._put(key, made_property(key, values, ontology.value_limits(individual.type, key)))
+        element.put(key, made_property(key, values, ontology.value_limits(individual.type, key)))
     element.setProperty("skiros:Template", individual.name)
     for pred, dst in individual.relations:
         element.addRelation("-1", pred, dst)

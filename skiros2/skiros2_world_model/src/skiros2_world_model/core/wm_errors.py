@@ -30,6 +30,11 @@ def refusal(text: str, code: str = "refused", position: tuple[int, int] = Skiros
     return (WmConflict if code == Conflict.code else WmException)(text, code, position)
 
 
+def wm_error(error: SkirosError) -> WmException:
+    """The `WmException` for an error of the world model; the error itself if it is one."""
+    return error if isinstance(error, WmException) else refusal(str(error), error.code, error.position)
+
+
 class _WmErrors:
     """Converts errors of the world model to `WmException`."""
 
@@ -38,7 +43,7 @@ class _WmErrors:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if isinstance(error, SkirosError) and not isinstance(error, WmException):
-            raise refusal(str(error), error.code, error.position) from error
+            raise wm_error(error) from error
 
 
 _WM_ERRORS = _WmErrors()  # stateless, shared by all calls

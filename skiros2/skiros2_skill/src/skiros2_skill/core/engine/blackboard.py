@@ -8,16 +8,16 @@ itself: all of them see changes in place.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
-from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName, WrongType
+from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.explanation import CHANGED, DEFAULT, GIVEN, PULLED, SPECIFIED, UNSET
 from skiros2_common.core.names import nearest
 from skiros2_common.core.params import Origin, Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.engine.skill_run import Node, SkillRun, scope
-from skiros2_skill.core.engine.slot import Slot, ids_of
+from skiros2_skill.core.engine.slot import Slot, ids_of, is_same
 
 log = logging.getLogger(__name__)
 
@@ -139,19 +139,6 @@ class Blackboard:
                 slot.shared = values
                 pushed.append(slot.key)
         return pushed
-
-
-def has_changed_in_place(exposed: Iterable[Param]) -> bool:
-    """Whether a list of values that the skill's code has got was changed in place."""
-    return any(not is_same(param.current, param.shared_snapshot) for param in exposed)
-
-
-def is_same(values: list[Any], other: list[Any] | None) -> bool:
-    """Whether two lists are equal; values that cannot be compared are not."""
-    try:
-        return values == other
-    except FOREIGN_ERRORS:
-        return False
 
 
 def make_slots(run: SkillRun, declared: ParamHandler) -> tuple[ParamHandler, list[Slot]]:

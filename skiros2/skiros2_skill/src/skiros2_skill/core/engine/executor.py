@@ -14,7 +14,7 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import PARAMETER, POST, PREEMPT
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_skill.core.engine.blackboard import Blackboard, has_changed_in_place, update_slots
+from skiros2_skill.core.engine.blackboard import Blackboard, update_slots
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
 from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.failures import (
@@ -107,13 +107,13 @@ class Executor:
             failure = self.parameters.refresh(run)
             if failure is not None:
                 return self._fail_running(run, failure)
-        local, version, exposed = local_revision.current, self.parameters.world_version, run.exposed
+        local, version = local_revision.current, self.parameters.world_version
         if run.implementation.is_compound:
             state = self._tick_children(run)
         else:
             state = self.hooks.execute(run)
-            run.skips_refresh = not (run.volatile or run.exposed or run.stale)
-        if state is not _RUNNING or local_revision.current != local or (exposed and has_changed_in_place(exposed)):
+            run.skips_refresh = not (run.volatile or run.stale)
+        if state is not _RUNNING or local_revision.current != local or (run.exposed and run.has_changed_in_place()):
             return self._finish_tick(run, state, version)
         self._note_progress(run)
         self.parameters.update_revision()

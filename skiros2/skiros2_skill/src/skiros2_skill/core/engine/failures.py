@@ -219,7 +219,7 @@ def name_in_scene(eid: str, label: str, wmi: WorldModelPort) -> str:
 
 
 def _provenance(node: Node) -> list[Provenance]:
-    return provenance_of(node.run.slots, node.run.pre_conditions) if node.run is not None else []
+    return provenance_of(node.run.slots, node.run.pre_conditions) if node.run is not None and node.run.slots else []
 
 
 def _path(node: Node) -> list[Node]:

@@ -328,8 +328,6 @@ class Parameters:
         if keys:
             self._dependencies.mark_keys(keys)
         run.exposed = [slot.param for slot in run.slots if slot.param.shared_snapshot is not None]
-        if run.exposed:
-            run.skips_refresh = False  # its lists may change in place
 
     def log_unwritten(self, run: SkillRun) -> None:
         """Logs elements that a skill has changed in place: such changes are not written."""

@@ -15,7 +15,7 @@ from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_runs.core.values import ConditionStatus
 from skiros2_skill.core.engine.hook_guard import HookGuard
-from skiros2_skill.core.engine.slot import Slot
+from skiros2_skill.core.engine.slot import Slot, is_same
 from skiros2_skill.core.processors import Processor, TreeNode
 from skiros2_skill.core.protocols import ImplementationPort, Library
 
@@ -106,12 +106,6 @@ class SkillNode(Node, Protocol):
     @property
     def depth(self) -> int: ...
     @property
-    def options(self) -> dict[str, list[Any]]: ...
-    @property
-    def present_conditions(self) -> tuple[list[ConditionBase], list[ConditionBase], list[ConditionBase]]:
-        """The pre-, hold- and post-conditions that it has so far: before its start, perhaps only its own."""
-
-    @property
     def own_pre_conditions(self) -> Sequence[ConditionBase]: ...
     @property
     def own_hold_conditions(self) -> Sequence[ConditionBase]: ...
@@ -158,17 +152,19 @@ class SkillRun:
     )  # fmt: skip
 
     implementation: ImplementationPort  # unset until it is selected
+    params: ParamHandler
+    options: dict[str, list[Any]]
+    pre_conditions: list[ConditionBase]
+    hold_conditions: list[ConditionBase]
+    post_conditions: list[ConditionBase]
 
     def __init__(self, node: SkillNode) -> None:
         self.node = node
         self.instance: Any = None
         self.state = node.state
-        #: Of the implementation.
+        #: Of the implementation; before one is claimed, as in `is_described`.
         self.label = node.label
-        # Until an instance is claimed, those that the node has had before:
-        self.params, self.options = node.present_params, node.options
-        self.pre_conditions, self.hold_conditions, self.post_conditions = node.present_conditions
-        #: Whether these are those of an implementation.
+        #: Whether there are parameters and conditions: of the implementation, or still of that of the last run.
         self.is_described = False
         #: Whether the node has the subtree of this instance.
         self.is_expanded = False
@@ -211,12 +207,15 @@ class SkillRun:
     # -- the instance ------------------------------------------------------------------------------------------
 
     def _continue(self, last: SkillRun) -> None:
-        """Takes over the instance of a compound, to which the subtree belongs."""
+        """Takes over the instance of a compound, to which the subtree belongs, and the description."""
         self.instance, last.instance = last.instance, None
         if self.instance is not None:
             self.implementation, self.is_expanded = last.implementation, last.is_expanded
             self.instance.begin_progress()
-        self.is_described = last.is_described
+        if last.is_described:
+            self.params, self.options, self.is_described = last.params, last.options, True
+            self.pre_conditions, self.hold_conditions = last.pre_conditions, last.hold_conditions
+            self.post_conditions = last.post_conditions
 
     def claim(self, implementation: ImplementationPort, params: ParamHandler, slots: list[Slot]) -> None:
         """Takes an instance of an implementation, with these parameters.
@@ -283,6 +282,10 @@ class SkillRun:
             self._is_counted = False
             self.implementation.count(-1)
             self.instance._params = EndedParams(self.params)
+
+    def has_changed_in_place(self) -> bool:
+        """Whether the skill's code has changed a list of values that it has got."""
+        return any(not is_same(param.current, param.shared_snapshot) for param in self.exposed)
 
     # -- state and progress ------------------------------------------------------------------------------------
 

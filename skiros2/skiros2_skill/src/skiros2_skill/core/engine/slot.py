@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import CHANGED, INFERRED, MAX_EXAMPLES, PULLED, UNSET, Provenance
 from skiros2_common.core.params import Origin, Param
 from skiros2_common.core.property import format_value
@@ -77,6 +78,14 @@ class Slot:
     @property
     def is_at_placeholder(self) -> bool:
         return self.param.current is self.placeholder and not any(e.id or e.may_be_changed for e in self.param.current)
+
+
+def is_same(values: list[Any], other: list[Any] | None) -> bool:
+    """Whether two lists are equal; values that cannot be compared are not."""
+    try:
+        return values == other
+    except FOREIGN_ERRORS:
+        return False
 
 
 def ids_of(elements: list[Any]) -> list[Any]:

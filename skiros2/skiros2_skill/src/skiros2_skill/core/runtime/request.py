@@ -25,13 +25,12 @@ from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Origin, Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_skill.core.engine.blackboard import is_same
 from skiros2_skill.core.engine.elements import removal_of
 from skiros2_skill.core.engine.failures import with_labels
 from skiros2_skill.core.engine.learned_parameters import learned_values
 from skiros2_skill.core.engine.selection import preview_start
 from skiros2_skill.core.engine.skill_run import SkillRun
-from skiros2_skill.core.engine.slot import Slot, format_values
+from skiros2_skill.core.engine.slot import Slot, format_values, is_same
 from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
 from skiros2_skill.core.runtime.scheduler import Scheduler

@@ -28,20 +28,21 @@ _T = TypeVar("_T")
 
 
 class _OfRun(Generic[_T]):
-    """An attribute of the present or last run; before the first start, the node's own."""
+    """A part of the description: that of the present or last run; before the first start, the node's own."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._own, self._name = name, name.lstrip("_")
 
     def __get__(self, node: DescribedNode, owner: type) -> _T:
-        value: _T = node.__dict__[self._own] if node.run is None else getattr(node.run, self._name)
+        run = node.run
+        value: _T = getattr(run, self._name) if run is not None and run.is_described else node.__dict__[self._own]
         return value
 
     def __set__(self, node: DescribedNode, value: _T) -> None:
-        if node.run is None:
-            node.__dict__[self._own] = value
-        else:
+        if node.run is not None and node.run.is_described:
             setattr(node.run, self._name, value)
+        else:
+            node.__dict__[self._own] = value
 
 
 class DescribedNode(SkillInterface):
@@ -49,7 +50,6 @@ class DescribedNode(SkillInterface):
     on that of its run."""
 
     _label = _OfRun[str]()
-    _state = _OfRun[State]()
     _params = _OfRun[ParamHandler]()
     _options = _OfRun[dict[str, list[Any]]]()
     _pre_conditions = _OfRun[list[ConditionBase]]()
@@ -295,7 +295,8 @@ class SkillWrapper(DescribedNode):
             raise
         except FOREIGN_ERRORS as error:
             return visitor.finish_execute(run, None, error)
-        if answer is not _RUNNING or local_revision.current != parameters.local_revision:
+        is_changed = local_revision.current != parameters.local_revision or (run.exposed and run.has_changed_in_place())
+        if answer is not _RUNNING or is_changed:
             return visitor.finish_execute(run, answer)
         if instance.progressed_at > run.progressed_at:
             run.progressed_at = instance.progressed_at
@@ -306,7 +307,18 @@ class SkillWrapper(DescribedNode):
 
     @property
     def state(self) -> State:
-        return self._state if self.run is None else self.run.state
+        return self._own_state if self.run is None else self.run.state
+
+    @property
+    def _state(self) -> State:
+        return self.state
+
+    @_state.setter
+    def _state(self, state: State) -> None:
+        if self.run is None:
+            self._own_state = state
+        else:
+            self.run.state = state
 
     def _setState(self, state: State) -> None:
         if self.run is not None:

@@ -11,6 +11,8 @@ from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Pro
 from skiros2_gateway.core.edits import EditPreview, Edits
 from skiros2_gateway.core.goal_form import GoalEdit, GoalForms
 from skiros2_gateway.core.problems import Problem, Rejected
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import EntriesChanged
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 ROBOT = "/robot"
@@ -34,6 +36,8 @@ class StandInCell:
         self.stopped: list[str] = []
         self.paused: set[str] = set()
         self.elements = {"Tray-1": "demo:Tray", "Product-2": "skiros:Product"}
+        self.document = CellDocument()
+        self.document.apply(EntriesChanged("elements", {each["id"]: each for each in self._elements_data()}))
         self.commands: list[tuple[str, list[str]]] = []
         self.properties: dict[tuple[str, str], Any] = {}
         self.skill_runs: dict[tuple[str, int], dict[str, Any]] = {}
@@ -89,8 +93,15 @@ class StandInCell:
         return {"robots": [robot], "ready": self.is_ready, "capacity": self.capacity}
 
     async def world(self) -> dict[str, Any]:
+        return {"revision": 1, "elements": self._elements_data()}
+
+    def _elements_data(self) -> list[dict[str, Any]]:
         content = {"label": "", "properties": {}, "relations": []}
-        return {"revision": 1, "elements": [{"id": e, "type": cls, **content} for e, cls in self.elements.items()]}
+        return [{"id": eid, "type": kind, **content} for eid, kind in self.elements.items()]
+
+    def change(self, **elements: Any) -> None:
+        """Changes elements of the document, by id; None removes one."""
+        self.document.apply(EntriesChanged("elements", elements))
 
     async def query(self, text: str, user: str) -> dict[str, Any]:
         self.asked.append(user)

@@ -12,8 +12,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+import rospy
 from asyncua import Client, ua
 from rospy.impl.registration import get_topic_manager
+from std_msgs.msg import Float64
 
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job_control import JobControl
@@ -69,6 +71,25 @@ def test_viewer_reads_and_does_not_command(cell: JobCell) -> None:
     for path, body in (("/api/jobs", cell.order("viewed", 0)), ("/api/robots/stop", {"robots": []})):
         assert cell.rest.post(path, body, "view")[0] == 403
     assert "viewed" not in cell.jobs()
+
+
+def test_live_view_follows_the_scene_and_the_values_of_its_signals(cell: JobCell) -> None:
+    def table(name: str) -> Any:
+        return cell.rest.get("/api/live", "view")["document"][name]
+
+    wm = cell.world.wm
+    arm = cell.world.thing("cora:Robot", "arm", SkillMgr="mgr")
+    load = cell.world.thing("skiros:Signal", "load", SignalTopic="~load", MessageField="data", Unit="N")
+    wm.set_relation(arm, "skiros:hasA", load)
+    wait_until(lambda: ("skiros:hasA", load) in map(tuple, table("elements").get(arm, {}).get("relations", ())))
+    wait_until(lambda: table("signals").get(load, {}).get("robot") == "/mgr", what="the robot of the signal")
+    publisher = rospy.Publisher("/mgr/load", Float64, queue_size=1, latch=True)
+    publisher.publish(Float64(7.5))
+    wait_until(lambda: table("signals")[load].get("value") == 7.5, what="the value of the signal")
+    publisher.unregister()
+    for eid in (load, arm):
+        wm.remove_element(wm.get_element(eid))
+    wait_until(lambda: load not in table("elements") and load not in table("signals"), what="the signal's removal")
 
 
 def test_plans_leave_no_subscriptions_behind(cell: JobCell) -> None:

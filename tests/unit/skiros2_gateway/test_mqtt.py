@@ -305,22 +305,31 @@ def test_element_with_any_id_has_a_topic(in_gateway: Run, port: int, eid: str, p
         prefix = f"ids{ord(eid[-1])}"
         async with connected(gateway, port, prefix) as (_, subscriber):
             element = {"id": eid, "type": "demo:Tray", "label": "", "properties": {}, "relations": []}
-            gateway.events.publish("world", {"changed": [element], "removed": []})
+            gateway.cell.change(**{eid: element})
             assert (await subscriber.until(f"{prefix}/world/{part}"))["id"] == eid
-            gateway.events.publish("world", {"changed": [], "removed": [eid]})
+            gateway.cell.change(**{eid: None})
             await subscriber.until(f"{prefix}/world/{part}", lambda text: text == "(null)")
 
     in_gateway(test)
 
 
-@pytest.mark.parametrize("data", [{"changed": 3, "removed": []}, {}, None, {"changed": [{"id": "x" * 70_000}]}])
+@pytest.mark.parametrize("data", [{"answer": 3}, {}, None, {"job": "x" * 70_000}])
 def test_event_that_cannot_be_published_costs_no_other(in_gateway: Run, port: int, data: Any) -> None:
     async def test(gateway: Any) -> None:
         prefix = f"broken{len(str(data))}"
         async with connected(gateway, port, prefix) as (_, subscriber):
-            gateway.events.publish("world", data)
+            gateway.events.publish("response", data)
             await gateway.put("a")
             await subscriber.until(f"{prefix}/job/a/state", lambda state: state["state"] == "AllowedToStart")
+
+    in_gateway(test)
+
+
+def test_element_that_cannot_be_published_costs_no_other(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "elements") as (_, subscriber):
+            gateway.cell.change(**{"x" * 70_000: {"id": "x"}, "Bad": {"id": {1, 2}}, "Good": {"id": "Good"}})
+            assert await subscriber.until("elements/world/Good") == {"id": "Good"}
 
     in_gateway(test)
 
@@ -329,13 +338,13 @@ def test_bridge_continues_after_an_internal_error(in_gateway: Run, port: int, ca
     async def test(gateway: Any) -> None:
         async with connected(gateway, port, "again") as (_, subscriber):
             await subscriber.until("again/world/Tray-1")
-            world = gateway.cell.world
+            state = gateway.cell.state
 
-            async def broken() -> Any:
-                gateway.cell.world = world
+            def broken() -> Any:
+                gateway.cell.state = state
                 raise RuntimeError("something unforeseen")
 
-            gateway.cell.world = broken
+            gateway.cell.state = broken
             gateway.events.publish("reset", {})
             await subscriber.until("again/world/Tray-1")
             await gateway.put("a")

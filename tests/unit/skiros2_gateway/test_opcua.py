@@ -312,9 +312,9 @@ def test_scene_is_a_twin_that_follows_changes(in_server: Run) -> None:
                     break
                 except ua.UaStatusCodeError:
                     await asyncio.sleep(0.01)
-            tray = {"id": "Tray-1", "type": "demo:Tray", "label": "", "relations": [], "properties": {"Is": ["Full"]}}
-            change = {"changed": [tray], "removed": ["Product-2"], "unrelated": []}
-            gateway.events.publish("world", {**change, "related": [["Tray-1", "contain", "Product-3"]]})
+            tray = {"id": "Tray-1", "type": "demo:Tray", "label": "", "properties": {"Is": ["Full"]}}
+            tray["relations"] = [("contain", "Product-3")]
+            gateway.cell.change(**{"Product-2": None, "Tray-1": tray})
             relations = mes.get_node(ua.NodeId("World/Tray-1/Relations", index))
             while await relations.read_value() != ["contain Product-3"]:
                 await asyncio.sleep(0.01)
@@ -353,9 +353,8 @@ def test_element_with_a_number_of_any_size_costs_no_other(in_server: Run) -> Non
             {"id": "Huge-1", "properties": {"a": [10**400], "b": [1, 10**400]}, **content},
             {"id": "Huge-2", "properties": {"a": [1]}, **content},
         ]
-        more = {"removed": [], "related": [], "unrelated": []}
-        gateway.events.publish("world", {"changed": 7, **more})
-        gateway.events.publish("world", {"changed": changed, **more})
+        gateway.cell.change(Bad={"id": 7})
+        gateway.cell.change(**{each["id"]: each for each in changed})
         async with Mes(gateway.address) as mes:
             index = await mes.get_namespace_index(TWIN)
             while True:

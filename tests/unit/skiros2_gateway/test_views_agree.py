@@ -30,7 +30,7 @@ from skiros2_gateway.opcua.twin import NAMESPACE
 from skiros2_gui.app.system import stop_of
 from skiros2_gui.app.tasks import skills_text
 from skiros2_gui.app.window import Window
-from skiros2_live.core.cell import CellDocument, RobotChanged
+from skiros2_live.core.cell import RobotChanged
 from skiros2_live.core.patch import EntriesChanged, GoalProgress, ManagerConnection, Patch, SafetyChanged, TaskProgress
 from skiros2_live.core.scene_view import SceneView
 from skiros2_runs.core.goal_runs import GOALS
@@ -58,27 +58,16 @@ class Cell:
     def __init__(self, gateway: Gateway) -> None:
         self.run = Run.open(BAG)
         self.gateway = gateway
-        self.document = CellDocument()
+        self.document = gateway.cell.document
         self.document.subscribe(RobotChanged, lambda _: gateway.control.cell_changed())
-        self.document.subscribe(EntriesChanged, self._report_elements)
         gateway.cell.state = self.state  # type: ignore[method-assign]
-        gateway.cell.world = self.world  # type: ignore[method-assign]
         scene = self.run.world(partial=True)
         reader = SceneReader(threading.RLock(), lambda _: [scene], SimpleNamespace)  # type: ignore[arg-type]
         system: Any = SimpleNamespace(scene=reader, managers={}, planner=None, parts=())
         self.window: Window = make_window(lambda _: system)
 
-    def _report_elements(self, patch: EntriesChanged) -> None:
-        changed = [element for element in patch.entries.values() if element is not None]
-        removed = [eid for eid, element in patch.entries.items() if element is None]
-        relations: dict[str, list[Any]] = {"related": [], "unrelated": []}
-        self.gateway.events.publish("world", {"changed": changed, "removed": removed, **relations})
-
     def state(self) -> dict[str, Any]:
         return {"robots": self.document.robots_data(), "ready": True, "capacity": 1}
-
-    async def world(self) -> dict[str, Any]:
-        return {"revision": 1, "elements": list(self.document.tables["elements"].values())}
 
     def patches(self) -> Iterator[Patch]:
         """Yields those of the bag, of its scene at the end, and of stops of the robot."""
@@ -184,6 +173,8 @@ def test_window_page_and_interfaces_show_the_same_at_any_time(in_gateway: Any, t
             elements = document["elements"]
             for eid in ("demo:Tray-12", "skiros:Product-14"):
                 await until_equal(partial(opcua, f"World/{eid}/Type"), elements[eid]["type"])
+                relations = [" ".join(relation) for relation in elements[eid]["relations"]]
+                await until_equal(partial(opcua, f"World/{eid}/Relations"), sorted(relations))
         assert shown == tasks_of(recorded_cell(cell.run).shown)
         [(name, state, nodes, _)] = shown
         assert (name, state) == ("Tray B contains Product A", "succeeded") and len(nodes) > 4
@@ -194,7 +185,7 @@ def test_window_page_and_interfaces_show_the_same_at_any_time(in_gateway: Any, t
 
 
 @needs_broker
-def test_mqtt_has_the_robots_of_the_document(in_gateway: Any) -> None:
+def test_mqtt_has_the_robots_and_elements_of_the_document(in_gateway: Any) -> None:
     async def test(gateway: Gateway) -> None:
         cell = Cell(gateway)
         with broker() as port:
@@ -208,5 +199,9 @@ def test_mqtt_has_the_robots_of_the_document(in_gateway: Any) -> None:
                         data = await subscriber.until("views/cell", partial(has_state, robots[0]["state"]))
                         assert [robot["name"] for robot in data["robots"]] == [ROBOT]
                 assert states == {"idle", "busy", "protective_stop"}
+                gateway.events.publish("reset", {})  # what was published before was skipped
+                tray = await subscriber.until("views/world/demo:Tray-12")
+                shown = cell.document.tables["elements"]["demo:Tray-12"]
+                assert all(json.dumps(value) == json.dumps(shown[key]) for key, value in tray.items())
 
     in_gateway(test)

@@ -21,7 +21,7 @@ from skiros2_common.ros.signals import RosSignals
 from skiros2_live.core.changed_elements import ChangedElements
 from skiros2_live.core.patch import EntriesChanged
 from skiros2_live.core.scene_view import SceneView, frames_data
-from skiros2_live.core.signals import SceneSignal, manager_above, owner, read_signal
+from skiros2_live.core.signals import SceneSignal, manager_above, read_signal
 from skiros2_live.ros.parameters import mesh_folders, robot_descriptions
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
@@ -204,14 +204,18 @@ def _signal_data(signal: Signal, robot: str) -> dict[str, Any]:
 
 def _find_signals(world: WorldModelInterface) -> dict[str, SceneSignal]:
     """Returns the signals of the scene by id."""
-    scene = world.known_scene
-    owner_of = partial(owner, scene) if scene is not None else lambda _: None
     found = {}
     for element in world.resolve_elements(Element(SIGNAL)):
-        found[element.id] = read = read_signal(element, manager_above(element, owner_of))
+        found[element.id] = read = read_signal(element, manager_above(element, partial(_owner, world)))
         if read.problem:
             log.warning("%s", read.problem)
     return found
+
+
+def _owner(world: WorldModelInterface, eid: str) -> Element | None:
+    """Returns the element that has an element as a part; None if there is none."""
+    relations = world.get_relations("", "skiros:hasA", eid)
+    return world.find_element(relations[0]["src"]) if relations else None
 
 
 def _body(view: SceneView, name: str, description: tuple[str, str] | None) -> list[dict[str, Any]] | None:

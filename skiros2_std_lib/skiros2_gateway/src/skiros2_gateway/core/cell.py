@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from skiros2_gateway.core.edits import EditPreview, Edits
 from skiros2_gateway.core.goal_form import GoalEdit
 from skiros2_gateway.core.problems import Problem
+from skiros2_live.core.cell import CellDocument
 
 #: Outcome of a goal whose result is unknown.
 LOST = "lost"
@@ -98,6 +99,10 @@ class Cell(Protocol):
 
     Coroutines raise `SkirosError` if the cell refuses or does not answer in time.
     """
+
+    @property
+    def document(self) -> CellDocument:
+        """The robots, tasks, goals and elements of the cell."""
 
     @property
     def is_ready(self) -> bool:

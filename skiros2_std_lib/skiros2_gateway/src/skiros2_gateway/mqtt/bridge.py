@@ -26,7 +26,7 @@ import logging
 import re
 import socket
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.json_data import read_json
 from skiros2_gateway.core.access import Caller
+from skiros2_gateway.core.element_changes import ElementChanges
 from skiros2_gateway.core.events import Event
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.json_text import json_text
@@ -79,7 +80,7 @@ class MqttBridge:
         self._freshness = Freshness(service.store)
         self._loop = asyncio.get_running_loop()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._elements: set[str] = set()
+        self._changes = ElementChanges(service.control.cell.document)
         host, _, port = settings.mqtt.partition(":")
         if port and not port.isdigit():
             raise ConfigurationError(f"mqtt {settings.mqtt!r}, expected HOST or HOST:PORT")
@@ -105,6 +106,7 @@ class MqttBridge:
         self._client.connect_async(*self._address, keepalive=10)
         self._client.loop_start()
         self._spawn(self._follow())
+        self._spawn(self._follow_elements())
 
     async def stop(self) -> None:
         """Says `offline` and disconnects."""
@@ -125,7 +127,7 @@ class MqttBridge:
         log.info("connected to the MQTT broker %s:%d", *self._address)
         self._client.subscribe(self._topic("job/in/+"), _QOS)
         self._publish("status", "online")
-        self._spawn(self._publish_all())
+        self._publish_all()
 
     def _on_message(self, message: paho.MQTTMessage) -> None:
         self._spawn(self._command(message.topic.rpartition("/")[2], message.payload, message.retain))
@@ -201,10 +203,10 @@ class MqttBridge:
         while True:
             try:
                 if after:  # events were missed
-                    await self._publish_all()
+                    self._publish_all()
                 async for event in self._service.events.follow(after):
                     if event.kind == "reset":
-                        await self._publish_all()
+                        self._publish_all()
                     else:
                         self._guarded(event)
             except Exception:
@@ -227,26 +229,27 @@ class MqttBridge:
             self._publish(f"job/{data['job']}/response", data)
         elif event.kind == "cell":
             self._publish_cell()
-        elif event.kind == "world":
-            for element in data["changed"]:
-                self._publish_element(element)
-            for eid in data["removed"]:
-                self._remove_element(eid)
 
-    async def _publish_all(self) -> None:
+    async def _follow_elements(self) -> None:
+        while True:
+            self._publish_elements(await self._changes.take())
+
+    def _publish_elements(self, elements: Mapping[str, Any]) -> None:
+        """
+        :param elements: by id; None removes what is retained. One with a mistake does not cost the others.
+        """
+        for eid, element in elements.items():
+            try:
+                self._publish(f"world/{topic_part(eid)}", element)
+            except Exception:
+                log.exception("MQTT: the element %s is not published", eid)
+
+    def _publish_all(self) -> None:
         """Publishes the state, after a connection or where events are missing."""
         for job in self._service.control.open_jobs:
             self._publish_job(job.to_dict())
-        try:
-            self._publish_cell()
-            elements = (await self._service.control.cell.world())["elements"]
-        except SkirosError as error:
-            log.debug("the world model is not published yet: %s", error)
-            return
-        for eid in self._elements - {element["id"] for element in elements}:
-            self._remove_element(eid)
-        for element in elements:
-            self._publish_element(element)
+        self._publish_cell()
+        self._publish_elements(self._changes.all())
 
     def _publish_job(self, job: dict[str, Any]) -> None:
         state = {"state": job["state"], "substate": job["substate"], "changed": job["changed"]}
@@ -257,14 +260,6 @@ class MqttBridge:
     def _publish_cell(self) -> None:
         queue = [{"id": job.id, "state": job.state.value} for job in self._service.control.open_jobs]
         self._publish("cell", {**self._service.control.cell.state(), "queue": queue})
-
-    def _publish_element(self, element: dict[str, Any]) -> None:
-        self._elements.add(element["id"])
-        self._publish(f"world/{topic_part(element['id'])}", element)
-
-    def _remove_element(self, eid: str) -> None:
-        self._elements.discard(eid)
-        self._publish(f"world/{topic_part(eid)}", None)
 
     def _publish(self, topic: str, data: Any, *, retain: bool = True) -> None:
         """Publishes JSON data or text; None removes what is retained."""

@@ -134,7 +134,8 @@ class OpcuaServer:
         await self._add_objects()
         await server.start()
         log.info("the gateway serves %s", self.address)
-        self._tasks = [self._spawn(self._follow()), self._spawn(self._write_lists())]
+        works = (self._follow(), self._twin.follow_elements(), self._write_lists())
+        self._tasks = [self._spawn(work) for work in works]
 
     async def stop(self) -> None:
         """Stops serving."""
@@ -270,7 +271,7 @@ class OpcuaServer:
     async def _follow(self) -> None:
         self._has_changes.set()
         last = self._service.events.last_id
-        await self._twin.read_all()
+        await self._twin.show_cell()
         async for event in self._service.events.follow(last):
             try:
                 self._lists.on_event(event)

@@ -13,7 +13,7 @@ from typing import Any
 
 from asyncua import Node, Server, ua
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_gateway.core.element_changes import ElementChanges
 from skiros2_gateway.core.events import Event
 from skiros2_gateway.core.service import Service
 
@@ -34,8 +34,6 @@ class Twin:
         self._index = 0
         self._folders: dict[str, Node] = {}
         self._objects: dict[str, dict[str, Node]] = {}  # variables by key, of each object by its path
-        self._relations: dict[str, set[str]] = {}  # of each element by its path
-        self._is_stale = True
 
     async def start(self) -> None:
         """Adds the folders."""
@@ -47,39 +45,27 @@ class Twin:
 
     async def on_event(self, event: Event) -> None:
         """Follows the gateway's events."""
-        if event.kind == "reset":
-            self._is_stale = True
-        if self._is_stale and event.kind in ("cell", "world", "reset"):
-            await self.read_all()
-        elif event.kind == "cell":
-            await self._show_cell(event.data)
-        elif event.kind == "world":
-            for element in event.data["changed"]:
-                await self._show_element(element)
-            for eid in event.data["removed"]:
-                await self._remove(f"World/{eid}")
-            await self._relate(event.data["related"], event.data["unrelated"])
-        if event.kind == "job":
+        if event.kind in ("cell", "reset"):
+            await self.show_cell()
+        elif event.kind == "job":
             await self._show("Cell", self._folders["Cell"], {"QueueLength": len(self._service.control.open_jobs)})
 
-    async def read_all(self) -> None:
-        """Shows the whole cell, if it answers; otherwise after the next event."""
-        try:
-            world = await self._service.control.cell.world()
-        except SkirosError as error:
-            log.debug("the world model is not shown yet: %s", error)
-            return
-        self._is_stale = False
-        await self._show_cell(self._service.control.cell.state())
-        known = {path for path in self._objects if path.startswith("World/")}
-        for element in world["elements"]:
-            known.discard(f"World/{element['id']}")
-            self._relations[f"World/{element['id']}"] = {f"{name} {end}" for name, end in element["relations"]}
-            await self._show_element(element)
-        for path in known:
-            await self._remove(path)
+    async def follow_elements(self) -> None:
+        """Shows the elements, until it is cancelled. One that cannot be shown does not cost the others."""
+        changes = ElementChanges(self._service.control.cell.document)
+        while True:
+            for eid, element in (await changes.take()).items():
+                try:
+                    if element is None:
+                        await self._remove(f"World/{eid}")
+                    else:
+                        await self._show_element(element)
+                except Exception:
+                    log.exception("OPC UA: the element %s is not shown", eid)
 
-    async def _show_cell(self, state: dict[str, Any]) -> None:
+    async def show_cell(self) -> None:
+        """Shows the robots and the state of the cell."""
+        state = self._service.control.cell.state()
         await self._show("Cell", self._folders["Cell"], {"Ready": state["ready"], "Capacity": state["capacity"]})
         for robot in state["robots"]:
             path = f"Cell/Robots/{robot['name'].lstrip('/')}"
@@ -90,18 +76,10 @@ class Twin:
     async def _show_element(self, element: dict[str, Any]) -> None:
         path = f"World/{element['id']}"
         node = await self._object(path, self._folders["World"], element["label"] or element["id"])
-        relations = sorted(self._relations.get(path, ()))
+        relations = sorted(f"{name} {end}" for name, end in element["relations"])
         values = {key: value[0] if len(value) == 1 else value for key, value in element["properties"].items() if value}
         await self._show(path, node, {"Type": element["type"], **values, "Relations": relations})
         await asyncio.sleep(0)  # other tasks of the loop get their turn
-
-    async def _relate(self, added: list[list[str]], removed: list[list[str]]) -> None:
-        for subject, name, end in removed:
-            self._relations.setdefault(f"World/{subject}", set()).discard(f"{name} {end}")
-        for subject, name, end in added:
-            self._relations.setdefault(f"World/{subject}", set()).add(f"{name} {end}")
-        for path in {f"World/{subject}" for subject, _, _ in added + removed} & self._objects.keys():
-            await self._show(path, self._server.get_node(self._id(path)), {"Relations": sorted(self._relations[path])})
 
     async def _object(self, path: str, parent: Node, name: str) -> Node:
         if path not in self._objects:
@@ -126,7 +104,6 @@ class Twin:
                 log.warning("OPC UA variable %s/%s: %s", path, key, error)
 
     async def _remove(self, path: str) -> None:
-        self._relations.pop(path, None)
         if self._objects.pop(path, None) is not None:
             await self._server.delete_nodes([self._server.get_node(self._id(path))], recursive=True)
 

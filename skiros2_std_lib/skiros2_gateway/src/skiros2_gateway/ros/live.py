@@ -17,14 +17,13 @@ from skiros2_gateway.ros.goals import SILENCE
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_live.core.scene_view import SceneView
 from skiros2_live.ros.parameters import mesh_folders
-from skiros2_live.ros.scene_feed import SceneFeed
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.manager import ManagerClient
 
 log = logging.getLogger(__name__)
 
-#: The period of checks for the world model, and for a lost task manager (s).
+#: The period of checks for a lost task manager (s).
 _CHECK_PERIOD = 1.0
 #: Files in the folders with meshes that viewers may read: also materials and textures.
 _MESH_FILES = (".stl", ".obj", ".dae", ".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga")
@@ -36,13 +35,11 @@ class LiveRos:
     def __init__(self, cell: RosCell) -> None:
         self._cell = cell
         self._recorded: SceneView | None = None
-        self._scene = SceneFeed(cell.report)
         self._task = asyncio.get_running_loop().create_task(self._check())
 
     def close(self) -> None:
         """Ends all subscriptions."""
         self._task.cancel()
-        self._scene.close()
 
     # -- what viewers ask for ----------------------------------------------------------------------------------
 
@@ -76,7 +73,7 @@ class LiveRos:
             return False
 
     def mesh_file(self, url: str) -> Path:
-        views = [self._scene.view, self._recorded]
+        views = [self._cell.scene.view, self._recorded]
         meshes = {mesh for view in views if view is not None for mesh in view.meshes}
         base, _, extra = url.rpartition("/")
         # A mesh file names textures and materials beside itself.
@@ -107,7 +104,4 @@ class LiveRos:
             missing = 0 if self._cell.is_ready else missing + 1
             if missing == SILENCE // _CHECK_PERIOD:
                 self._cell.document.mark_lost(GOALS)
-            wm = self._cell.world_model
-            if self._scene.view is None and wm is not None:
-                await asyncio.to_thread(self._scene.follow, wm)
             await asyncio.sleep(_CHECK_PERIOD)

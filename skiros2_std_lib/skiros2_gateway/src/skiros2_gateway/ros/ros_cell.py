@@ -35,6 +35,7 @@ from skiros2_live.core.element_data import change_data, element_data
 from skiros2_live.core.patch import Patch
 from skiros2_live.core.robots import DISCONNECTED, Robot, first_stop
 from skiros2_live.ros.managers import ManagerConnections
+from skiros2_live.ros.scene_feed import SceneFeed
 from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult, MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
@@ -72,8 +73,8 @@ class RosCell:
         self.stops = RobotStops()
         self._queries = UserQueries()
         self._wm: WorldModelInterface | None = None
-        #: The robots, tasks and goals of the cell; `LiveRos` adds the scene. Owned by the thread of the loop.
         self.document = CellDocument(max_goals=_MAX_GOALS)
+        self.scene = SceneFeed(self.report)
         self.document.subscribe(RobotChanged, lambda change: self._on_robot(change.robot))
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), self._apply, listener.cell_changed)
         self._managers = ManagerConnections(rospy.get_name(), self.report)
@@ -89,20 +90,17 @@ class RosCell:
 
     def _connect(self) -> None:
         """Connects to the world model. In a thread of its own: no job starts before."""
-        wm = connect(self._world_model_client, self._closed)
+        wm = connect(partial(_world_model, self._masters, self._loop), self._closed)
         if wm is not None:
             wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
             self._wm = wm
+            self.scene.follow(wm)
             self._in_loop(self._listener.cell_changed)
-
-    def _world_model_client(self) -> WorldModelInterface:
-        wm = WorldModelInterface(rospy.get_name(), make_cache=True)
-        SceneWorkMasters(wm, self._masters, self._loop)
-        return wm
 
     def close(self) -> None:
         """Closes all connections. Goals continue."""
         self._closed.set()
+        self.scene.close()
         for task in self._tasks:
             task.cancel()
         self._goals.close()
@@ -353,6 +351,12 @@ class RosCell:
     def _in_loop(self, call: Callable[..., Any], *arguments: Any) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(partial(call, *arguments))
+
+
+def _world_model(masters: WorkMasters, loop: asyncio.AbstractEventLoop) -> WorldModelInterface:
+    wm = WorldModelInterface(rospy.get_name(), make_cache=True)
+    SceneWorkMasters(wm, masters, loop)
+    return wm
 
 
 def _robot_problems(names: Sequence[str], robots: Collection[str]) -> list[Problem]:

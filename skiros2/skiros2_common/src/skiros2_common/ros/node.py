@@ -1,11 +1,10 @@
-"""Start-up, shutdown, logging and parameters of nodes."""
+"""Start-up, shutdown and logging of nodes."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import logging
-import math
 import os
 import signal
 import socket
@@ -240,33 +239,3 @@ def handshake_in_threads() -> None:
         threading.Thread(target=check_header, args=connection, name="inbound", daemon=True).start()
 
     server.inbound_handler = start_thread
-
-
-# -- parameters ----------------------------------------------------------------------------------------------------
-
-
-def list_param(name: str) -> list[str]:
-    """A parameter with a list of names; [] if it is missing or empty.
-
-    :raises ConfigurationError: the parameter has another value.
-    """
-    value = rospy.get_param(name, [])
-    if value in ("", None):
-        return []
-    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a list of names")
-    return value
-
-
-def positive_param(name: str, default: float, maximum: float = math.inf) -> float:
-    """A parameter with a number above 0.
-
-    :param maximum: upper bound, inclusive.
-    :raises ConfigurationError: the parameter has another value.
-    """
-    value = rospy.get_param(name, default)
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not 0 < value <= maximum or math.isinf(value):
-        limit = "" if math.isinf(maximum) else f" and up to {maximum:g}"
-        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a number above 0{limit}")
-    return float(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -13,6 +14,7 @@ import rospy
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.ros.node import spin
+from skiros2_common.ros.parameters import integer_param, number_param
 from skiros2_common.ros.plugins import load_plugins
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.executor import GoalExecutor
@@ -41,11 +43,9 @@ def main() -> None:
     :raises ConfigurationError: a ROS parameter has an invalid value.
     """
     load_plugins("skiros2_task")
-    seconds = rospy.get_param("~planning_time", Limits.seconds)
-    if not isinstance(seconds, int | float) or isinstance(seconds, bool) or seconds <= 0:
-        raise ConfigurationError(f"parameter {rospy.resolve_name('~planning_time')} is {seconds!r}, expected seconds")
-    max_replans = _integer("~max_replans", MAX_REPLANS, minimum=0)
-    interrupt_priority = _integer("~interrupt_priority", INTERRUPT_PRIORITY)
+    seconds = number_param("~planning_time", Limits.seconds, above=0.0, maximum=math.inf, what="seconds")
+    max_replans = integer_param("~max_replans", MAX_REPLANS, minimum=0)
+    interrupt_priority = integer_param("~interrupt_priority", INTERRUPT_PRIORITY)
     on_restart = _on_restart()
     folder = FOLDER.expanduser()
     processes = EngineProcesses()
@@ -56,7 +56,7 @@ def main() -> None:
         engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)))
         step_runner = ManagerStepRunner(rospy.get_name(), durations)
         archive = Archive(folder)
-        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, step_runner.robots)
+        planner = TaskPlanner(wm, engine, Limits(seconds), archive, durations, step_runner.robots)
         executor = GoalExecutor(planner, step_runner, store)
         system = _System(wm, store, on_restart)
         restart = system.restart()
@@ -173,14 +173,3 @@ def _on_restart() -> OnRestart:
         return OnRestart.named(str(rospy.get_param("~on_restart", "")))
     except WrongValue as error:
         raise ConfigurationError(f"parameter {rospy.resolve_name('~on_restart')}: {error}") from None
-
-
-def _integer(name: str, default: int, minimum: int | None = None) -> int:
-    """
-    :raises ConfigurationError: the parameter is not an integer, or less than the minimum.
-    """
-    value = rospy.get_param(name, default)
-    if not isinstance(value, int) or isinstance(value, bool) or (minimum is not None and value < minimum):
-        expected = "an integer" if minimum is None else f"an integer from {minimum}"
-        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected {expected}")
-    return value

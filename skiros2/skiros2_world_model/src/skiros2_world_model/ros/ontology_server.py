@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import socket
 import sqlite3
 import threading
@@ -20,6 +21,7 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.operations import Statement
 from skiros2_common.ros.node import spin
+from skiros2_common.ros.parameters import number_param
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.journal import KILLED, Journal
 from skiros2_world_model.core.knowledge_base import AdvisoryLock, KnowledgeBase
@@ -71,8 +73,8 @@ def open_journal(workspace: Path, initial: Sequence[tuple[str, str]]) -> Journal
         path,
         json.dumps([str(workspace.absolute()), initial]),
         str(rospy.get_param("~journal_recover", KILLED)).strip(),
-        _number("~journal_days", 30.0),
-        int(_number("~journal_megabytes", 1024.0) * _MEGABYTE),
+        number_param("~journal_days", 30.0, minimum=0.0, maximum=math.inf),
+        int(number_param("~journal_megabytes", 1024.0, minimum=0.0) * _MEGABYTE),
         _syncs(),
     )
 
@@ -105,13 +107,6 @@ def _default_path() -> Path:
     return Path(rospkg.get_ros_home()) / "skiros2" / f"{host}_{port}{rospy.get_name()}.journal"
 
 
-def _number(name: str, default: float) -> float:
-    value: Any = rospy.get_param(name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
-        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a number from 0 on")
-    return float(value)
-
-
 def triple_store() -> TripleStore:
     """Creates the triple store of this node: in processes of its own, or the endpoint `~sparql_endpoint`.
 
@@ -120,7 +115,8 @@ def triple_store() -> TripleStore:
 
     :raises ConfigurationError: a parameter is invalid, or the endpoint is not available.
     """
-    seconds, rows = _positive("~query_seconds", QUERY_SECONDS), int(_positive("~query_rows", QUERY_ROWS))
+    seconds = number_param("~query_seconds", QUERY_SECONDS, above=0.0)
+    rows = int(number_param("~query_rows", QUERY_ROWS, above=0.0))
     query_url, update_url = _text("~sparql_endpoint"), _text("~sparql_update_endpoint")
     if query_url:
         from skiros2_world_model.core.endpoint_store import EndpointStore  # slow to import
@@ -129,8 +125,8 @@ def triple_store() -> TripleStore:
     if update_url:
         given, missing = map(rospy.resolve_name, ("~sparql_update_endpoint", "~sparql_endpoint"))
         raise ConfigurationError(f"parameter {given} is {update_url!r}, but {missing} is not set")
-    size = _positive("~query_answer_megabytes", QUERY_BYTES / _MEGABYTE)
-    memory = _positive("~query_megabytes", QUERY_MEMORY / _MEGABYTE)
+    size = number_param("~query_answer_megabytes", QUERY_BYTES / _MEGABYTE, above=0.0)
+    memory = number_param("~query_megabytes", QUERY_MEMORY / _MEGABYTE, above=0.0)
     return WorkerStore(seconds, rows, int(size * _MEGABYTE), int(memory * _MEGABYTE))
 
 
@@ -139,18 +135,11 @@ def query_budgets() -> QueryBudgets:
 
     :raises ConfigurationError: the parameter is invalid.
     """
-    return QueryBudgets(_positive("~query_budget", BUDGET_SECONDS))
+    return QueryBudgets(number_param("~query_budget", BUDGET_SECONDS, above=0.0))
 
 
 def _text(name: str) -> str:
     return str(rospy.get_param(name, "")).strip()
-
-
-def _positive(name: str, default: float) -> float:
-    value = rospy.get_param(name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
-        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a number above 0")
-    return float(value)
 
 
 #: The period of checks whether the owner of the lock is alive (s).

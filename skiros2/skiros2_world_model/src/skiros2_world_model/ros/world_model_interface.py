@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.world_element import Element
+from skiros2_common.ros.parameters import texts_param
 from skiros2_common.ros.reasoners import available_reasoners
 from skiros2_msgs import msg as msgs
 from skiros2_world_model.core.ontology_client import OntologyClient
@@ -13,7 +14,6 @@ from skiros2_world_model.core.replica_transport import ReplicaTransport
 from skiros2_world_model.core.wm_errors import WmConflict, WmException
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelAbstractInterface
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
-from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.ros_transport import SERVER, RosTransport
 
 __all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
@@ -40,5 +40,5 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
 def load_reasoners(server: str) -> None:
     """Loads the server's reasoners in this process, if they are installed."""
-    for reasoner in available_reasoners(text_list(f"{server}/reasoners_pkgs"), reasoners.names()):
+    for reasoner in available_reasoners(texts_param(f"{server}/reasoners_pkgs"), reasoners.names()):
         reasoners.add(reasoner)

@@ -19,6 +19,7 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName,
 from skiros2_common.core.operations import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.node import spin
+from skiros2_common.ros.parameters import texts_param
 from skiros2_common.ros.reasoners import new_reasoners
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
@@ -39,7 +40,6 @@ from skiros2_world_model.ros.ontology_server import (
     triple_store,
     workspace_folder,
 )
-from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import service_handler
 from skiros2_world_model.ros.wire import change2msg, entry2msg, msg2operation, msg2point
 
@@ -289,7 +289,7 @@ def serve_world_model() -> None:
     :raises ConfigurationError: a folder or reasoner is missing or cannot be read, or a parameter is invalid.
     """
     scene = str(rospy.get_param("~init_scene", "")).strip()
-    further = (entry.strip().partition(" ") for entry in text_list("~load_contexts"))
+    further = (entry.strip().partition(" ") for entry in texts_param("~load_contexts"))
     initial = [(SCENE, scene)] if scene else []
     initial += [(context, filename.strip()) for context, _, filename in further]
     strict = bool(rospy.get_param("~strict", False))
@@ -297,7 +297,7 @@ def serve_world_model() -> None:
     folders = ontology_folder(), workspace_folder()
     model = WorldModel(*folders, strict, journal, initial, triple_store(), blank_on_error=True)
     model.knowledge_base.budgets = query_budgets()
-    running = Reasoners(model, text_list("~reasoners_pkgs"))
+    running = Reasoners(model, texts_param("~reasoners_pkgs"))
     _server = WorldModelServer(model)
     _last_wills = LastWillService(LastWillStore(model, journal))
     if model.recovered:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_common.ros.parameters import integer_param, number_param
 from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.perception import EXACT, Noise, Source
 from skiros2_sim.core.stepper import MAX_RATE
@@ -68,32 +70,28 @@ def read_options(get: Callable[[str, Any], Any]) -> Options:
     :param get: returns a parameter, or a default, like `rospy.get_param`.
     :raises ConfigurationError: a parameter is invalid.
     """
-    seed = _number(get, "~seed", 0, _HIGHEST_SEED)
-    if seed != int(seed):
-        raise ConfigurationError(f"parameter ~seed is {seed}, expected a whole number")
+    number, integer = partial(number_param, minimum=0.0, get=get), partial(integer_param, get=get)
     kinds = [source.value for source in Source]
     detection = get("~detection", Source.CAMERA.value)
     if detection not in kinds:
         raise ConfigurationError(f"parameter ~detection is {detection!r}, expected {' or '.join(kinds)}")
-    step_rate = _number(get, "~step_rate", STEP_RATE, MAX_STEP_RATE, MIN_STEP_RATE)
-    if step_rate != int(step_rate):
-        raise ConfigurationError(f"parameter ~step_rate is {step_rate}, expected a whole number")
-    metres = _number(get, "~noise", 0.0, 1.0)
+    step_rate = integer("~step_rate", STEP_RATE, minimum=MIN_STEP_RATE, maximum=MAX_STEP_RATE)
+    metres = number("~noise", 0.0, maximum=1.0)
     return Options(
         scene=str(get("~scene", "")).strip(),
         workspace=str(get("~workspace", "")).strip(),
-        seed=int(seed),
-        rate=_number(get, "~rate", 1.0, MAX_RATE),
+        seed=integer("~seed", 0, minimum=0, maximum=_HIGHEST_SEED),
+        rate=number("~rate", 1.0, maximum=MAX_RATE),
         paused=bool(get("~paused", False)),
         gui=bool(get("~gui", False)),
-        camera_rate=_number(get, "~camera_rate", CAMERA_RATE, step_rate),
-        depth_noise=_number(get, "~depth_noise", 0.0, 0.1),
+        camera_rate=number("~camera_rate", CAMERA_RATE, maximum=step_rate),
+        depth_noise=number("~depth_noise", 0.0, maximum=0.1),
         detection=Source(detection),
         noise=Noise(depth=metres, position=metres, angle=10 * metres),
-        position_noise=_number(get, "~position_noise", 0.0, 1.0),
-        yaw_noise=_number(get, "~yaw_noise", 0.0, math.pi),
-        step_rate=int(step_rate),
-        wrench_timeout=_number(get, "~wrench_timeout", WRENCH_TIMEOUT, 3600.0),
+        position_noise=number("~position_noise", 0.0, maximum=1.0),
+        yaw_noise=number("~yaw_noise", 0.0, maximum=math.pi),
+        step_rate=step_rate,
+        wrench_timeout=number("~wrench_timeout", WRENCH_TIMEOUT, maximum=3600.0),
         sensor=_sensor(get),
     )
 
@@ -104,10 +102,3 @@ def _sensor(get: Callable[[str, Any], Any]) -> SensorModel:
         return SensorModel(force, torque, tuple(finite(bias, 6, "bias")))
     except (TypeError, SkirosError) as error:
         raise ConfigurationError(f"parameters ~force_noise, ~torque_noise, ~wrench_bias: {error}") from None
-
-
-def _number(get: Callable[[str, Any], Any], name: str, default: float, most: float, least: float = 0.0) -> float:
-    value = get(name, default)
-    if not isinstance(value, int | float) or isinstance(value, bool) or math.isnan(value) or not least <= value <= most:
-        raise ConfigurationError(f"parameter {name} is {value!s:.40}, expected a number, {least:g} to {most:g}")
-    return float(value)

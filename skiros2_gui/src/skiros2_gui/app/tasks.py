@@ -26,7 +26,7 @@ from skiros2_live.core.cell import CellDocument, GoalChanged, RunsLost
 from skiros2_live.core.patch import GoalProgress, ManagerConnection, TaskProgress
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import RUNNING, TaskState
-from skiros2_runs.core.task_run import Recorded, TaskRun
+from skiros2_runs.core.task_run import KEEP_ALIVE, Recorded, TaskRun
 from skiros2_skill.client.description import Why
 from skiros2_skill.core.runtime.history import one_line
 
@@ -40,11 +40,11 @@ _UNSUCCESSFUL = (TaskState.FAILED, TaskState.PREEMPTED)
 #: The id of all tasks in a command.
 _ALL = -1
 
-#: Managers publish the progress of each task once a second. After this time (s) a task is checked.
-_TIMEOUT = 3.0
+#: Without a message for this time (s) a task is checked.
+_TIMEOUT = 3 * KEEP_ALIVE
 
 #: Without a message for this time a running task counts as silent (s).
-SILENCE_TIMEOUT = 5.0
+SILENCE_TIMEOUT = 5 * KEEP_ALIVE
 
 
 class TaskList:

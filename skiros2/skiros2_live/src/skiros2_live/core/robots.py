@@ -114,7 +114,7 @@ class Robot:
         }
 
     def counters(self) -> dict[str, float]:
-        """Returns times (s), counts and ratios since the gateway's start.
+        """Returns times (s), counts and ratios since the document began.
 
         `availability` is the share of time without stop, `utilisation` that with a running task, and `quality` the
         share of ended tasks that succeeded. `oee` is the product of availability and quality: the platform knows no

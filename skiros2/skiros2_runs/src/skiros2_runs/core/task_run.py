@@ -27,8 +27,11 @@ _KEYFRAME_INTERVAL = 64
 #: Longer run times are invalid (s; a year).
 _LONGEST = 3.2e7
 
-#: The longest time between two messages of a task (s), with a margin; managers publish once a second.
-_LONGEST_PERIOD = 1.5
+#: Managers publish the progress of each task at least this often (s).
+KEEP_ALIVE = 1.0
+
+#: The longest time between two messages of a task (s), with a margin.
+_LONGEST_PERIOD = 1.5 * KEEP_ALIVE
 
 #: The most values kept of each node.
 _MAX_VALUES = 20

@@ -182,7 +182,7 @@ class NumberEditor(TextEditor):
 
 
 @register_editor
-class ListEditor(FieldEditor):
+class ChoiceEditor(FieldEditor):
     """A combo box for a boolean, or for the allowed values."""
 
     @classmethod

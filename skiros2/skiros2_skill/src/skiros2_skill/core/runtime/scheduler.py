@@ -10,6 +10,7 @@ from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
 from skiros2_common.core.operations import Change
 from skiros2_common.core.signals import SignalSource
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_runs.core.task_run import KEEP_ALIVE
 from skiros2_skill.core.engine.breakpoints import Breakpoints
 from skiros2_skill.core.runtime.task import MAX_ID, Task
 from skiros2_skill.core.runtime.worker import MAX_WAKES, ScheduledTask, TickSettings, Watchdog
@@ -40,7 +41,7 @@ class Scheduler:
         rate: float = 25.0,
         on_tick: Callable[[], None] = lambda: None,
         on_progress: Callable[[Task], None] = lambda task: None,
-        keep_alive: float = 1.0,
+        keep_alive: float = KEEP_ALIVE,
         preempt_timeout: float = 10.0,
         hook_timeout: float = 2.0,
         signals: SignalSource | None = None,

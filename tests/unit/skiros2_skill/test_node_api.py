@@ -16,6 +16,7 @@ from unit.skiros2_skill.skills import (
     contains,
     describe,
     primitive,
+    running_for,
 )
 
 
@@ -192,6 +193,19 @@ def test_tree_is_ticked_without_a_task(bench):
     assert states == [State.Running, State.Running, State.Success]
     assert [child.getInstance() for child in tree.children] == [None, None]  # given back
     assert bench.library.by_label("work")._free
+
+
+def test_node_that_is_reset_while_it_runs_starts_again(bench):
+    starts = []
+    bench.load(primitive(Work, "work", execute=running_for(3), onStart=lambda self: starts.append(self)))
+    node = bench.node("work")
+    task = bench.task(node)
+    task.tick()
+    node.reset()
+    assert (node.state, node.progress_code) == (State.Idle, 0)
+    task.run()
+    assert (node.state, len(starts)) == (State.Success, 2)
+    assert not bench.library.by_label("work").busy
 
 
 def test_selected_implementation_is_available_while_the_node_runs(bench):

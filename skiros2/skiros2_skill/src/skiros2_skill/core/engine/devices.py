@@ -45,7 +45,7 @@ _ACQUIRE_TIMEOUT = 5.0
 class Locks:
     """The locks that one program holds in one world model. Any thread.
 
-    Each lock has an owner, which distinguishes a run's lock from a later one on the same device. The world model is an
+    Each lock has an owner, which distinguishes a node's lock from a later one on the same device. The world model is an
     argument of each call, not an attribute: `_locks` refers to it weakly.
     """
 
@@ -164,7 +164,7 @@ def lock_devices(run: SkillRun, wmi: WorldModelPort) -> Failure | None:
                 continue
             run.locks.append(device.id)  # before the call, which may not return
             try:
-                locks_in(wmi).acquire(device.id, run, wmi)
+                locks_in(wmi).acquire(device.id, run.node, wmi)
             except SkirosError as error:
                 run.locks.remove(device.id)
                 return Failure(PRE, PRE_FAILED, f"{run.label} does not get its {key}: {error}")
@@ -177,7 +177,7 @@ def lock_devices(run: SkillRun, wmi: WorldModelPort) -> Failure | None:
 def free_devices(run: SkillRun, wmi: WorldModelPort) -> None:
     """Releases the devices that the run has locked; failed releases are retried later. Any thread."""
     eids, run.locks = run.locks, []
-    locks_in(wmi).release(eids, run, wmi)
+    locks_in(wmi).release(eids, run.node, wmi)
 
 
 def release_stale_devices(wmi: WorldModelPort) -> None:

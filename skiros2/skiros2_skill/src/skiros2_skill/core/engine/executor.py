@@ -96,12 +96,10 @@ class Executor:
 
     def execute_skill(self, node: SkillNode) -> State:
         """Ticks a skill; called from `visit`."""
-        run = self.runs.get(node)
+        run = self.runs.get(node) if node.state is _RUNNING else self._start(node)
         if run is None:
-            run = self._start(node)
-            if run is None:
-                return _FAILURE
-        elif self.ending and run in self.ending:
+            return _FAILURE
+        if self.ending and run in self.ending:
             return _RUNNING
         if run.stale or run.volatile or self.parameters.world_changed:
             failure = self.parameters.refresh(run)
@@ -165,6 +163,8 @@ class Executor:
             raise StartsBlocked
         if self.breakpoints:
             self.breakpoints.before_start(node)
+        if node in self.runs:  # reset while it ran
+            self.parameters.end(self.runs.pop(node))
         run = SkillRun(node)
         node.show(run)
         version = self.parameters.world_version

@@ -168,6 +168,9 @@ class SkillRun:
         self.is_described = False
         #: Whether the node has the subtree of this instance.
         self.is_expanded = False
+        #: The ids of the devices that it has locked.
+        self.locks: list[str] = []
+        self._is_counted = False
         if node.run is not None:
             self._continue(node.run)
         #: The keys on the blackboard by own key, where they differ.
@@ -190,15 +193,12 @@ class SkillRun:
         self.exposed: list[Param] = []
         #: End what hold-conditions watch outside the world model.
         self.watches: list[Callable[[], None]] = []
-        #: The ids of the devices that it has locked.
-        self.locks: list[str] = []
         #: The last evaluation of its conditions, by stage.
         self.evaluated: dict[str, list[ConditionStatus]] = {}
         #: Of a failed run that is still ending.
         self.failure_progress: Progress | None = None
         #: Whether a hook has not returned: the instance must not be used again.
         self.is_abandoned = False
-        self._is_counted = False
         self._started_at = time.monotonic()
         self._reported = Progress()  # without an instance
         #: When the instance had reported progress at the last `has_progressed` (s, monotonic).
@@ -207,8 +207,11 @@ class SkillRun:
     # -- the instance ------------------------------------------------------------------------------------------
 
     def _continue(self, last: SkillRun) -> None:
-        """Takes over the instance of a compound, to which the subtree belongs, and the description."""
+        """Takes over the description and the instance: of a compound, to which the subtree belongs, or of a node that
+        was reset while it ran, with its devices."""
         self.instance, last.instance = last.instance, None
+        self.locks, last.locks = last.locks, []
+        self._is_counted, last._is_counted = last._is_counted, False
         if self.instance is not None:
             self.implementation, self.is_expanded = last.implementation, last.is_expanded
             self.instance.begin_progress()
@@ -229,8 +232,9 @@ class SkillRun:
         self.instance.restore_declared(params)
         self.implementation, self.label = implementation, implementation.label
         self.set_slots(slots)
-        self._is_counted = True
-        implementation.count(1)
+        if not self._is_counted:
+            self._is_counted = True
+            implementation.count(1)
         self.instance.begin_progress()
         self.progressed_at = self.instance.progressed_at
         self.describe()

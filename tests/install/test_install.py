@@ -35,9 +35,17 @@ PROGRAMS = {
     "skiros2_skill": {"check_skills", "skill_manager_node"},
     "skiros2_task": {"task_manager_node"},
     "skiros2_gui": {"skiros_gui", "markers_node"},
+    "skiros2_demo": {"pick_place_demo"},
     "skiros2_sim_skills": {"pick_place_demo"},
+    "skiros2_piston_demo": {"piston_demo"},
     "skiros2_contact_skills": {"piston_demo"},
 }
+#: Those of demos, by their packages and by the former ones.
+DEMOS = (
+    *(("skiros2_demo", "demo.launch"), ("skiros2_sim_skills", "demo.launch")),
+    *(("skiros2_piston_demo", "piston.launch"), ("skiros2_contact_skills", "piston.launch")),
+    *(("skiros2_learning_demo", "push.launch"), ("skiros2_learning", "push.launch")),
+)
 pytestmark = pytest.mark.timeout(600)
 
 
@@ -86,6 +94,8 @@ def assert_all_is_found(setup: Path, messages: str = ", skiros2_msgs.srv") -> No
     for file, nodes in LAUNCH_FILES.items():
         listed = run("roslaunch", "--nodes", "skiros2", file, env=env)
         assert {line for line in listed.splitlines() if line.startswith("/")} == nodes
+    for package, file in DEMOS:
+        assert f"/{file}" in run("roslaunch", "--files", package, file, env=env)
     for package, programs in PROGRAMS.items():
         for program in programs:
             text = Path(run("catkin_find", "--first-only", package, program, env=env).strip()).read_text()

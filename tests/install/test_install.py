@@ -95,7 +95,7 @@ def assert_all_is_found(setup: Path, messages: str = ", skiros2_msgs.srv") -> No
         listed = run("roslaunch", "--nodes", "skiros2", file, env=env)
         assert {line for line in listed.splitlines() if line.startswith("/")} == nodes
     for package, file in DEMOS:
-        assert f"/{file}" in run("roslaunch", "--files", package, file, env=env)
+        assert Path(run("catkin_find", "--first-only", package, f"launch/{file}", env=env).strip()).is_file()
     for package, programs in PROGRAMS.items():
         for program in programs:
             text = Path(run("catkin_find", "--first-only", package, program, env=env).strip()).read_text()

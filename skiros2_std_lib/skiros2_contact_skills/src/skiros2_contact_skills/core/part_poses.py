@@ -13,6 +13,7 @@ from skiros2_motion.core.geometry import (
     Quaternion,
     Vector,
     composed,
+    cross,
     inverted,
     multiplied,
     normalized,
@@ -87,12 +88,8 @@ def smallest_rotation(a: Vector, b: Vector) -> Quaternion:
     cosine = sum(x * y for x, y in zip(a, b, strict=True))
     if cosine < -1.0 + 1e-9:
         other = (1.0, 0.0, 0.0) if abs(a[0]) < 0.9 else (0.0, 1.0, 0.0)
-        x, y, z = _cross(a, other)
+        x, y, z = cross(a, other)
         length = math.hypot(x, y, z)
         return x / length, y / length, z / length, 0.0
-    x, y, z = _cross(a, b)
+    x, y, z = cross(a, b)
     return normalized((x, y, z, 1.0 + cosine))
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

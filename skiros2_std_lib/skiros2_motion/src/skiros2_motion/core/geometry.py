@@ -60,6 +60,11 @@ def rotated(q: Sequence[float], v: Sequence[float]) -> Vector:
     )
 
 
+def cross(a: Sequence[float], b: Sequence[float]) -> Vector:
+    """Return the cross product; that of NumPy takes 30 us."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
 def composed(outer: Pose, inner: Pose) -> Pose:
     """Returns a pose in frame A, given `inner` in frame B and the pose `outer` of B in A."""
     turned = rotated(outer.orientation, inner.position)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from skiros2_motion.core.geometry import Pose, Vector, conjugated, rotated
+from skiros2_motion.core.geometry import Pose, Vector, conjugated, cross, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.physics import Joint, Part, Physics
@@ -111,8 +111,7 @@ class Arm:
         tool = self.tool_pose()
         force, torque = [0.0] * 3, [0.0] * 3
         for point, f in pressed:
-            x, y, z = (at - origin for at, origin in zip(point, tool.position, strict=True))
-            turning = (y * f[2] - z * f[1], z * f[0] - x * f[2], x * f[1] - y * f[0])
+            turning = cross([at - origin for at, origin in zip(point, tool.position, strict=True)], f)
             force = [a + b for a, b in zip(force, f, strict=True)]
             torque = [a + b for a, b in zip(torque, turning, strict=True)]
         back = conjugated(tool.orientation)

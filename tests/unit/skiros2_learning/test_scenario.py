@@ -74,6 +74,7 @@ def test_all_mistakes_are_reported_at_once() -> None:
           other: {rewards: [{reward: goal_distance, object: A, goal: B, width: -1, weigth: 2}]}
         budget: {evaluations: 0, initial: 3}
         repetitions: many
+        success: [{reward: success, at_msot: 1}]
         """
     )
     text = "\n".join(found)
@@ -91,6 +92,8 @@ def test_all_mistakes_are_reported_at_once() -> None:
         "objectives.other.rewards[0].weigth: unknown key; near: weight",
         "budget.evaluations: expected at least 1, got 0",
         "repetitions: expected an integer, got 'many'",
+        "success[0]: expected at_least or at_most",
+        "success[0].at_msot: unknown key; near: at_most",
     ):
         assert expected in text
 

@@ -125,7 +125,7 @@ def _read(
     try:
         made = handler(given)
     except ValidationError as error:
-        found += [(each["loc"], _text(each, keys)) for each in error.errors(include_url=False)]
+        found += [_described(each, keys) for each in error.errors(include_url=False)]
     if found:
         raise mistaken(found)
     return made
@@ -139,8 +139,15 @@ def mistaken(mistakes: Iterable[Mistake]) -> ValidationError:
     )
 
 
+def _described(error: Any, keys: Collection[str]) -> Mistake:
+    """Describes an error of pydantic. An item of a list of values has the path of the list."""
+    loc = error["loc"]
+    if error["type"] != "section" and loc and isinstance(loc[-1], int):
+        loc = loc[:-1]
+    return loc, _text(error, keys)
+
+
 def _text(error: Any, keys: Collection[str]) -> str:
-    """Describes an error of pydantic."""
     kind, details = error["type"], error.get("ctx", {})
     if kind == "missing":
         return "missing"
@@ -155,9 +162,9 @@ def _text(error: Any, keys: Collection[str]) -> str:
 
 
 def _path(parts: Iterable[str | int]) -> str:
-    """Returns a path such as `objectives.cost.rewards[0].weight`. An item of a list has the path of the list."""
+    """Returns a path such as `objectives.cost.rewards[0].weight`."""
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
-    return re.sub(r"(\[\d+\])+$", "", path).strip(".") or "scenario"
+    return path.strip(".") or "scenario"
 
 
 class _ByName:

@@ -57,6 +57,7 @@ class DescribedNode(SkillInterface):
     _post_conditions = _OfRun[list[ConditionBase]]()
 
     def __init__(self, children_processor: Processor) -> None:
+        self.run = None
         super().__init__(children_processor)
         self._is_described = False
         self.asked_label = ""
@@ -295,8 +296,9 @@ class SkillWrapper(DescribedNode):
             raise
         except FOREIGN_ERRORS as error:
             return visitor.finish_execute(run, None, error)
-        is_changed = local_revision.current != parameters.local_revision or (run.exposed and run.has_changed_in_place())
-        if answer is not _RUNNING or is_changed:
+        if answer is not _RUNNING or local_revision.current != parameters.local_revision:
+            return visitor.finish_execute(run, answer)
+        if run.exposed and run.has_changed_in_place():
             return visitor.finish_execute(run, answer)
         if instance.progressed_at > run.progressed_at:
             run.progressed_at = instance.progressed_at

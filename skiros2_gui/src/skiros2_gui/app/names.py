@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from skiros2_common.core.names import local_name
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.wording import in_words, label_text, short_name, visible, with_names
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.system import System
@@ -32,7 +33,7 @@ class Names:
         scene = self._system.scene
         if scene is None:
             return True
-        return sum(e.type != "skiros:Parameter" for e in scene.matching(Element("", label), "scene")) < 2
+        return sum(e.type != "skiros:Parameter" for e in scene.matching(Element("", label), SCENE)) < 2
 
     def in_text(self, text: str) -> str:
         """Returns a text with the names of the elements whose ids are in it as `id`, `id-label` or `id "label"`."""
@@ -44,5 +45,5 @@ class Names:
 
     def _label(self, eid: str) -> str:
         scene = self._system.scene
-        element = scene.find(eid, "scene") if scene is not None else None
+        element = scene.find(eid, SCENE) if scene is not None else None
         return element.label if element is not None else ""

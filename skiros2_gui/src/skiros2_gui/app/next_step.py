@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.wording import label_text
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.system import MASTER, WORLD_MODEL, System, part_of
@@ -41,7 +42,7 @@ def next_step(system: System) -> NextStep | None:
         return NextStep("Start the world model and a robot:", _SYSTEM)
     if system.managers:
         return None
-    robots = scene.matching(Element("cora:Robot"), "scene")
+    robots = scene.matching(Element("cora:Robot"), SCENE)
     if robots:
         return _start_manager(robots)
     if _is_empty(scene):
@@ -66,5 +67,5 @@ def _start_manager(robots: list[Element]) -> NextStep:
 
 
 def _is_empty(scene: SceneReader) -> bool:
-    root = scene.find(_ROOT, "scene")
+    root = scene.find(_ROOT, SCENE)
     return root is None or not root.getRelations("-1", "skiros:contain")

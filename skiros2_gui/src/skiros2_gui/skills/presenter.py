@@ -10,6 +10,7 @@ from typing import Any
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ManagersChanged, TaskStarted, WorldChanged
 from skiros2_gui.app.jobs import Throttle
@@ -179,7 +180,7 @@ class SkillsPresenter:
         scene = self._window.system.scene
         if self.form is None or scene is None:
             return ""
-        known = scene.matching(Element(self.form.offer.type, self.form.offer.label), "scene")
+        known = scene.matching(Element(self.form.offer.type, self.form.offer.label), SCENE)
         return next((str(text) for e in known if (text := e.value_of("rdfs:comment"))), "")
 
     def recent_values(self, key: str) -> list[str]:

@@ -6,11 +6,9 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from skiros2_common.core.operations import RESET, Change
+from skiros2_common.core.operations import RESET, SCENE, Change
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-
-_SCENE = "scene"
 
 
 class ChangedElements:
@@ -32,7 +30,7 @@ class ChangedElements:
             self._state = change.snapshot_id
             if change.action == RESET or not is_next or (not change.elements and not change.relations):
                 self._everything = True
-            elif change.context == _SCENE:
+            elif change.context == SCENE:
                 self._ids.update(element.id for element in change.elements)
             if self._ids or self._everything:
                 self.waiting.set()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import rospy
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.operations import RESET, Change
+from skiros2_common.core.operations import RESET, SCENE, Change
 from skiros2_gui.app.events import WorldChanged
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -149,7 +149,7 @@ class WorldModelConnection:
         :raises WmException: it does not answer.
         """
         no_match = msgs.WmElement(type=_NO_MATCH[0], label=_NO_MATCH[1])
-        self._ping.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, "scene", no_match, "", ""))
+        self._ping.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, SCENE, no_match, "", ""))
         if self._server not in ("", self._ping.server):
             self._set(False, "")  # it has restarted between two calls
         self._server = self._ping.server

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from skiros2_bags.core.bag_file import MONITOR, BagError, Message, check_md5
 from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_common.core.operations import RESET, Change, snapshot_number
+from skiros2_common.core.operations import RESET, SCENE, Change, snapshot_number
 from skiros2_common.core.property import Property, format_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.replica import apply_change
@@ -156,7 +156,7 @@ def change_from(data: bytes) -> Change:
     if at != len(data):
         raise WrongValue(f"a WmMonitor of {at} bytes, got {len(data)}")
     stamp = seconds + nanoseconds / 1e9
-    return Change(number, before, snapshot_id, stamp, author, action, "scene", tuple(elements), tuple(relations))
+    return Change(number, before, snapshot_id, stamp, author, action, SCENE, tuple(elements), tuple(relations))
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:

@@ -32,7 +32,7 @@ from skiros2_bags.core.bag_writer import (
 from skiros2_bags.core.run import Run, check
 from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, USAGE, Parser, command_arguments
 from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_common.core.operations import RESET, snapshot_number
+from skiros2_common.core.operations import RESET, SCENE, snapshot_number
 from skiros2_common.core.signals import TOPIC
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.node import bridge_logging, shutdown_in_thread, spin
@@ -267,7 +267,7 @@ class ChangeChain:
         """Requests the scene and returns it as a reset; None if the world model does not answer."""
         try:
             rospy.wait_for_service(self._service, SERVICE_TIMEOUT)
-            answer = rospy.ServiceProxy(self._service, srvs.WmSnapshot)("scene")
+            answer = rospy.ServiceProxy(self._service, srvs.WmSnapshot)(SCENE)
         except (rospy.ServiceException, rospy.ROSException) as error:
             log.warning("the scene before %s is unknown: %s: %s", change.snapshot_id, self._service, error)
             return None

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.operations import SCENE
 from skiros2_common.core.world_element import Element
 from skiros2_motion.core.bore import Bore
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed
@@ -149,7 +150,7 @@ def load_scene(file: str | Path, workspace: str | Path) -> SceneSpec:
     :raises ConfigurationError: folder or file is missing, or the world model rejects the file.
     """
     folder = Path(workspace)
-    model = WorldModel(source_ontologies(), folder, initial=[("scene", str(file))])
+    model = WorldModel(source_ontologies(), folder, initial=[(SCENE, str(file))])
     world_model = LocalWorldModel("simulator", model)
     return read_scene(world_model.get_scene_elements(), world_model.is_subclass, (folder,))
 

@@ -10,6 +10,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
 from skiros2_common.core.errors import Refused
+from skiros2_common.core.operations import SCENE
 from skiros2_common.ros.node import spin
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.planning_scene import PlanningScene
@@ -217,7 +218,7 @@ def main() -> None:
     """
     options = read_options(rospy.get_param)
     folder = Path(options.workspace).expanduser() if options.workspace else ontology_folder()
-    initial = [("scene", options.scene)] if options.scene else []
+    initial = [(SCENE, options.scene)] if options.scene else []
     model = WorldModel(ontology_folder(), folder, initial=initial)
     elements = LocalWorldModel("simulator", model).get_scene_elements()
     scene = read_scene(elements, model.ontology.is_subclass, (folder,))

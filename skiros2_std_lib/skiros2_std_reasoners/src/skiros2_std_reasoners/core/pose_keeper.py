@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Protocol
 
-from skiros2_common.core.operations import Change
+from skiros2_common.core.operations import SCENE, Change
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_motion.core.geometry import Pose, composed
@@ -137,7 +137,7 @@ class PoseKeeper:
 
     def on_change(self, change: Change) -> None:
         """Registers elements whose parents may have changed without `parse`: descendants of elements without a pose."""
-        if change.context != "scene":
+        if change.context != SCENE:
             return
         spatial = self._spatial()
         for relation in change.relations:

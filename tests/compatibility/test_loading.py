@@ -212,7 +212,7 @@ class sort(PrimitiveBase):
 # -- what is wrong is warned of, and loaded ----------------------------------------------------------------------------
 
 #: By what is wrong with a library: its source, and what the warning says.
-FLAWS = {
+PROBLEMS = {
     "remap of an unknown key": (visit('self.skill("Greet", "", remap={"Txet": "Robot"})'), "remap of 'Txet'"),
     "specify of an unknown key": (visit('self.skill("Greet", "", specify={"Txet": "a"})'), "specify of 'Txet'"),
     "element of another class": (
@@ -255,11 +255,11 @@ FLAWS = {
     "Remaps and values of unknown keys, other classes, parameters that nothing sets and contradictions are loaded",
     better="one warning for each library lists all of it with file, line and what is done about each",
 )
-@pytest.mark.parametrize("flaw", FLAWS)
-def test_flaws_are_warned_of_with_file_and_line_and_loaded(
-    library: Any, caplog: pytest.LogCaptureFixture, flaw: str
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_problems_are_warned_of_with_file_and_line_and_loaded(
+    library: Any, caplog: pytest.LogCaptureFixture, problem: str
 ) -> None:
-    source, text = FLAWS[flaw]
+    source, text = PROBLEMS[problem]
     one = library(source)
     one.load("visit", "greet_loudly")
     assert "visit" in one.labels

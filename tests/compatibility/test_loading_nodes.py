@@ -53,7 +53,7 @@ def test_the_manager_runs_without_the_skills_that_cannot_be_loaded(ros: Ros) -> 
 
 @rule(
     "loading",
-    "A library with flaws is checked as it is loaded",
+    "A library with problems is checked as it is loaded",
     better="`lint` reports them as warnings with exit status 0, with `--strict` as errors with exit status 1",
 )
 def test_lint_fails_for_warnings_when_it_is_strict(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Scenes with flaws, missing scenes and broken scenes."""
+"""Scenes with problems, missing scenes and broken scenes."""
 
 import logging
 import re
@@ -17,7 +17,7 @@ HEAD = """@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .
 :Scene-0 a :Scene ; rdfs:label "lab" ; :contain :LargeBox-1 .
 """
 #: What a line of a scene is, what loading it warns of, and what it does about that.
-FLAWS = {
+PROBLEMS = {
     "a doubled value": (':LargeBox-1 a :LargeBox ; :FrameId "one", "two" .', "2 values", "kept one"),
     "a dangling relation": (":LargeBox-1 a :LargeBox ; :contain :Starter-9 .", "no element .*Starter-9", "left out"),
     "an undeclared class": (":LargeBox-1 a :LargeBox . :Pump-3 a :Pump .", "unknown class skiros:Pump", "kept"),
@@ -45,10 +45,10 @@ def start(folder):
     return start
 
 
-@rule("robustness", "A scene with a flaw loads, with one warning that names file, line and what was done")
-@pytest.mark.parametrize("flaw", FLAWS)
-def test_a_scene_with_a_flaw_loads(start, folder, caplog, flaw):
-    text, message, done = FLAWS[flaw]
+@rule("robustness", "A scene with a problem loads, with one warning that names file, line and what was done")
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_a_scene_with_a_problem_loads(start, folder, caplog, problem):
+    text, message, done = PROBLEMS[problem]
     (folder / "scene.ttl").write_text(HEAD + text)
     with caplog.at_level(logging.WARNING):
         wmi = start()
@@ -60,7 +60,7 @@ def test_a_scene_with_a_flaw_loads(start, folder, caplog, flaw):
     assert wmi.get_element("skiros:LargeBox-1").hasRelation("skiros:Scene-0", "skiros:contain", "-1")
 
 
-@rule("robustness", "All flaws of a scene are in one warning", better="and say what was done about each")
+@rule("robustness", "All problems of a scene are in one warning", better="and say what was done about each")
 def test_all_flaws_are_one_warning(start, folder, caplog):
     (folder / "scene.ttl").write_text(
         HEAD + ':LargeBox-1 a :LargeBox ;\n  :FrameId "one", "two" ;\n  :flow 1 ;\n  :contain :Starter-9 .\n'
@@ -69,7 +69,7 @@ def test_all_flaws_are_one_warning(start, folder, caplog):
         wmi = start()
     (record,) = [r for r in caplog.records if r.levelno >= logging.WARNING]
     lines = record.getMessage().splitlines()
-    assert lines[0] == f"{folder / 'scene.ttl'}: loaded with 3 flaws:"
+    assert lines[0] == f"{folder / 'scene.ttl'}: loaded with 3 problems:"
     for line, name in ((6, "FrameId"), (7, "flow"), (8, "contain")):
         assert any(f"scene.ttl, line {line}: " in text and f"skiros:{name}" in text for text in lines)
     box = wmi.get_element("skiros:LargeBox-1")
@@ -78,9 +78,9 @@ def test_all_flaws_are_one_warning(start, folder, caplog):
     assert box.getRelations("-1", "skiros:contain") == []
 
 
-@rule("robustness", "Only a strict world model refuses a scene with flaws", better="it lists all flaws")
+@rule("robustness", "Only a strict world model refuses a scene with problems", better="it lists all problems")
 def test_a_strict_world_model_refuses_flaws(start, folder, caplog):
-    (folder / "scene.ttl").write_text(HEAD + FLAWS["an undeclared class"][0] + FLAWS["a doubled value"][0])
+    (folder / "scene.ttl").write_text(HEAD + PROBLEMS["an undeclared class"][0] + PROBLEMS["a doubled value"][0])
     (folder / "good.ttl").write_text(HEAD + ":LargeBox-1 a :LargeBox .")
     wmi = start("good.ttl", strict=True)
     with pytest.raises(WmException, match=r"(?s)(FrameId.*Pump|Pump.*FrameId)"):

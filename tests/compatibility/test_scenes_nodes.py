@@ -52,9 +52,9 @@ def test_broken_files(start, connect, tmp_path):
     assert (tmp_path / "scene.ttl.broken").read_text() == HEAD + "no Turtle"
 
 
-@rule("robustness", "A scene with flaws starts a node")
+@rule("robustness", "A scene with problems starts a node")
 def test_flaws(start, connect, tmp_path):
     (tmp_path / "scene.ttl").write_text(HEAD + ":Pump-1 a :Pump ; :contain :Pump-9 .")
     node = start(init_scene="scene.ttl")
     assert connect().is_scene_element("skiros:Pump-1")
-    node.wait_for_line(r"WARN.*scene\.ttl: loaded with 2 flaws")
+    node.wait_for_line(r"WARN.*scene\.ttl: loaded with 2 problems")

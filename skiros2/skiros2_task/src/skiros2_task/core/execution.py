@@ -26,7 +26,7 @@ from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
-from skiros2_task.core.plan import Step, plan_flaw
+from skiros2_task.core.plan import Step, plan_problem
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.semantics import Facts
 from skiros2_task.core.step_record import RestoredState, StepRecord, StepState, with_labels
@@ -351,7 +351,7 @@ class ExecutionStateMachine:
         """
         assert self._task is not None
         running = [s for s in self.running if s not in without and s.number not in self._stopped]
-        return plan_flaw(running, self.waiting, self._facts, self._task.goal)
+        return plan_problem(running, self.waiting, self._facts, self._task.goal)
 
     def _update_facts(self, task: PlanningTask) -> None:
         """Adopts the facts of the world. Facts about objects that the plan has created are kept: the names that the

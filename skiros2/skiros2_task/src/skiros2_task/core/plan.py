@@ -201,7 +201,7 @@ def plan_of(task: PlanningTask, scheduled: Schedule, objects: Mapping[str, Eleme
     )
 
 
-def plan_flaw(running: Iterable[Step], waiting: Iterable[Step], facts: Facts, goal: Formula) -> str:
+def plan_problem(running: Iterable[Step], waiting: Iterable[Step], facts: Facts, goal: Formula) -> str:
     """Returns why running and waiting steps do not lead from the facts to the goal; "" if they do.
 
     :param waiting: in an executable order.

@@ -294,18 +294,18 @@ LEFT_OUT = "left out"
 
 
 class CollectingChecks(Checks):
-    """Checks that collect flaws instead of raising errors."""
+    """Checks that collect findings instead of raising errors."""
 
     def __init__(self, knowledge_base: KnowledgeBase, origin: str, strict: bool) -> None:
         super().__init__(knowledge_base.index, knowledge_base.prefixes, origin, strict)
-        self.flaws: dict[Finding, str] = {}  #: each finding, and how loading handles it
+        self.findings: dict[Finding, str] = {}  #: each finding, and how loading handles it
 
     def report(self, who: str, what: str, error: SkirosError, done: str = LEFT_OUT) -> None:
         text = str(error).removeprefix(f"{self.origin}: ")
         if text.startswith((f"{who}: ", f"{who} {what} ")):  # the finding names them itself
             text = text.partition(": ")[2]
         text = text.removeprefix(f"{what}: ")
-        self.flaws[Finding(VIOLATION, self.origin, who, what, text)] = done
+        self.findings[Finding(VIOLATION, self.origin, who, what, text)] = done
 
     def property(self, etype: str, key: str, prop: Property, who: str) -> Property:
         checked = super().property(etype, key, prop, who)
@@ -322,7 +322,7 @@ class CollectingChecks(Checks):
             near = did_you_mean(name, self._known_names(kind)) if number < _MAX_HINTS else ""
             text = f"{issue_text(kind, name)}{near}{others}"
             finding = Finding(severity, self.origin, element, prop, text, _CODES.get(kind, ""))
-            self.flaws[finding] = KEPT
+            self.findings[finding] = KEPT
 
     def _known_names(self, kind: str) -> list[str]:
         """The declared names of a kind of name."""
@@ -333,23 +333,23 @@ class CollectingChecks(Checks):
 
 
 class FileChecks(CollectingChecks):
-    """Checks of a loaded file: all flaws are logged in one warning; with `strict` they refuse the file."""
+    """Checks of a loaded file: all findings are logged in one warning; with `strict` they refuse the file."""
 
     def __init__(self, knowledge_base: KnowledgeBase, path: Path, strict: bool) -> None:
         super().__init__(knowledge_base, str(path), strict)
         self._path = path
 
     def finish(self) -> None:
-        """Logs all flaws in one warning.
+        """Logs all findings in one warning.
 
-        :raises WrongValue: there are flaws, and the checks are strict; the text lists all of them.
+        :raises WrongValue: there are findings, and the checks are strict; the text lists all of them.
         """
         super().finish()
-        if not self.flaws:
+        if not self.findings:
             return
         lines = SourceLines(self._path)
-        text = "\n    ".join(self._format(*flaw, lines) for flaw in self.flaws.items())
-        count = f"{len(self.flaws)} flaw{'s' if len(self.flaws) > 1 else ''}"
+        text = "\n    ".join(self._format(*finding, lines) for finding in self.findings.items())
+        count = f"{len(self.findings)} problem{'s' if len(self.findings) > 1 else ''}"
         if self._strict:
             raise WrongValue(f"{self._path}: refused with {count}:\n    {text}")
         log.warning("%s: loaded with %s:\n    %s", self._path, count, text)

@@ -16,13 +16,13 @@ class FileContent:
     """A scene file that was read.
 
     :param context: it is not changed.
-    :param strict: refuses a file with flaws.
+    :param strict: refuses a file with findings.
     :param adds_root: adds the root to a scene without one, instead of refusing it.
     :raises SkirosError: the file is missing, does not parse, or is refused.
     :ivar index: the ontologies that it was checked with.
     :ivar scene: its elements have no change_info yet.
     :ivar extras: its triples that belong to no element.
-    :ivar flaws: they were logged.
+    :ivar findings: they were logged.
     """
 
     def __init__(
@@ -35,4 +35,4 @@ class FileContent:
         if strict:
             findings = shape_findings(self.scene, self.extras, knowledge_base, str(path))
             Report(str(path), findings).refuse_violations()
-        self.flaws = frozenset(checks.flaws)
+        self.findings = frozenset(checks.findings)

@@ -27,7 +27,7 @@ _NAMED_INDIVIDUAL = ox.NamedNode(OWL + "NamedIndividual")
 class SceneContent:
     """The elements that triples describe: individuals of a class, whether the ontologies declare it or not.
 
-    :param checks: collects unknown names and flaws.
+    :param checks: collects unknown names and findings.
     :param change_info: the last change of the elements.
     :ivar extras: triples that belong to no element, such as comments on the file; they are saved again.
     :raises WrongValue, WrongType: a value cannot be read, or has another type than its property.

@@ -89,7 +89,7 @@ def validate(
     if context == SCENE:
         ontology = knowledge_base.index
         placed = chain(misplaced(scene, ontology, origin), unconnected_frames(scene, ontology, origin))
-    return Report(origin, [*checks.flaws, *placed, *shape_findings(scene, extras, knowledge_base, origin)])
+    return Report(origin, [*checks.findings, *placed, *shape_findings(scene, extras, knowledge_base, origin)])
 
 
 def shape_findings(

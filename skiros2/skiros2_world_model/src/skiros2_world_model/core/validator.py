@@ -84,7 +84,7 @@ class Validator:
             raise Refused(_ENDED)
 
     def _log_findings(self, context: str) -> None:
-        """Logs the findings in the last loaded file of a context, except the flaws that loading has logged."""
+        """Logs the findings in the last loaded file of a context, except the findings that loading has logged."""
         path = self._model.loaded[context]
         try:
             report = self._validate(str(path), context, None)
@@ -92,7 +92,7 @@ class Validator:
             if not self._stopped:
                 log.warning("%s", error)
             return
-        new = [f for f in report.findings if f not in self._model.flaws.get(context, ())]
+        new = [f for f in report.findings if f not in self._model.findings.get(context, ())]
         if new:
             lines = Report(report.origin, new).lines(_MAX_LOGGED)
             log.warning("\n    ".join([f"{path}: {report.summary}", *lines]))

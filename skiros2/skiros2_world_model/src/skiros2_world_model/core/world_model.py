@@ -84,7 +84,7 @@ class WorldModel:
         self.strict = strict
         self.loaded: dict[str, Path] = {}  #: by context, the last loaded file
         self._readable: set[Path] = set()  # files that were loaded or saved by this world model
-        self.flaws: dict[str, frozenset[Finding]] = {}  #: by context, the flaws that loading the file reported
+        self.findings: dict[str, frozenset[Finding]] = {}  #: by context, the findings that loading the file reported
         self.refused: dict[str, str] = {}  #: by context, why its initial file was refused
         self._contexts = Contexts(self.knowledge_base)
         self._warned: set[tuple[str, str, str]] = set()
@@ -280,7 +280,7 @@ class WorldModel:
         """Replaces a context with the content of a file. The current content stays when the file is refused.
 
         Reasoners are stopped before the scene is loaded and restarted afterwards. Must not be called under the lock.
-        All flaws of the file are logged in one warning; a strict world model refuses the file.
+        All findings of the file are logged in one warning; a strict world model refuses the file.
 
         :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
         :param adds_root: adds the root to a scene without one, instead of refusing it.
@@ -318,7 +318,7 @@ class WorldModel:
         self.loaded[context] = content.path
         self.refused.pop(context, None)
         self._readable.add(content.path)
-        self.flaws[context] = content.flaws
+        self.findings[context] = content.findings
         pending = [PendingChange(RESET if context == SCENE else UPDATE)]
         return self._notifier.publish(pending, change_info, context, scene)[0]
 

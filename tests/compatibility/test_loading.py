@@ -13,7 +13,7 @@ import pytest
 from compatibility.rules import rule
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongType
-from skiros2_skill.core.lint.faults import ERROR, WARNING
+from skiros2_skill.core.lint.findings import ERROR, WARNING
 from skiros2_skill.core.lint.linter import lint_libraries
 from skiros2_skill.testing import SkillBench
 

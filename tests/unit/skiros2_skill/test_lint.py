@@ -20,8 +20,8 @@ from skiros2_skill.core import lint as lint_package
 from skiros2_skill.core.library.description import ReadOnlyWorldModel
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.lint.codes import MEANINGS
-from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, UNKNOWN_SKILL, WARNING
-from skiros2_skill.core.lint.linter import Linter, lint_libraries, log_faults
+from skiros2_skill.core.lint.findings import ERROR, NOT_DESCRIBED, NOTE, UNKNOWN_SKILL, WARNING
+from skiros2_skill.core.lint.linter import Linter, lint_libraries, log_findings
 from skiros2_skill.core.skill import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.ontology_lint import (
@@ -309,7 +309,7 @@ def test_device_lock_is_no_contradiction(wmi):
 
 
 def test_library_with_faults_is_loaded_with_one_warning(faulty_path, wmi, caplog):
-    library = SkillLibrary(wmi, log_faults)
+    library = SkillLibrary(wmi, log_findings)
     library.import_libraries(["faulty_skills"])
     names = ["wrong_remaps", "say", "unknown_key", "fetch", "right", "unknown_names", "no_such_skill", "contradiction"]
     library.load(names)
@@ -323,7 +323,7 @@ def test_library_with_faults_is_loaded_with_one_warning(faulty_path, wmi, caplog
 
 
 def test_undescribable_skill_is_reported_with_its_line_and_skipped(faulty_path, wmi, caplog):
-    library = SkillLibrary(wmi, log_faults)
+    library = SkillLibrary(wmi, log_findings)
     library.import_libraries(["faulty_skills"])
     library.load(["raises", "fetch"])
     assert [i.label for i in library.implementations()] == ["fetch"]
@@ -355,8 +355,8 @@ def codes_in_sources():
     constants = {"UNKNOWN_SKILL": UNKNOWN_SKILL, "NOT_DESCRIBED": NOT_DESCRIBED}
     for file in LINT.glob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("Fault", "fault_of"):
-                given = node.args[2 if node.func.id == "fault_of" else 1]
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("Finding", "finding_of"):
+                given = node.args[2 if node.func.id == "finding_of" else 1]
                 if isinstance(given, ast.JoinedStr):
                     yield from ("unknown-class", "unknown-property", "unknown-relation")
                 elif isinstance(given, ast.Constant):

@@ -18,7 +18,7 @@ from skiros2_common.tools.libraries import find_libraries
 from skiros2_local.progress import progress_of
 from skiros2_runs.core.progress import NodeMessage
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.lint.linter import log_faults
+from skiros2_skill.core.lint.linter import log_findings
 from skiros2_skill.core.runtime.history import History, Record, outputs_of
 from skiros2_skill.core.runtime.request import SkillRequest, TaskRefused, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
@@ -90,7 +90,7 @@ class LocalRobot:
         self.name = f"/{name}"
         self.world = LocalWorldModel(self.name, model)
         self._on_progress = on_progress
-        self.library = SkillLibrary(self.world, log_faults)
+        self.library = SkillLibrary(self.world, log_findings)
         self.library.import_libraries([*dict.fromkeys([*libraries, STANDARD_SKILLS])])
         own = [name for library in libraries if library != STANDARD_SKILLS for name in self.library.names_in(library)]
         self.library.load(own if skills is None else skills)

@@ -26,10 +26,10 @@ from skiros2_common.command_line.command import (
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.tools.libraries import find_libraries
 from skiros2_skill.client.description import did_you_mean
-from skiros2_skill.command_line.lint_files import ENDINGS, file_faults, knowledge_files
+from skiros2_skill.command_line.lint_files import ENDINGS, file_findings, knowledge_files
 from skiros2_skill.command_line.local_world_model import ontology_folders, world_model_of
 from skiros2_skill.core.lint.codes import MEANINGS, Meaning
-from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING, Fault
+from skiros2_skill.core.lint.findings import ERROR, NOTE, WARNING, Finding
 from skiros2_skill.core.lint.linter import lint_libraries
 
 #: Its skills are known in every check.
@@ -83,7 +83,7 @@ def _explained(code: str, meaning: Meaning) -> list[str]:
     return [f"{code}: {meaning.text}", f"  {meaning.advice}", *examples]
 
 
-# Skipped modules and broken files are among the faults.
+# Skipped modules and broken files are among the findings.
 @quiet(logging.CRITICAL, "skiros2_common", "skiros2_world_model")
 def _lint(given: argparse.Namespace) -> CommandResult:
     used = [*given.uses, *([_STANDARD] if importlib.util.find_spec(_STANDARD) else [])]
@@ -93,22 +93,22 @@ def _lint(given: argparse.Namespace) -> CommandResult:
     find_libraries([*packages, *used], *(file.parent for file in named))
     folders = [*ontology_folders(packages), *([given.workspace] if given.workspace else [])]
     with world_model_of([*packages, *used], workspace, "lint", skip_broken=True) as wmi:
-        faults = lint_libraries(packages, wmi, used) if packages else []
+        findings = lint_libraries(packages, wmi, used) if packages else []
         for file in [*named, *knowledge_files(folders)]:
-            faults += file_faults(file, wmi.model.knowledge_base)
-    shown = [fault for fault in faults if fault.severity != NOTE or given.notes]
-    counts = Counter(fault.severity for fault in faults)
+            findings += file_findings(file, wmi.model.knowledge_base)
+    shown = [finding for finding in findings if finding.severity != NOTE or given.notes]
+    counts = Counter(finding.severity for finding in findings)
     failed = counts[ERROR] + (counts[WARNING] if given.strict else 0)
     return CommandResult(
-        [*map(_line, shown), _summary(counts)], [fault.to_dict() for fault in shown], REFUSED if failed else OK
+        [*map(_line, shown), _summary(counts)], [finding.to_dict() for finding in shown], REFUSED if failed else OK
     )
 
 
-def _line(fault: Fault) -> str:
-    """Formats a fault; a file below the present folder is relative to it."""
-    file = os.path.relpath(fault.file) if fault.file else ""
-    name = fault.file if file.startswith("..") else file
-    return str(replace(fault, file=name))
+def _line(finding: Finding) -> str:
+    """Formats a finding; a file below the present folder is relative to it."""
+    file = os.path.relpath(finding.file) if finding.file else ""
+    name = finding.file if file.startswith("..") else file
+    return str(replace(finding, file=name))
 
 
 def _summary(counts: Counter[str]) -> str:

@@ -23,7 +23,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.library.reload import reloading
-from skiros2_skill.core.lint.linter import log_faults
+from skiros2_skill.core.lint.linter import log_findings
 from skiros2_skill.core.runtime.diagnosis import add_authors, inspection_json
 from skiros2_skill.core.runtime.history import History
 from skiros2_skill.core.runtime.request import TaskStarter
@@ -85,7 +85,7 @@ class SkillManager(DiscoverableNode):
 
             wmi = WorldModelInterface(rospy.get_name(), make_cache=True)
         self._wmi = wmi
-        self._library = SkillLibrary(wmi, log_faults)
+        self._library = SkillLibrary(wmi, log_findings)
         self._registration = Registration(wmi, prefix, robot_name, rospy.get_name(), _publish_robot)
         self._tick_rate = tick_rate
         self._preempt_timeout = preempt_timeout

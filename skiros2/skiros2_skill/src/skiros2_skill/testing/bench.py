@@ -15,7 +15,7 @@ from skiros2_common.core.signals import LocalSignals
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.lint.linter import log_faults
+from skiros2_skill.core.lint.linter import log_findings
 from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing.bench_task import BenchTask
@@ -49,7 +49,7 @@ class SkillBench:
         self.clock = clock
         self.period = period
         self.wmi = wmi if wmi is not None else self._world_model(scene)
-        self.library = SkillLibrary(self.wmi, log_faults)
+        self.library = SkillLibrary(self.wmi, log_findings)
         #: The signals of the robot; a test publishes their messages.
         self.signals = LocalSignals()
         robots = sorted(self.wmi.resolve_elements(Element("cora:Robot")), key=lambda e: e.getIdNumber())

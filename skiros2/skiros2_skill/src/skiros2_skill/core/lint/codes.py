@@ -1,4 +1,4 @@
-"""The codes of faults: the meaning of each, its consequence, and an example with its correction."""
+"""The codes of findings: the meaning of each, its consequence, and an example with its correction."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Meaning:
 
     :param text: what is wrong, in one sentence.
     :param advice: what to do.
-    :param wrong, right: an example of Python code, and the same without the fault; "" when there is none.
+    :param wrong, right: an example of Python code, and the same corrected; "" when there is none.
     """
 
     text: str

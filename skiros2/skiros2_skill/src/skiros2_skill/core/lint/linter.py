@@ -1,7 +1,7 @@
 """Checks skills before they run, from their descriptions and trees alone.
 
-Nothing that depends on parameter values, or may be added while a skill runs, is a fault. Faults do not prevent loading:
-a warning states the consequence, an error means that the skill cannot run.
+Nothing that depends on parameter values, or may be added while a skill runs, is a finding. Findings do not prevent
+loading: a warning states the consequence, an error means that the skill cannot run.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.library.description import Descriptions, Undescribed
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.lint.faults import ERROR, NOT_DESCRIBED, NOTE, Fault, description_faults
-from skiros2_skill.core.lint.preempt import preempt_faults
-from skiros2_skill.core.lint.tree import Cycles, tree_faults
+from skiros2_skill.core.lint.findings import ERROR, NOT_DESCRIBED, NOTE, Finding, description_findings
+from skiros2_skill.core.lint.preempt import preempt_findings
+from skiros2_skill.core.lint.tree import Cycles, tree_findings
 from skiros2_skill.core.tree.compound import SkillBase
 
 log = logging.getLogger(__name__)
@@ -42,43 +42,45 @@ class Linter:
         linter.descriptions = descriptions
         return linter
 
-    def lint(self, cls: type, tree: bool = True) -> list[Fault]:
-        """The faults of the skill that a class implements, ordered by file and line.
+    def lint(self, cls: type, tree: bool = True) -> list[Finding]:
+        """The findings of the skill that a class implements, ordered by file and line.
 
         :param tree: whether a compound is expanded and its tree is checked too.
         """
         found = self.descriptions.of(cls)
         if isinstance(found, Undescribed):
             text = f"describing it raised {found.reason}"
-            return [Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, *found.location, "the skill is skipped")]
-        own = [*description_faults(found, self.descriptions.wmi), *preempt_faults(found, self.descriptions)]
-        return _in_order([*own, *(tree_faults(found, self.descriptions, self._cycles) if tree else ())])
+            return [Finding(ERROR, NOT_DESCRIBED, cls.__name__, text, *found.location, "the skill is skipped")]
+        own = [*description_findings(found, self.descriptions.wmi), *preempt_findings(found, self.descriptions)]
+        return _in_order([*own, *(tree_findings(found, self.descriptions, self._cycles) if tree else ())])
 
 
-def log_faults(library: SkillLibrary, classes: Sequence[type]) -> None:
-    """Logs the faults of skills that a library has loaded, in one warning for each of its packages. Notes are omitted.
+def log_findings(library: SkillLibrary, classes: Sequence[type]) -> None:
+    """Logs the findings of loaded skills, in one warning for each of the library's packages. Notes are omitted.
 
     For `SkillLibrary.on_load`.
     """
     linter = Linter.of(library.descriptions)
-    found = [(library.package_of(cls), fault) for cls in classes for fault in _loaded_faults(linter, cls)]
-    for package, faults in groupby(sorted(found, key=lambda f: (f[0], f[1].file, f[1].line)), lambda f: f[0]):
-        lines = list(dict.fromkeys(str(fault) for _, fault in faults))
+    found = [(library.package_of(cls), finding) for cls in classes for finding in _loaded_findings(linter, cls)]
+    for package, findings in groupby(sorted(found, key=lambda f: (f[0], f[1].file, f[1].line)), lambda f: f[0]):
+        lines = list(dict.fromkeys(str(finding) for _, finding in findings))
         count = "1 problem" if len(lines) == 1 else f"{len(lines)} problems"
         log.warning("library %s has %s:\n  %s", package, count, "\n  ".join(lines))
 
 
-def _loaded_faults(linter: Linter, cls: type) -> list[Fault]:
+def _loaded_findings(linter: Linter, cls: type) -> list[Finding]:
     try:
         found = linter.lint(cls)
     except FOREIGN_ERRORS:  # raised by the skill's `expand`
         log.exception("%s.%s cannot be checked", cls.__module__, cls.__name__)
         return []
-    return [fault for fault in found if fault.severity != NOTE and fault.code != NOT_DESCRIBED]
+    return [finding for finding in found if finding.severity != NOTE and finding.code != NOT_DESCRIBED]
 
 
-def lint_libraries(packages: Sequence[str], wmi: WorldModelPort | None = None, used: Sequence[str] = ()) -> list[Fault]:
-    """The faults of the skills in Python packages, including modules that cannot be imported.
+def lint_libraries(
+    packages: Sequence[str], wmi: WorldModelPort | None = None, used: Sequence[str] = ()
+) -> list[Finding]:
+    """The findings of the skills in Python packages, including modules that cannot be imported.
 
     :param used: further packages with skills that the trees may use.
     :raises ConfigurationError: a package does not exist or cannot be imported.
@@ -90,14 +92,14 @@ def lint_libraries(packages: Sequence[str], wmi: WorldModelPort | None = None, u
     for package in used:
         others.load(package, bases)
     linter = Linter(dict.fromkeys([*loader, *others]), wmi)
-    faults = [
-        Fault(NOTE, "needs-ros", module, failure.text, failure.file, failure.line, "skipped without ROS")
+    findings = [
+        Finding(NOTE, "needs-ros", module, failure.text, failure.file, failure.line, "skipped without ROS")
         if failure.needs_ros
-        else Fault(ERROR, "not-imported", module, failure.text, failure.file, failure.line)
+        else Finding(ERROR, "not-imported", module, failure.text, failure.file, failure.line)
         for module, failure in loader.failures.items()
     ]
-    return _in_order(faults + [fault for cls in loader for fault in linter.lint(cls)])
+    return _in_order(findings + [finding for cls in loader for finding in linter.lint(cls)])
 
 
-def _in_order(faults: Iterable[Fault]) -> list[Fault]:
-    return sorted(dict.fromkeys(faults), key=lambda fault: (fault.file, fault.line, fault.code, fault.text))
+def _in_order(findings: Iterable[Finding]) -> list[Finding]:
+    return sorted(dict.fromkeys(findings), key=lambda finding: (finding.file, finding.line, finding.code, finding.text))

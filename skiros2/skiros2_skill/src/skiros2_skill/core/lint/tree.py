@@ -11,7 +11,7 @@ from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.source_location import SourceLocation
 from skiros2_skill.core.library.description import Described, Descriptions, ReadOnlyWorldModel
-from skiros2_skill.core.lint.faults import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Fault, fault_of, fits, type_name
+from skiros2_skill.core.lint.findings import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Finding, finding_of, fits, type_name
 from skiros2_skill.core.tree.node import SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
@@ -19,7 +19,7 @@ _EXPAND_TIMEOUT = 0.5  # s
 
 
 class _Libraries:
-    """The skill library for the nodes of a checked tree. Missing skills are faults, not errors."""
+    """The skill library for the nodes of a checked tree. Missing skills are findings, not errors."""
 
     def __init__(self, wmi: ReadOnlyWorldModel, descriptions: Descriptions) -> None:
         self.wmi = wmi
@@ -47,8 +47,8 @@ class Cycles:
         return self._reported.setdefault(frozenset(classes), (cls, place)) == (cls, place)
 
 
-def tree_faults(described: Described, descriptions: Descriptions, cycles: Cycles) -> Iterator[Fault]:
-    """The faults of a compound's tree; none for a primitive, or when every start expands again."""
+def tree_findings(described: Described, descriptions: Descriptions, cycles: Cycles) -> Iterator[Finding]:
+    """The findings of a compound's tree; none for a primitive, or when every start expands again."""
     if not described.is_compound or described.skill.expand_on_start:
         return
     trees = Trees(descriptions, cycles)
@@ -56,13 +56,13 @@ def tree_faults(described: Described, descriptions: Descriptions, cycles: Cycles
     if root is None:
         reason = trees.reasons[described.cls]
         if reason:
-            yield fault_of(described, NOTE, "not-checked", f"its tree depends on values: {reason}")
+            yield finding_of(described, NOTE, "not-checked", f"its tree depends on values: {reason}")
         else:
             text = f"its expand takes more than {_EXPAND_TIMEOUT} s: it delays all other tasks"
-            yield fault_of(described, WARNING, "slow-expand", text)
+            yield finding_of(described, WARNING, "slow-expand", text)
         return
     for node in _skills_below(root):
-        yield from _child_faults(described, root, node, trees)
+        yield from _child_findings(described, root, node, trees)
 
 
 class Trees:
@@ -201,7 +201,7 @@ class Trees:
         return found, is_open
 
 
-def _child_faults(described: Described, root: SkillWrapper, node: SkillWrapper, trees: Trees) -> Iterator[Fault]:
+def _child_findings(described: Described, root: SkillWrapper, node: SkillWrapper, trees: Trees) -> Iterator[Finding]:
     options = trees.options(node)
     if not options:
         yield _unknown_skill(described, node, trees)
@@ -213,24 +213,24 @@ def _child_faults(described: Described, root: SkillWrapper, node: SkillWrapper, 
         for key in node.remaps:
             if key not in names:
                 text = f"remap of {key!r}: {child} has no such parameter, and no skill under it{_near(key, names)}"
-                yield fault_of(described, WARNING, "unknown-remap", text, location, "loaded; the remap has no effect")
-    yield from _target_faults(described, root, node, options, child, trees)
-    yield from _specify_faults(described, node, options, child)
-    yield from _pre_condition_faults(described, node, options, child)
-    yield from _type_faults(described, root, node, options, child, trees)
-    yield from _missing_faults(described, root, node, options, child, trees)
+                yield finding_of(described, WARNING, "unknown-remap", text, location, "loaded; the remap has no effect")
+    yield from _target_findings(described, root, node, options, child, trees)
+    yield from _specify_findings(described, node, options, child)
+    yield from _pre_condition_findings(described, node, options, child)
+    yield from _type_findings(described, root, node, options, child, trees)
+    yield from _missing_findings(described, root, node, options, child, trees)
     cycle = trees.cycle(described, node, set())
     if cycle and trees.cycles.reports([step.cls for step in cycle], described.cls, location):
         through = " and ".join(step.name for step in cycle[:-1])
         text = f"it is a part of itself{f' through {through}' if through else ''}, without an alternative"
-        yield fault_of(described, WARNING, "recursion", text, location)
+        yield finding_of(described, WARNING, "recursion", text, location)
 
 
 def _skills_below(root: SkillWrapper) -> list[SkillWrapper]:
     return [node for node in all_nodes(root) if isinstance(node, SkillWrapper) and node is not root]
 
 
-def _unknown_skill(described: Described, node: SkillWrapper, trees: Trees) -> Fault:
+def _unknown_skill(described: Described, node: SkillWrapper, trees: Trees) -> Finding:
     labels = [d.skill.label for d in trees.descriptions.all() if d.skill.type == node.type]
     if labels:
         text = f"no implementation {node.asked_label!r} of {node.type}; there are: {', '.join(labels)}"
@@ -238,10 +238,12 @@ def _unknown_skill(described: Described, node: SkillWrapper, trees: Trees) -> Fa
         types = {d.skill.type for d in trees.descriptions.all()}
         text = f"no library has a skill of type {node.type}{_near(node.type, types)}"
     done = "loaded; it fails unless a library provides it"
-    return fault_of(described, ERROR, UNKNOWN_SKILL, text, node.source_location, done)
+    return finding_of(described, ERROR, UNKNOWN_SKILL, text, node.source_location, done)
 
 
-def _specify_faults(described: Described, node: SkillWrapper, options: list[Described], child: str) -> Iterator[Fault]:
+def _specify_findings(
+    described: Described, node: SkillWrapper, options: list[Described], child: str
+) -> Iterator[Finding]:
     if any(option.is_open for option in options):
         return
     location = node.source_location
@@ -251,13 +253,13 @@ def _specify_faults(described: Described, node: SkillWrapper, options: list[Desc
         if not having:
             known = {node.name_above(k) for option in options for k in option.skill.params}
             text = f"specify of {name!r}: {child} has no such parameter{_near(name, known)}"
-            yield fault_of(described, WARNING, "unknown-specify", text, location, "loaded; the value is ignored")
+            yield finding_of(described, WARNING, "unknown-specify", text, location, "loaded; the value is ignored")
         elif all(reasons := [_refusal(param, values) for param in having]):
             text = f"specify of {name!r} for {child}: {reasons[0]}"
-            yield fault_of(described, WARNING, "wrong-type", text, location, "loaded; the value is ignored")
+            yield finding_of(described, WARNING, "wrong-type", text, location, "loaded; the value is ignored")
         elif all(reasons := [_limit_problem(param, values) for param in having]):
             text = f"specify of {name!r} for {child}: {reasons[0]}"
-            yield fault_of(described, WARNING, "limits", text, location, "loaded; the start of the skill is refused")
+            yield finding_of(described, WARNING, "limits", text, location, "loaded; the start of the skill is refused")
 
 
 def _refusal(param: Param, values: Any) -> str:
@@ -279,9 +281,9 @@ def _limit_problem(param: Param, values: Any) -> str:
     return checked.limits.problem(checked.values)
 
 
-def _pre_condition_faults(
+def _pre_condition_findings(
     described: Described, node: SkillWrapper, options: list[Described], child: str
-) -> Iterator[Fault]:
+) -> Iterator[Finding]:
     if any(option.is_open for option in options):
         return
     for condition in node.own_pre_conditions:
@@ -289,13 +291,13 @@ def _pre_condition_faults(
             if all(_param(option, key) is None for option in options):
                 text = f"pre-condition [{condition.label}] refers to {key!r}; {child} has no such parameter"
                 done = "loaded; the child fails where it is checked"
-                yield fault_of(described, WARNING, "unknown-key", text, node.source_location, done)
+                yield finding_of(described, WARNING, "unknown-key", text, node.source_location, done)
 
 
-def _type_faults(
+def _type_findings(
     described: Described, root: SkillWrapper, node: SkillWrapper, options: list[Described], child: str, trees: Trees
-) -> Iterator[Fault]:
-    """Faults of keys of a child that are bound to a parameter of the compound with a different type."""
+) -> Iterator[Finding]:
+    """Findings of keys of a child that are bound to a parameter of the compound with a different type."""
     own = described.skill.params.getParamMap()
     for key in dict.fromkeys(key for option in options for key in option.skill.params):
         name = _name_at(root, node, key)
@@ -307,13 +309,13 @@ def _type_faults(
             text = f"{key!r} of {child} is {type_name(having[0])}, {name!r} of the compound is {type_name(outer)}"
             both = having[0].is_element and outer.is_element
             done = "loaded; an element of any class is passed" if both else "loaded; the child keeps its own value"
-            yield fault_of(described, WARNING, "wrong-type", text, node.source_location, done)
+            yield finding_of(described, WARNING, "wrong-type", text, node.source_location, done)
 
 
-def _target_faults(
+def _target_findings(
     described: Described, root: SkillWrapper, node: SkillWrapper, options: list[Described], child: str, trees: Trees
-) -> Iterator[Fault]:
-    """Faults of remaps to names that no ancestor or sibling of the child has."""
+) -> Iterator[Finding]:
+    """Findings of remaps to names that no ancestor or sibling of the child has."""
     for key in node.remaps:
         having = [param for option in options if (param := _param(option, key)) is not None]
         name = _name_at(root, node, key)
@@ -325,13 +327,13 @@ def _target_faults(
             continue
         text = f"remap of {key!r} of {child} to {name!r}: no ancestor or sibling has that key{_near(name, known)}"
         done = "loaded; the child gets no value by it"
-        yield fault_of(described, WARNING, "unknown-target", text, node.source_location, done)
+        yield finding_of(described, WARNING, "unknown-target", text, node.source_location, done)
 
 
-def _missing_faults(
+def _missing_findings(
     described: Described, root: SkillWrapper, node: SkillWrapper, options: list[Described], child: str, trees: Trees
-) -> Iterator[Fault]:
-    """Faults of required values of a child that nothing in the tree sets."""
+) -> Iterator[Finding]:
+    """Findings of required values of a child that nothing in the tree sets."""
     for key in dict.fromkeys(key for option in options for key in option.skill.params):
         if not all(_must_be_given(_param(option, key)) for option in options):
             continue
@@ -348,7 +350,9 @@ def _missing_faults(
         )
         text = f"{child} requires {key!r}, and nothing in the tree sets it"
         text += "; it has to come from a skill outside" if elsewhere else f" (no skill has a parameter {name!r})"
-        yield fault_of(described, WARNING, "never-set", text, node.source_location, "loaded; a start without it fails")
+        yield finding_of(
+            described, WARNING, "never-set", text, node.source_location, "loaded; a start without it fails"
+        )
 
 
 def _must_be_given(param: Param | None) -> bool:

@@ -1,4 +1,4 @@
-"""Faults of skills, and the checks of a skill's description."""
+"""Findings of skills, and the checks of a skill's description."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ UNKNOWN_SKILL, NOT_DESCRIBED = "unknown-skill", "not-described"
 
 
 @dataclass(frozen=True)
-class Fault:
-    """A fault of a skill.
+class Finding:
+    """A finding of a skill.
 
     :param severity: `ERROR`, `WARNING` or `NOTE`.
-    :param code: the kind of fault.
+    :param code: the kind of finding.
     :param skill: `type-label`.
     :param file, line: the source location; "" and 0 when it is not known.
     :param consequence: when the skill is loaded and run.
@@ -49,30 +49,30 @@ class Fault:
         return {**data, "done": data.pop("consequence")}
 
 
-def fault_of(
+def finding_of(
     described: Described,
     severity: str,
     code: str,
     text: str,
     place: SourceLocation | None = None,
     consequence: str = "",
-) -> Fault:
-    """Creates a fault of a skill.
+) -> Finding:
+    """Creates a finding of a skill.
 
     :param place: its source location; None: that of the class.
     """
     file, line = place or class_location(described.cls)
-    return Fault(severity, code, described.name, text, file, line, consequence)
+    return Finding(severity, code, described.name, text, file, line, consequence)
 
 
 _IMPLEMENTATION_WINS = "loaded; the declaration of the implementation is used"
 _KEPT = "loaded; the name is kept as written"
 
 
-def description_faults(described: Described, wmi: WorldModelPort | None) -> Iterator[Fault]:
-    """The faults of a skill's parameters and conditions."""
-    yield from _condition_faults(described)
-    yield from _limit_faults(described)
+def description_findings(described: Described, wmi: WorldModelPort | None) -> Iterator[Finding]:
+    """The findings of a skill's parameters and conditions."""
+    yield from _condition_findings(described)
+    yield from _limit_findings(described)
     yield from _contradictions(described)
     yield from _description_contradictions(described, wmi)
     if wmi is not None:
@@ -114,7 +114,7 @@ def _stages(described: Described) -> dict[str, list[ConditionBase]]:
     return {"pre": skill.pre_conditions, "hold": skill.hold_conditions, "post": skill.post_conditions}
 
 
-def _condition_faults(described: Described) -> Iterator[Fault]:
+def _condition_findings(described: Described) -> Iterator[Finding]:
     params = described.skill.params.getParamMap()
     known = ", ".join(params)
     for stage, conditions in _stages(described).items():
@@ -123,46 +123,50 @@ def _condition_faults(described: Described) -> Iterator[Fault]:
                 continue
             name = f"{stage}-condition [{condition.label}]"
             for text in condition.faults(stage):
-                yield fault_of(described, WARNING, "wrong-stage", f"{name} {text}", place, "loaded; a start fails")
+                yield finding_of(described, WARNING, "wrong-stage", f"{name} {text}", place, "loaded; a start fails")
             for key in condition.getKeys():
                 param = params.get(key)
                 if param is None:
                     if not described.is_open:
                         text = f"{name} refers to {key!r}; the parameters are: {known}"
                         consequence = "loaded; it fails where the condition is checked and no such parameter was added"
-                        yield fault_of(described, WARNING, "unknown-key", text, place, consequence)
+                        yield finding_of(described, WARNING, "unknown-key", text, place, consequence)
                 elif key in condition.element_keys and not param.is_element:
                     text = f"{name} wants an element, parameter {key!r} is of type {type_name(param)}"
-                    yield fault_of(described, WARNING, "wrong-type", text, place, "loaded; the condition does not hold")
+                    yield finding_of(
+                        described, WARNING, "wrong-type", text, place, "loaded; the condition does not hold"
+                    )
 
 
-def _limit_faults(described: Described) -> Iterator[Fault]:
+def _limit_findings(described: Described) -> Iterator[Finding]:
     """Mistakes in the limits of parameters, and defaults outside them."""
     for key, param in described.skill.params.items():
         defaults = [] if param.is_element else param.defaults
         for problem in param.limits.faults(param.dataType(), defaults):
             text, place = f"parameter {key!r} {problem}", described.skill.location_of(key)
-            yield fault_of(described, WARNING, "limits", text, place, "loaded; a start with a value outside is refused")
+            yield finding_of(
+                described, WARNING, "limits", text, place, "loaded; a start with a value outside is refused"
+            )
 
 
-def _contradictions(described: Described) -> Iterator[Fault]:
+def _contradictions(described: Described) -> Iterator[Finding]:
     stages = _stages(described)
     for stage, conditions in stages.items():
         for one, other in combinations(conditions, 2):
             if one.hasConflict(other):
                 text = f"{stage}-conditions [{one.label}] and [{other.label}] cannot both hold"
                 place = other.source_location
-                yield fault_of(described, WARNING, "contradiction", text, place, "loaded; a start fails")
+                yield finding_of(described, WARNING, "contradiction", text, place, "loaded; a start fails")
     for pre in stages["pre"]:
         for hold in stages["hold"]:
             if ("property", DEVICE_STATE) not in pre.ontology_names() and pre.hasConflict(hold):
                 text = f"[{pre.label}] has to hold at the start, and not to hold while the skill runs ([{hold.label}])"
                 place = hold.source_location
-                yield fault_of(described, WARNING, "contradiction", text, place, "loaded; both are checked")
+                yield finding_of(described, WARNING, "contradiction", text, place, "loaded; both are checked")
 
 
-def _description_contradictions(described: Described, wmi: WorldModelPort | None) -> Iterator[Fault]:
-    """Faults of an implementation that contradicts its description, by which it is selected."""
+def _description_contradictions(described: Described, wmi: WorldModelPort | None) -> Iterator[Finding]:
+    """Findings of an implementation that contradicts its description, by which it is selected."""
     skill = described.skill
     base = skill.skill_description
     for key, wanted in base.params.items():
@@ -170,10 +174,10 @@ def _description_contradictions(described: Described, wmi: WorldModelPort | None
         place = skill.location_of(key)
         if own is None:
             text = f"the description {base.type} has the parameter {key!r}, the implementation has not"
-            yield fault_of(described, WARNING, "contradicts-description", text, consequence=_IMPLEMENTATION_WINS)
+            yield finding_of(described, WARNING, "contradicts-description", text, consequence=_IMPLEMENTATION_WINS)
         elif not _narrows(own, wanted, wmi):
             text = f"parameter {key!r} is {type_name(wanted)} in the description {base.type}, here {type_name(own)}"
-            yield fault_of(described, WARNING, "contradicts-description", text, place, _IMPLEMENTATION_WINS)
+            yield finding_of(described, WARNING, "contradicts-description", text, place, _IMPLEMENTATION_WINS)
 
 
 def _narrows(own: Param, wanted: Param, wmi: WorldModelPort | None) -> bool:
@@ -186,15 +190,15 @@ def _narrows(own: Param, wanted: Param, wmi: WorldModelPort | None) -> bool:
     return bool(wmi.is_subclass(mine, theirs))
 
 
-def _unknown_names(described: Described, wmi: WorldModelPort) -> Iterator[Fault]:
+def _unknown_names(described: Described, wmi: WorldModelPort) -> Iterator[Finding]:
     skill = described.skill
     for key, param in skill.params.items():
         if param.is_element and param.element_type not in ANY_TYPE and not wmi.knows(param.element_type):
             text = f"parameter {key!r} is a {param.element_type}, which no ontology declares"
-            yield fault_of(described, WARNING, "unknown-class", text, skill.location_of(key), _KEPT)
+            yield finding_of(described, WARNING, "unknown-class", text, skill.location_of(key), _KEPT)
     for stage, conditions in _stages(described).items():
         for condition, place in parts(conditions):
             for kind, name in condition.ontology_names():
                 if not wmi.knows(name) and reasoners.find_or_load(name) is None:
                     text = f"{stage}-condition [{condition.label}] refers to {name}, which no ontology declares"
-                    yield fault_of(described, WARNING, f"unknown-{kind}", text, place, _KEPT)
+                    yield finding_of(described, WARNING, f"unknown-{kind}", text, place, _KEPT)

@@ -251,7 +251,7 @@ def test_readmes_first_commands_lead_to_the_demo_and_the_distribution(tmp_path: 
     script = f"{get} && {enter} && {demo} --dry-run && {test} --dry-run && ls pyproject.toml"
     shown = subprocess.run(["bash", "-ec", script], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert shown.returncode == 0, shown.stderr
-    assert "rosrun skiros2_sim_skills pick_place_demo" in shown.stdout
+    assert "rosrun skiros2_demo pick_place_demo" in shown.stdout
     assert "pytest" in shown.stdout
 
 

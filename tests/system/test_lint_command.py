@@ -34,9 +34,9 @@ def test_faults_have_a_relative_file_and_line() -> None:
     assert all(line.startswith("faulty_skills/") for line in lines)
 
 
-def test_faults_as_json() -> None:
-    faults = json.loads(lint("faulty_skills", "--json").stdout)
-    assert {"severity", "code", "skill", "text", "file", "line", "done"} == set(faults[0])
+def test_findings_as_json() -> None:
+    findings = json.loads(lint("faulty_skills", "--json").stdout)
+    assert {"severity", "code", "skill", "text", "file", "line", "done"} == set(findings[0])
 
 
 def test_missing_package_is_a_usage_error() -> None:

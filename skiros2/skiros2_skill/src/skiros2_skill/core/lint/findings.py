@@ -46,7 +46,8 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         data = asdict(self)
-        return {**data, "done": data.pop("consequence")}
+        data["done"] = data.pop("consequence")
+        return data
 
 
 def finding_of(

@@ -148,7 +148,7 @@ class Soak:
             assert stream.recv(100)
         reader = WorldModelInterface("reader")
         reader.get_element(self.cell.shelf)
-        reader._monitor.unregister()
+        reader.remote.unfollow()
         for pool in vars(reader).values():
             if hasattr(pool, "close"):
                 pool.close()

@@ -424,7 +424,7 @@ def test_strict_rejects_unknown_names(ros: Ros, start):
     ("params", "culprit"),
     [
         ({"load_contexts": ["a/b scenes/lab.ttl"]}, "a/b"),
-        ({"load_contexts": 5}, "/wm/load_contexts: expected a list"),
+        ({"load_contexts": 5}, "/wm/load_contexts is 5, expected a list"),
         ({"workspace_dir": "/no/such/folder"}, "/no/such/folder"),
         ({"reasoners_pkgs": ["no_such_reasoners"]}, "no_such_reasoners"),
     ],

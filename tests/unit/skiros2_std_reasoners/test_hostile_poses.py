@@ -63,9 +63,9 @@ class Poses(RuleBasedStateMachine):
     def draw(self, data: st.DataObject, element: Element) -> Element:
         floats = st.floats(width=32) | st.sampled_from([0.0, 1.0])
         for key in data.draw(st.lists(st.sampled_from(NUMBERS), unique=True)):
-            element._put(key, Property(key, data.draw(floats)))
+            element.put(key, Property(key, data.draw(floats)))
         for key in data.draw(st.lists(st.sampled_from(FRAMES), unique=True, max_size=2)):
-            element._put(key, Property(key, data.draw(st.sampled_from(TEXTS))))
+            element.put(key, Property(key, data.draw(st.sampled_from(TEXTS))))
         element.setProperty("skiros:PublishTf", data.draw(st.booleans()))
         if data.draw(st.integers(0, 3)):
             element.setReasoner("AauSpatialReasoner")

@@ -149,7 +149,7 @@ class Soak:
         reader = WorldModelInterface("reader")
         reader.get_element(self.cell.shelf)
         reader.remote.unfollow()
-        for pool in vars(reader).values():
+        for pool in vars(reader.remote.services).values():
             if hasattr(pool, "close"):
                 pool.close()
         progress = rospy.Subscriber(f"{ROBOT}/monitor", msgs.TreeProgress)

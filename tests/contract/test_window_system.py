@@ -14,8 +14,9 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.operations import Add
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import Event, EventQueue, WorldChanged
-from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
-from skiros2_live.core.patch import TaskProgress
+from skiros2_gui.app.system import MANAGER, System, part_of
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import WORLD_MODEL, Patch, TaskProgress
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.client.description import Step
@@ -34,11 +35,12 @@ TIMEOUT = 30.0  # s
 
 
 class Desk:
-    """A system and its events."""
+    """A system, its events, and the document that they make."""
 
     def __init__(self) -> None:
         self._event_posted = threading.Event()
         self.event_queue = EventQueue(self._event_posted.set)
+        self.cell = CellDocument()
         self.system: System = None  # type: ignore[assignment]
 
     def events(self) -> Iterator[Event]:
@@ -46,8 +48,16 @@ class Desk:
         end = time.monotonic() + TIMEOUT
         while self._event_posted.wait(max(0.0, end - time.monotonic())):
             self._event_posted.clear()
-            yield from self.event_queue.take()
+            batch = self.event_queue.take()
+            for event in batch:
+                if isinstance(event, Patch):
+                    self.cell.apply(event)
+            yield from batch
         pytest.fail("no further event was received")
+
+    def is_up(self) -> bool:
+        parts = [part_of(self.cell, kind) for kind in (WORLD_MODEL, MANAGER)]
+        return all(part is not None and part.is_up for part in parts)
 
     def until(self, condition: Callable[[], Any]) -> None:
         if not condition():
@@ -78,6 +88,7 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         system = LocalSystem(made.event_queue, LocalWorldModel("window", model))
         system.add_manager(ROBOT, [getattr(hand_skills, name) for name in SKILLS])
         made.system = system
+        made.until(made.is_up)
         yield made
         system.close()
         return
@@ -92,7 +103,7 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         )  # fmt: skip
         made.system = RosSystem(made.event_queue)
         made.until(lambda: made.system.scene is not None and ROBOT in made.system.managers)
-        made.until(lambda: all(part_of(made.system, kind).is_up for kind in (WORLD_MODEL, MANAGER)))
+        made.until(made.is_up)
         yield made
         made.system.close()
     finally:
@@ -101,11 +112,11 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 def test_parts_are_up(desk: Desk) -> None:
     for kind in (WORLD_MODEL, MANAGER):
-        part = part_of(desk.system, kind)
+        part = part_of(desk.cell, kind)
         assert part is not None
         assert part.is_up
         assert part.since <= time.time()
-    assert part_of(desk.system, MANAGER).name == ROBOT
+    assert part_of(desk.cell, MANAGER).name == ROBOT
     assert desk.manager.name == ROBOT
 
 

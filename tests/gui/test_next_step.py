@@ -12,10 +12,11 @@ from python_qt_binding.QtGui import QGuiApplication
 from python_qt_binding.QtWidgets import QApplication, QDialog
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import ConnectionChanged, EventQueue
+from skiros2_gui.app.events import EventQueue
 from skiros2_gui.app.next_step import next_step
-from skiros2_gui.app.system import MASTER, Part
+from skiros2_gui.app.system import part_of
 from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_live.core.patch import MASTER, WORLD_MODEL, Connection
 from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import note
@@ -26,16 +27,10 @@ class SystemWithMaster(LocalSystem):
 
     def __init__(self, event_queue: EventQueue) -> None:
         super().__init__(event_queue)
-        self.has_master = True
-
-    @property
-    def parts(self) -> list[Part]:
-        master = Part(MASTER, "http://localhost:11311", self.has_master, time.time())
-        return [master, *(super().parts if self.has_master else ())]
+        self.set_master(True)
 
     def set_master(self, is_up: bool) -> None:
-        self.has_master = is_up
-        self._event_queue.put(ConnectionChanged())
+        self._event_queue.put(Connection(MASTER, "http://localhost:11311", is_up, time.time()))
 
 
 @pytest.fixture
@@ -98,8 +93,10 @@ def test_scene_without_robot_and_robot_without_prefix_are_named(driver: Driver) 
     product = Element("skiros:Product", "bolt")
     product.addRelation("skiros:Scene-0", "skiros:contain", "-1")
     system.world.add_element(product)
-    step = next_step(system)
+    cell = driver.window.shared.tasks.cell
+    driver.wait_until(lambda: part_of(cell, WORLD_MODEL), "the world model")
+    step = next_step(system, cell)
     assert step is not None and step.text.startswith("The scene has no robot.")
     add_robot(system, "arm")
-    step = next_step(system)
+    step = next_step(system, cell)
     assert step is not None and "the robot arm: give it a label with a prefix" in step.text

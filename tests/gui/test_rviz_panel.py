@@ -8,29 +8,24 @@ import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtWidgets import QLabel, QPushButton, QWidget
 
-from skiros2_gui.app.events import ConnectionChanged
-from skiros2_gui.app.system import MASTER, Part
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.window import Window
 from skiros2_gui.view3d.widgets import rviz_panel
 from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
+from skiros2_live.core.patch import MASTER, Connection
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window
 
 
-class WithMaster(LocalSystem):
-    """A system with a master, which is up or not."""
-
-    master_is_up = True
-
-    @property
-    def parts(self) -> list[Part]:
-        return [Part(MASTER, "http://localhost:11311", self.master_is_up, 0.0), *super().parts]
+def set_master(window: Window, is_up: bool) -> None:
+    window.post(Connection(MASTER, "http://localhost:11311", is_up, 1.0))
+    window.process_events()
 
 
 @pytest.fixture
 def window() -> Iterator[Window]:
-    made = make_window(WithMaster)
+    made = make_window(LocalSystem)
+    set_master(made, True)
     yield made
     made.system.close()
 
@@ -51,14 +46,13 @@ def test_window_without_rviz_has_no_3d_tab(qtbot: QtBot, monkeypatch: pytest.Mon
 
 def test_panel_is_disabled_without_master(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rviz_panel, "rviz_problem", lambda: "")
-    window.system.master_is_up = False
+    set_master(window, False)
     panel = RvizPanel(window)
     qtbot.addWidget(panel)
     assert not button(panel).isEnabled() and "ROS master" in button(panel).toolTip()
     panel.open()
     assert not panel.is_open
-    window.system.master_is_up = True
-    window.publish(ConnectionChanged())
+    set_master(window, True)
     assert button(panel).isEnabled()
 
 
@@ -92,8 +86,7 @@ def test_rviz_draws_while_visible_and_is_reused(qtbot: QtBot, window: Window, mo
     assert not frame.draws
     panel.show()
     assert frame.draws
-    window.system.master_is_up = False
-    window.publish(ConnectionChanged())
+    set_master(window, False)
     assert "open it again" in panel.findChild(QLabel, "rvizSaid").text()
     panel.close_tab()
     panel.close_tab()

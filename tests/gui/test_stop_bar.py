@@ -8,12 +8,15 @@ import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtWidgets import QLabel, QPushButton
 
+from skiros2_gui.app.system import clock
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_skill.testing import describe, stand_in
 from support.window.driver import Driver
 from support.window.local_system import LocalSystem
 
-REASON = "Stopped since 14:03:12: emergency stop by /e_stop: data is True."
+SINCE = 1e9
+CAUSE = "emergency stop by /e_stop: data is True"
+REASON = f"Stopped since {clock(SINCE)}: {CAUSE}."
 
 RecoverFromStop = describe("RecoverFromStop")
 recover = stand_in(RecoverFromStop, label="recover_from_stop", execute=lambda s: s.step("Waiting for the driver"))
@@ -36,7 +39,7 @@ def driver(window: MainWidget) -> Driver:
 
 def stop(window: MainWidget, *skills: type, name: str = "/robot") -> None:
     window.system.add_manager(name, skills, f"skiros:{name[1:]}")
-    window.system.set_stop(name, "emergency stop", REASON)
+    window.system.set_stop(name, "emergency_stop", CAUSE, since=SINCE)
 
 
 def text_of(driver: Driver, name: str) -> str:
@@ -52,7 +55,7 @@ def tip_of(driver: Driver, name: str) -> str:
 def test_bar_is_hidden_while_no_robot_is_stopped(window: MainWidget, driver: Driver) -> None:
     stop(window, recover)
     driver.wait_until(window.stop_bar.isVisible, "the bar")
-    window.system.set_stop("/robot", "")
+    window.system.set_stop("/robot", "running")
     driver.wait_until(lambda: not window.stop_bar.isVisible(), "no bar")
 
 

@@ -190,7 +190,7 @@ def test_disabled_buttons_say_why(cell: TeachCell, driver: Driver, window: MainW
     driver.write("teachName", "insert")
     wait_for_tip(driver, "teach_record_pose", "block has a taught path insert")
     assert driver.widget("teach_record_path").text() == "Replace path"
-    window.system.set_stop("/robot", "protective stop", "Stopped.")
+    window.system.set_stop("/robot", "protective_stop", "collision")
     wait_for_tip(driver, "teach_release", "/robot is stopped: protective stop")
     window.system.remove_manager("/robot")
     wait_for_tip(driver, "teach_release", "/robot is not running")

@@ -19,6 +19,8 @@ from skiros2_common.core.explanation import STOP
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.stops import StoppedRobot, Stops
 from skiros2_gui.app.system import stop_of
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import Patch
 from skiros2_live.ros.managers import ManagerConnections
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -340,18 +342,23 @@ def test_commands_show_the_stop(ros_master: RosMaster, robot: SkillManagerInterf
 
 
 def test_window_shows_the_stop(driver: Driver) -> None:
-    patches: list[object] = []
+    patches: list[Patch] = []
     connections = ManagerConnections("tests", patches.append)
+    cell = CellDocument()
+
+    def shown() -> tuple[str, str]:
+        while patches:
+            cell.apply(patches.pop(0))
+        return stop_of(cell.robots[ROBOT].safety) if ROBOT in cell.robots else ("", "")
+
     try:
         wait_until(lambda: ROBOT in connections.managers)
         driver.press()
-        wait_until(lambda: stop_of(connections.safety(ROBOT))[1])
-        text, stop = stop_of(connections.safety(ROBOT))
+        text, stop = wait_until(lambda: (found := shown())[1] and found)
         assert stop == "emergency stop"
         assert text.endswith(": emergency stop by /e_stop: data is True.")
-        assert connections.safety(ROBOT) in patches
         driver.press(False)
-        wait_until(lambda: stop_of(connections.safety(ROBOT)) == ("", ""))
+        wait_until(lambda: shown() == ("", ""))
     finally:
         connections.close()
 

@@ -16,8 +16,10 @@ from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import EventQueue
 from skiros2_gui.app.next_step import next_step
 from skiros2_gui.app.ros.system import RosSystem
-from skiros2_gui.app.system import Part, sentence
+from skiros2_gui.app.system import Part, parts_of, sentence
 from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import WORLD_MODEL, Connection
 from skiros2_msgs.msg import TreeProgress
 from skiros2_runs.core.states import SUCCESS
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -68,7 +70,7 @@ def window(shown: Driver) -> Iterator[Driver]:
 
 def up(driver: Driver) -> set[str]:
     """The kinds of parts that the window has."""
-    return {part.kind for part in driver.window.system.parts if part.is_up}
+    return {part.kind for part in parts_of(driver.window.shared.tasks.cell) if part.is_up}
 
 
 def test_skill_is_started_and_stopped_by_clicks(window: Driver, demo: Ros) -> None:
@@ -139,7 +141,7 @@ def test_edit_changes_the_world_model(window: Driver) -> None:
 @pytest.mark.parametrize(("node", "kind"), [("/wm", "world model"), (ROBOT, "robot"), ("/tm", "task manager")])
 def test_killed_part_is_reported_and_found_again(window: Driver, demo: Ros, node: str, kind: str) -> None:
     def part() -> Part:
-        return next(part for part in window.window.system.parts if part.kind == kind)
+        return next(part for part in parts_of(window.window.shared.tasks.cell) if part.kind == kind)
 
     label = next(label for label in window.window.status.parts if kind in label.text())
     window.wait_until(lambda: label.text().startswith("●"), f"the {kind} being shown")
@@ -201,7 +203,9 @@ def test_command_of_the_next_step_starts_a_skill_manager(window: Driver, demo: R
     WorldModelInterface("/test_window").add_element(robot)
     system = LocalSystem(EventQueue(lambda: None))
     system.world.add_element(robot.copy())
-    step = next_step(system)
+    cell = CellDocument()
+    cell.apply(Connection(WORLD_MODEL, "/wm", True, 1.0))
+    step = next_step(system, cell)
     assert step is not None and step.command
     demo.program(*step.command.split())
     window.wait_until(lambda: "/second_robot" in window.window.system.managers, "the second robot")

@@ -12,9 +12,9 @@ from skiros2_common.core.operations import RESET, Change
 from skiros2_common.core.signals import LocalSignals, SignalSource
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
-from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, WorldChanged
-from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner, Simulator
-from skiros2_live.core.patch import TaskProgress
+from skiros2_gui.app.events import EventQueue, WorldChanged
+from skiros2_gui.app.system import Manager, Planner, Simulator
+from skiros2_live.core.patch import WORLD_MODEL, Connection, ManagerConnection, SafetyChanged, TaskProgress
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.core.breakpoint import Breakpoint
@@ -145,22 +145,15 @@ class LocalSystem:
     def __init__(self, event_queue: EventQueue, wm: LocalWorldModel | None = None) -> None:
         self._event_queue = event_queue
         self._wm = wm if wm is not None else LocalWorldModel("window")
-        self._is_up = True
-        self._since = time.time()
+        self._connection = Connection(WORLD_MODEL, "wm", True, time.time())
+        event_queue.put(self._connection)
         self._managers: dict[str, LocalManager] = {}
-        self._stops: dict[str, tuple[str, str]] = {}
         self.planner: Planner | None = None
         self.signals = LocalSignals()
         self.simulator: Simulator | None = None
         #: The argument of the last `set_movable`.
         self.movable = ""
         self._wm.add_listener(self._on_change)
-
-    @property
-    def parts(self) -> list[Part]:
-        stops = self._stops
-        managers = [Part(MANAGER, name, True, self._since, *stops.get(name, ("", ""))) for name in self._managers]
-        return [Part(WORLD_MODEL, "wm", self._is_up, self._since), *managers]
 
     @property
     def world(self) -> LocalWorldModel:
@@ -187,23 +180,22 @@ class LocalSystem:
         wm = LocalWorldModel(name, self._wm.model)
         manager = LocalManager(wm, name, skills, self._event_queue.put, robot, self.signals)
         self._managers[name] = manager
-        self._event_queue.put(ManagersChanged())
+        self._event_queue.put(ManagerConnection(name, True))
         return manager
 
     def remove_manager(self, name: str) -> None:
         """Removes a manager."""
         self._managers.pop(name).close()
-        self._event_queue.put(ManagersChanged())
+        self._event_queue.put(ManagerConnection(name, False))
 
     def set_up(self, is_up: bool) -> None:
         """Sets the status of the world model."""
-        self._is_up, self._since = is_up, time.time()
-        self._event_queue.put(ConnectionChanged())
+        self._connection = self._connection.updated(is_up)
+        self._event_queue.put(self._connection)
 
-    def set_stop(self, name: str, kind: str, text: str = "") -> None:
-        """Sets the stop of a manager's robot; "" for none."""
-        self._stops[name] = text, kind
-        self._event_queue.put(ConnectionChanged())
+    def set_stop(self, name: str, state: str, *stops: str, since: float = 0.0) -> None:
+        """Sets the safety state of a manager's robot; `running` for none."""
+        self._event_queue.put(SafetyChanged(name, state, "", stops, since))
 
     def set_movable(self, eid: str) -> None:
         self.movable = eid

@@ -27,11 +27,19 @@ from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.http.live import live_router
 from skiros2_gateway.opcua.server import OpcuaServer
 from skiros2_gateway.opcua.twin import NAMESPACE
-from skiros2_gui.app.system import stop_of
+from skiros2_gui.app.system import MANAGER, parts_of
 from skiros2_gui.app.tasks import skills_text
 from skiros2_gui.app.window import Window
 from skiros2_live.core.cell import RobotChanged
-from skiros2_live.core.patch import EntriesChanged, GoalProgress, ManagerConnection, Patch, SafetyChanged, TaskProgress
+from skiros2_live.core.patch import (
+    MASTER,
+    WORLD_MODEL,
+    Connection,
+    EntriesChanged,
+    ManagerConnection,
+    Patch,
+    SafetyChanged,
+)
 from skiros2_live.core.scene_view import SceneView
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.task_run import TaskRun
@@ -47,6 +55,8 @@ BAG = ROOT / "tests/bags/timed_goal.bag"
 ROBOT = "/mobile_manipulator"
 #: How many times during the run the views are compared.
 MOMENTS = 8
+#: What does not depend on when a view's document began.
+_ROBOT_KEYS = ("name", "state", "reason", "tasks")
 
 #: Name, state, and the names and states of the nodes of each task that lists show.
 Tasks = list[tuple[str, str, list[str], list[int]]]
@@ -63,7 +73,7 @@ class Cell:
         gateway.cell.state = self.state  # type: ignore[method-assign]
         scene = self.run.world(partial=True)
         reader = SceneReader(threading.RLock(), lambda _: [scene], SimpleNamespace)  # type: ignore[arg-type]
-        system: Any = SimpleNamespace(scene=reader, managers={}, planner=None, parts=())
+        system: Any = SimpleNamespace(scene=reader, managers={}, planner=None)
         self.window: Window = make_window(lambda _: system)
 
     def state(self) -> dict[str, Any]:
@@ -72,11 +82,15 @@ class Cell:
     def patches(self) -> Iterator[Patch]:
         """Yields those of the bag, of its scene at the end, and of stops of the robot."""
         yield ManagerConnection(ROBOT, True)
+        yield Connection(MASTER, "http://localhost:11311", True, 1.0)
+        yield Connection(WORLD_MODEL, "/wm", False, 0.0)
         view = SceneView(lambda child, parent: child == parent)
         for _, eid, element in read_scene(BAG).elements:
             yield EntriesChanged("elements", {eid: view.element(element) if element is not None else None})
         for number, patch in enumerate(recorded_patches(self.run)):
             yield patch
+            if number % 100 == 0:
+                yield Connection(WORLD_MODEL, "/wm", number % 200 == 0, patch.stamp, "It has not answered for 5 s.")
             if number % 50 == 49:
                 yield SafetyChanged(ROBOT, "protective_stop", "light curtain", ("light curtain",), patch.stamp)
             if number % 50 == 10:
@@ -84,8 +98,9 @@ class Cell:
 
     def apply(self, patch: Patch) -> None:
         self.document.apply(patch)
-        if isinstance(patch, TaskProgress | GoalProgress):
-            self.window.publish(patch)
+        if not isinstance(patch, EntriesChanged):
+            self.window.post(patch)
+            self.window.process_events()
 
 
 def tasks_of(runs: list[TaskRun]) -> Tasks:
@@ -162,9 +177,15 @@ def test_window_page_and_interfaces_show_the_same_at_any_time(in_gateway: Any, t
                 document = (await curl(address, "/api/live", token=TOKENS["view"]))[1]["document"]
                 assert tasks_of_page(document) == shown
                 [robot] = (await curl(address, "/api/state", token=TOKENS["view"]))[1]["robots"]
-                safety = cell.document.robots[ROBOT].safety
-                is_stopped = bool(stop_of(safety)[1])
-                assert is_stopped == (robot["state"] == "protective_stop")
+                *others, shown_robot = parts_of(cell.window.tasks.cell)
+                assert (shown_robot.kind, shown_robot.name, shown_robot.is_up) == (MANAGER, robot["name"], True)
+                assert shown_robot.stop == ("protective stop" if robot["state"] == "protective_stop" else "")
+                [of_window] = cell.window.tasks.cell.robots_data()
+                assert [of_window[key] for key in _ROBOT_KEYS] == [robot[key] for key in _ROBOT_KEYS]
+                connections = document["connections"].values()
+                assert [(part.kind, part.name, part.is_up, part.since, part.text) for part in others] == [
+                    (each["name"], each["address"], each["is_up"], each["since"], each["text"]) for each in connections
+                ]
                 await until_equal(partial(opcua, f"Cell/Robots{ROBOT}/State"), robot["state"])
                 assert await opcua(f"Cell/Robots{ROBOT}/Reason") == robot["reason"]
                 titles = [goal["title"] for goal in document["goals"].values()]

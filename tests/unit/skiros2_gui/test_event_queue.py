@@ -12,7 +12,9 @@ from skiros2_gui.app.events import (
     MAX_STATES,
     ConnectionChanged,
     EventQueue,
+    ManagerConnection,
     ManagersChanged,
+    SafetyChanged,
     TaskProgress,
     WorldChanged,
 )
@@ -47,6 +49,14 @@ def test_batch_is_ordered_and_has_no_duplicates(event_queue: EventQueue) -> None
         event_queue.put(event)
     assert event_queue.take() == [ConnectionChanged(), ManagersChanged(), WorldChanged(("a",)), state]
     assert event_queue.take() == []
+
+
+def test_the_last_status_of_a_part_is_the_last_in_its_batch(event_queue: EventQueue) -> None:
+    up, down = (ManagerConnection("/robot", is_up) for is_up in (True, False))
+    stop = SafetyChanged("/robot", "emergency_stop", "", ("button",), 1.0)
+    for event in (up, stop, down, up, stop):
+        event_queue.put(event)
+    assert event_queue.take() == [down, up, stop, ConnectionChanged(), ManagersChanged()]
 
 
 def test_scene_changes_are_merged_in_order(event_queue: EventQueue) -> None:

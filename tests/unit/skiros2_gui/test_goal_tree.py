@@ -11,10 +11,9 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.events import ConnectionChanged
 from skiros2_gui.app.tasks import PAUSE, STOP, is_silent, message_text, skills_text
 from skiros2_gui.run.presenter import RunPresenter
-from skiros2_live.core.patch import GoalProgress, TaskProgress
+from skiros2_live.core.patch import TASK_MANAGER, Connection, GoalProgress, TaskProgress
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
@@ -179,7 +178,7 @@ def test_goal_of_a_task_manager_that_has_disappeared_is_lost(lab: Lab) -> None:
     goal = _start(lab)
     assert not is_silent(goal, lab.time + 1000.0)
     lab.window.system.planner = None  # type: ignore[misc]
-    lab.window.publish(ConnectionChanged())
+    lab.window.publish(Connection(TASK_MANAGER, "/tm", False, 1.0))
     assert goal.state is TaskState.LOST and message_text(goal) == "the task manager no longer reports it"
 
 

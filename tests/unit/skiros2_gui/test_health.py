@@ -8,9 +8,6 @@ import pytest
 
 from skiros2_gui.app.system import (
     MANAGER,
-    MASTER,
-    TASK_MANAGER,
-    WORLD_MODEL,
     Part,
     clock,
     missing,
@@ -18,6 +15,7 @@ from skiros2_gui.app.system import (
     short,
     sign,
 )
+from skiros2_live.core.patch import MASTER, TASK_MANAGER, WORLD_MODEL
 
 NOW = 1795291003.5  # s since the epoch
 AT = clock(NOW)

@@ -35,6 +35,7 @@ def test_events_reach_their_subscribers(window: Window, event_queue: EventQueue)
 
 
 def test_events_beyond_the_budget_are_delivered_later_in_order(window: Window, event_queue: EventQueue) -> None:
+    window.process_events()
     received: list[float] = []
     window.subscribe(TaskProgress, lambda event: received.append(event.stamp))
     for stamp in range(3):

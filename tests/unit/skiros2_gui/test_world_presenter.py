@@ -43,6 +43,7 @@ class Cell:
         self.other = LocalWorldModel("vision", self.wm.model)
         self.clock = Clock()
         self.window: Window = make_window(self._connect)
+        self.window.process_events()  # the world model is up
         self.tab = WorldPresenter(self.window, self.clock)
 
     def _connect(self, event_queue: EventQueue) -> LocalSystem:

@@ -9,7 +9,15 @@ import pytest
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_live.core.cell import CellDocument, GoalChanged, RobotChanged, RunsLost
-from skiros2_live.core.patch import EntriesChanged, GoalProgress, ManagerConnection, SafetyChanged, TaskProgress
+from skiros2_live.core.patch import (
+    TASK_MANAGER,
+    Connection,
+    EntriesChanged,
+    GoalProgress,
+    ManagerConnection,
+    SafetyChanged,
+    TaskProgress,
+)
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import TaskState
 from support.progress import SUCCESS, ProgressNode, root
@@ -55,6 +63,21 @@ def test_tasks_of_a_disconnected_robot_are_lost_and_count_as_failed(cell: CellDo
     assert states == ["idle", "busy", "emergency_stop", "busy", "disconnected"]
     assert [run.state for change in lost for run in change.runs] == [TaskState.LOST]
     assert cell.robots_data()[0]["counters"]["failed"] == 1
+
+
+def test_goals_of_a_task_manager_that_has_disconnected_are_lost(cell: CellDocument) -> None:
+    changes: list[Connection] = []
+    cell.subscribe(Connection, changes.append)
+    up = Connection(TASK_MANAGER, "/tm", True, 1.0)
+    cell.apply(up)
+    send(cell)
+    [goal] = cell.runs
+    assert goal.state is TaskState.RUNNING
+    down = up.updated(False, "It was killed.")
+    assert down.since > up.since and down.updated(False).since == down.since
+    cell.apply(down)
+    assert goal.state is TaskState.LOST
+    assert changes == [up, down] and cell.connections == {TASK_MANAGER: down}
 
 
 def test_title_of_a_goal_has_the_labels_of_its_elements(cell: CellDocument) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_live.core.patch import GoalProgress, TaskProgress
+from skiros2_live.core.patch import Connection, GoalProgress, ManagerConnection, SafetyChanged, TaskProgress
 from skiros2_runs.core.task_run import TaskRun
 
 
@@ -49,12 +49,14 @@ class FailureExplained:
 
 @dataclass(frozen=True)
 class ManagersChanged:
-    """Managers have connected or disconnected, or offer different skills."""
+    """Managers have connected or disconnected. Follows the patches of the document that say so."""
 
 
 @dataclass(frozen=True)
 class ConnectionChanged:
-    """A part of the system has connected or disconnected."""
+    """A part of the system beside the managers has connected or disconnected, or the stops of a robot have changed.
+    Follows the patches of the document that say so.
+    """
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,9 @@ class GoalFeedback:
 
 Event = (
     WorldChanged
+    | Connection
+    | ManagerConnection
+    | SafetyChanged
     | GoalProgress
     | TaskProgress
     | TasksChanged
@@ -151,6 +156,9 @@ Event = (
 )
 
 
+#: The patches that are followed by an event without content.
+_PATCHES = (Connection, ManagerConnection, SafetyChanged)
+
 #: States of one task in a batch; of more, the oldest are discarded.
 MAX_STATES = 20
 
@@ -162,7 +170,7 @@ class EventQueue:
     """Collects events of any thread in batches and compresses them.
 
     A batch has at most one `WorldChanged` and one event of each kind without content; the states of each task keep
-    their order.
+    their order. Patches of connections and robots precede `ConnectionChanged` and `ManagersChanged`, which it adds.
 
     :param wake: called in the thread that puts the first event after a batch; schedules a call of `take`.
     """
@@ -190,6 +198,11 @@ class EventQueue:
                     return
                 key = (event.manager, event.task)
                 self._tasks.setdefault(key, deque(maxlen=MAX_STATES)).append(event)
+            elif isinstance(event, _PATCHES):
+                self._plain_events.pop(event, None)  # the last one counts
+                self._plain_events[event] = None
+                follows = ManagersChanged() if isinstance(event, ManagerConnection) else ConnectionChanged()
+                self._plain_events[follows] = None
             else:
                 self._plain_events[event] = None
             was_empty, self._is_empty = self._is_empty, False
@@ -222,4 +235,6 @@ def _joined(events: list[WorldChanged]) -> WorldChanged:
 
 def _rank(event: Event) -> int:
     order = (ConnectionChanged, ManagersChanged)
+    if isinstance(event, _PATCHES):
+        return -1
     return order.index(type(event)) if type(event) in order else len(order)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from skiros2_common.core.operations import SCENE
 from skiros2_common.core.wording import label_text
 from skiros2_common.core.world_element import Element
-from skiros2_gui.app.system import MASTER, WORLD_MODEL, System, part_of
+from skiros2_gui.app.system import System, part_of
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import MASTER, WORLD_MODEL
 from skiros2_world_model.core.queries import SceneReader
 
 #: The actions of the window: load a scene, add an element.
@@ -32,12 +34,12 @@ class NextStep:
     actions: tuple[str, ...] = ()
 
 
-def next_step(system: System) -> NextStep | None:
+def next_step(system: System, cell: CellDocument) -> NextStep | None:
     """Returns the next step; None if a skill manager runs."""
-    master = part_of(system, MASTER)
+    master = part_of(cell, MASTER)
     if master is not None and not master.is_up:
         return NextStep("Start a system. The demo, with a robot and its skills:", _DEMO)
-    world, scene = part_of(system, WORLD_MODEL), system.scene
+    world, scene = part_of(cell, WORLD_MODEL), system.scene
     if world is None or not world.is_up or scene is None:
         return NextStep("Start the world model and a robot:", _SYSTEM)
     if system.managers:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TasksChanged
 from skiros2_gui.app.skill_calls import SkillCalls
-from skiros2_gui.app.system import MANAGER
+from skiros2_gui.app.system import MANAGER, parts_of
 from skiros2_gui.app.window import Window
 
 #: The skill that clears a stop.
@@ -53,7 +53,7 @@ class Stops:
                 self._calls.failure(part.name, RECOVERY),
                 self._calls.obstacle(part.name, RECOVERY),
             )
-            for part in self._window.system.parts
+            for part in parts_of(self._window.tasks.cell)
             if part.kind == MANAGER and part.is_up and part.stop
         ]
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from skiros2_common.core.signals import SignalSource
-from skiros2_live.core.patch import SafetyChanged
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import MASTER, TASK_MANAGER, WORLD_MODEL, SafetyChanged
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why
 from skiros2_skill.core.breakpoint import Breakpoint
@@ -16,15 +17,15 @@ from skiros2_skill.core.start_preview import StartPreview
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelClient
 
-#: The kinds of parts.
-MASTER, WORLD_MODEL, MANAGER, TASK_MANAGER = "ROS master", "world model", "robot", "task manager"
+#: The kind of parts that are robots; others have the kinds of `skiros2_live.core.patch`.
+MANAGER = "robot"
 
 
 @dataclass(frozen=True)
 class Part:
     """A part of the system and its status.
 
-    :param kind: one of the constants above.
+    :param kind: `MANAGER`, `MASTER`, `WORLD_MODEL` or `TASK_MANAGER`.
     :param name: the node name, or the master's URI.
     :param since: when the status changed last (s since the epoch); 0.0 if the part has never been up.
     :param text: details for users.
@@ -126,11 +127,10 @@ class Simulator(Protocol):
 
 
 class System(Protocol):
-    """The running system. Members do not block. Parts that are not up are None or missing."""
+    """The running system. Members do not block. Parts that are not up are None or missing.
 
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The status of the master, the world model, the task manager and all managers seen so far."""
+    It puts patches of a `CellDocument` into the window's queue of events; see also `parts_of`.
+    """
 
     @property
     def world(self) -> WorldModelClient | None:
@@ -174,9 +174,20 @@ def stop_of(safety: SafetyChanged | None) -> tuple[str, str]:
     return f"Stopped since {clock(safety.since)}: {'; '.join(safety.stops)}.", safety.state.replace("_", " ")
 
 
-def part_of(system: System, kind: str, name: str = "") -> Part | None:
+def parts_of(cell: CellDocument) -> list[Part]:
+    """Returns the status of the master, the world model, all robots seen so far and the task manager."""
+    robots = [
+        Part(MANAGER, robot.name, robot.is_connected, robot.connection_since, *stop_of(robot.safety))
+        for _, robot in sorted(cell.robots.items())
+    ]
+    others = {c.name: Part(c.name, c.address, c.is_up, c.since, c.text) for c in cell.connections.values()}
+    first = [others[kind] for kind in (MASTER, WORLD_MODEL) if kind in others]
+    return [*first, *robots, *(part for kind, part in others.items() if kind == TASK_MANAGER)]
+
+
+def part_of(cell: CellDocument, kind: str, name: str = "") -> Part | None:
     """Returns the part of a kind (and name, if given); None if it has never been up."""
-    return next((p for p in system.parts if p.kind == kind and name in ("", p.name)), None)
+    return next((p for p in parts_of(cell) if p.kind == kind and name in ("", p.name)), None)
 
 
 def short(part: Part) -> str:

@@ -13,7 +13,6 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.forward_clock import now
 from skiros2_gui.app.context import WindowContext
 from skiros2_gui.app.events import (
-    ConnectionChanged,
     FailureExplained,
     ManagersChanged,
     RunRecorded,
@@ -23,7 +22,7 @@ from skiros2_gui.app.events import (
 )
 from skiros2_gui.app.names import Names
 from skiros2_live.core.cell import CellDocument, GoalChanged, RunsLost
-from skiros2_live.core.patch import GoalProgress, ManagerConnection, TaskProgress
+from skiros2_live.core.patch import Connection, GoalProgress, ManagerConnection, SafetyChanged, TaskProgress
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import RUNNING, TaskState
 from skiros2_runs.core.task_run import KEEP_ALIVE, Recorded, TaskRun
@@ -53,6 +52,7 @@ class TaskList:
     Publishes `TasksChanged`, `RunRecorded` and `FailureExplained`.
 
     :param clock: returns the time (s since the epoch).
+    :ivar cell: the running cell, as the system has reported it.
     :ivar why_of: the task that `why` (in lines) explains.
     """
 
@@ -60,31 +60,31 @@ class TaskList:
         self._window = window
         self._clock = clock
         self._published: weakref.WeakKeyDictionary[TaskRun, TaskState] = weakref.WeakKeyDictionary()
-        self._managers: set[str] = set()  # those that are up
         self._started: dict[str, int] = {}  # the task started last in this window, by manager
         self._names = Names(window.system)
-        self._cell = CellDocument(self._names.of, clock=clock)
-        self.runs = self._cell.runs
-        self._goals = self._cell.goal_runs
+        self.cell = CellDocument(self._names.of, clock=clock)
+        self.runs = self.cell.runs
+        self._goals = self.cell.goal_runs
         self.why_of: TaskRun | None = None
         self.why: tuple[str, ...] = ()
         self._whys: weakref.WeakKeyDictionary[TaskRun, Why] = weakref.WeakKeyDictionary()
-        self._cell.subscribe(Recorded, self._publish)
-        self._cell.subscribe(RunsLost, lambda _: window.publish(TasksChanged()))
-        self._cell.subscribe(GoalChanged, self._on_goal)
-        window.subscribe(TaskProgress, self._cell.apply)
+        self.cell.subscribe(Recorded, self._publish)
+        self.cell.subscribe(RunsLost, lambda _: window.publish(TasksChanged()))
+        self.cell.subscribe(GoalChanged, self._on_goal)
+        window.subscribe(Connection, self.cell.apply)
+        window.subscribe(ManagerConnection, self.cell.apply)
+        window.subscribe(SafetyChanged, self.cell.apply)
+        window.subscribe(TaskProgress, self.cell.apply)
         window.subscribe(GoalProgress, self._apply_goal)
-        window.subscribe(ManagersChanged, lambda _: self._update_managers())
-        window.subscribe(ConnectionChanged, lambda _: self._check_goals())
+        window.subscribe(ManagersChanged, lambda _: window.publish(TasksChanged()))
         window.subscribe(StopRequested, self._stop_all)
-        self._update_managers()
 
     # -- tasks -------------------------------------------------------------------------------------------------
 
     @property
     def shown(self) -> list[TaskRun]:
         """The tasks that lists show: goals instead of the tasks of their steps; oldest first."""
-        return self._cell.shown
+        return self.cell.shown
 
     @property
     def rows(self) -> list[TaskRun]:
@@ -109,7 +109,7 @@ class TaskList:
 
     def find(self, robot: str, task_id: int) -> TaskRun | None:
         """Returns the latest task with that id."""
-        return self._cell.find(robot, task_id)
+        return self.cell.find(robot, task_id)
 
     def newest(self) -> TaskRun | None:
         """Returns the newest running task, or else the newest task."""
@@ -250,18 +250,13 @@ class TaskList:
 
     def _apply_goal(self, event: GoalProgress) -> None:
         try:
-            self._cell.apply(event)
+            self.cell.apply(event)
         except WrongValue as error:
             self._window.problems.report("following a goal", str(error))
 
     def _on_goal(self, change: GoalChanged) -> None:
         if change.new_steps:
             self._window.publish(TasksChanged())
-
-    def _check_goals(self) -> None:
-        """Marks the goals as lost when the task manager has disappeared; it reports those that it continues."""
-        if self._window.system.planner is None:
-            self._cell.mark_lost(GOALS)
 
     def _publish(self, recorded: Recorded) -> None:
         run = recorded.run
@@ -273,7 +268,7 @@ class TaskList:
 
     def _record_all(self, robot: str, tasks: Sequence[Sequence[Any]], stamp: float) -> None:
         for nodes in tasks:
-            self._cell.apply(TaskProgress(robot, nodes, stamp))
+            self.cell.apply(TaskProgress(robot, nodes, stamp))
 
     def _mark_missing(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
         alive = {nodes[0].id for nodes in tasks if nodes}
@@ -284,14 +279,6 @@ class TaskList:
             if not run.is_finished:
                 run.is_lost = True
                 self._window.publish(TasksChanged())
-
-    def _update_managers(self) -> None:
-        """Marks the tasks of managers that have disconnected as lost."""
-        managers = set(self._window.system.managers)
-        for name in self._managers ^ managers:
-            self._cell.apply(ManagerConnection(name, name in managers))
-        self._managers = managers
-        self._window.publish(TasksChanged())
 
 
 def in_order(runs: Iterable[TaskRun]) -> list[TaskRun]:

@@ -147,7 +147,7 @@ class TeachPresenter:
             return "" if self.chosen is not None else "Choose a taught pose or path"
         if self.arm is None:
             return "The scene has no arm that is a part of a robot"
-        part = part_of(self._window.system, MANAGER, self.arm.manager)
+        part = part_of(self._window.tasks.cell, MANAGER, self.arm.manager)
         if part is not None and part.stop:
             return f"{self.arm.manager} is stopped: {part.stop}"
         return self._obstacle_of_state(action) or self._obstacle_of_name(action) or self._obstacle_of_skill(action)

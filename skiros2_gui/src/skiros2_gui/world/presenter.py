@@ -12,12 +12,13 @@ from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.operations import RESET, Change, Operation, Outcome
 from skiros2_common.core.world_element import Element
 from skiros2_gui.app.events import ConnectionChanged, ElementSelected, WorldChanged
-from skiros2_gui.app.system import WORLD_MODEL, part_of
+from skiros2_gui.app.system import part_of
 from skiros2_gui.app.window import Window
 from skiros2_gui.world.details import Details, details_of
 from skiros2_gui.world.editor import SceneEditor
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, SceneHierarchy
+from skiros2_live.core.patch import WORLD_MODEL
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.world_model_client import WorldModelClient
@@ -126,7 +127,7 @@ class WorldPresenter:
 
     def _read_if_missing(self) -> None:
         """Reads the scene when the world model is back, if reading it failed."""
-        part = part_of(self.window.system, WORLD_MODEL)
+        part = part_of(self.window.tasks.cell, WORLD_MODEL)
         if self._is_missing and self._waiting is None and part is not None and part.is_up:
             self.read()
 

@@ -1,4 +1,5 @@
-"""The running cell, or a recorded one, as a document: robots, runs of trees, goals, elements, frames, bodies, signals.
+"""The running cell, or a recorded one, as a document: connections, robots, runs of trees, goals, elements, frames,
+bodies, signals.
 
 Adapters over ROS and bags report patches (`skiros2_live.core.patch`); views (the window, the page, interfaces) read
 the document and subscribe to what has changed.
@@ -17,6 +18,8 @@ from skiros2_common.core.forward_clock import now
 from skiros2_common.core.names import local_name
 from skiros2_common.core.wording import label_text
 from skiros2_live.core.patch import (
+    TASK_MANAGER,
+    Connection,
     EntriesChanged,
     GoalProgress,
     ManagerConnection,
@@ -27,7 +30,7 @@ from skiros2_live.core.patch import (
 )
 from skiros2_live.core.robots import Robot
 from skiros2_runs.core.goal_progress import goal_after, new_goal
-from skiros2_runs.core.goal_runs import GoalRuns
+from skiros2_runs.core.goal_runs import GOALS, GoalRuns
 from skiros2_runs.core.progress import has_ended
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.task_run import Recorded, TaskRun
@@ -62,7 +65,7 @@ class RobotChanged:
 
 
 #: What subscribers receive.
-CellChange = Recorded | RunsLost | GoalChanged | RobotChanged | EntriesChanged
+CellChange = Connection | Recorded | RunsLost | GoalChanged | RobotChanged | EntriesChanged
 
 C = TypeVar("C", bound=CellChange)
 
@@ -74,6 +77,7 @@ class CellDocument:
     :param runs: gets the tasks; by default of limited size.
     :ivar clock: returns the time (s since the epoch), which must not go back.
     :param max_goals: the most goals kept.
+    :ivar connections: the last one of each part, by its name.
     :ivar robots: by the node names of their managers. A robot whose manager has ended stays, disconnected.
     :ivar runs: the tasks of all managers; goals are tasks of `GOALS`.
     :ivar goals: by id, the newest last: as of `skiros2_runs.core.goal_progress`, with a `title` for people.
@@ -94,6 +98,7 @@ class CellDocument:
         self._max_goals = max_goals
         self._handlers: defaultdict[type, list[Callable[[Any], None]]] = defaultdict(list)
         self._steps: weakref.WeakSet[TaskRun] = weakref.WeakSet()  # the known tasks of goals' steps
+        self.connections: dict[str, Connection] = {}
         self.robots: dict[str, Robot] = {}
         self.runs = Runs() if runs is None else runs
         self.goal_runs = GoalRuns(self.runs)
@@ -110,6 +115,11 @@ class CellDocument:
         :raises WrongValue: a message of the task manager cannot be read; the document is unchanged.
         """
         match patch:
+            case Connection():
+                self.connections[patch.name] = patch
+                if patch.name == TASK_MANAGER and not patch.is_up:
+                    self.mark_lost(GOALS)
+                self._publish(patch)
             case TaskProgress():
                 self._record(patch)
             case GoalProgress():

@@ -2,12 +2,37 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 #: The tables of a document with plain (JSON) data.
 Table = Literal["elements", "frames", "bodies", "signals"]
+
+#: The parts of a system beside its robots.
+MASTER, WORLD_MODEL, TASK_MANAGER = "ROS master", "world model", "task manager"
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A part of the system beside its robots has connected or disconnected, or the details have changed.
+
+    :param name: one of the constants above.
+    :param address: its node name; of the master: the URI.
+    :param since: when it connected or disconnected (s since the epoch); 0.0: it has never been up.
+    :param text: details for people.
+    """
+
+    name: str
+    address: str
+    is_up: bool
+    since: float
+    text: str = ""
+
+    def updated(self, is_up: bool, text: str = "") -> Connection:
+        """Returns the connection with a status found now."""
+        return replace(self, is_up=is_up, since=self.since if is_up == self.is_up else time.time(), text=text)
 
 
 @dataclass(frozen=True)
@@ -82,4 +107,4 @@ class EntriesChanged:
     is_whole: bool = False
 
 
-Patch = ManagerConnection | SafetyChanged | TaskProgress | GoalProgress | EntriesChanged
+Patch = Connection | ManagerConnection | SafetyChanged | TaskProgress | GoalProgress | EntriesChanged

@@ -33,6 +33,7 @@ class Robot:
     """A robot.
 
     :param name: the node name of its skill manager.
+    :param connection_since: when its manager connected or disconnected (s since the epoch).
     :param safety: the last one reported; None: none, or it is not connected.
     :param tasks: those that have not ended.
     :param times: how long it has been in each state, up to `since` (s).
@@ -41,6 +42,7 @@ class Robot:
     name: str
     clock: Callable[[], float] = time.time
     is_connected: bool = True
+    connection_since: float = 0.0
     safety: SafetyChanged | None = None
     tasks: dict[int, RobotTask] = field(default_factory=dict)
     succeeded: int = 0
@@ -50,7 +52,7 @@ class Robot:
     state: str = IDLE
 
     def __post_init__(self) -> None:
-        self.since = self.clock()
+        self.since = self.connection_since = self.clock()
 
     @property
     def stop(self) -> str:
@@ -64,7 +66,8 @@ class Robot:
 
     def connect(self, is_connected: bool) -> None:
         """Notes that its manager has connected or disconnected; the known tasks are lost."""
-        self.is_connected = is_connected
+        if is_connected != self.is_connected:
+            self.is_connected, self.connection_since = is_connected, self.clock()
         self.safety = None
         self.failed += len(self.tasks)
         self.tasks.clear()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -31,7 +30,7 @@ ManagerPatch = ManagerConnection | SafetyChanged | TaskProgress
 
 
 class ManagerConnections(DiscoveryInterface):
-    """Discovers managers and subscribes to their progress. A manager that has disconnected stays in `states`.
+    """Discovers managers and subscribes to their progress.
 
     :param author: named in the managers' logs.
     :param report: called with each patch, in threads of ROS; must not block.
@@ -41,10 +40,8 @@ class ManagerConnections(DiscoveryInterface):
         self._author = author
         self._report = report
         self._up: dict[str, ManagerClient] = {}
-        self._since: dict[str, float] = {}
         self._subscribers: dict[str, Any] = {}
         self._safety_subscribers: dict[str, Any] = {}
-        self._safety: dict[str, SafetyChanged] = {}  # the last one of each connected manager
         self._connected: set[str] = set()  # managers whose publisher has connected
         self.init_discovery(NAMESPACE, self._on_up, self._on_down)
 
@@ -53,15 +50,6 @@ class ManagerConnections(DiscoveryInterface):
         """The connected managers, by node name."""
         # Without the lock of discovery: callers may hold locks that its callbacks, which are called under it, need.
         return dict(sorted(self._up.copy().items()))
-
-    def states(self) -> list[tuple[str, bool, float]]:
-        """Returns name, whether it is up, and since when (s since the epoch) for each manager seen so far."""
-        with self._discovery_lock:
-            return [(name, name in self._up, since) for name, since in sorted(self._since.items())]
-
-    def safety(self, name: str) -> SafetyChanged | None:
-        """Returns the safety state of a manager's robot; None if it is not known."""
-        return self._safety.get(name)
 
     def check(self) -> None:
         """Detects closed connections before the discovery times out. To be called periodically."""
@@ -84,7 +72,6 @@ class ManagerConnections(DiscoveryInterface):
 
     def _on_up(self, name: str) -> None:
         self._up[name] = manager = ManagerClient(name, self._author)
-        self._since[name] = time.time()
         self._report(ManagerConnection(name, True))
         self._subscribers[name] = rospy.Subscriber(
             f"{name}/monitor", QuickTreeProgress, self._on_progress, name, queue_size=_QUEUE
@@ -94,11 +81,9 @@ class ManagerConnections(DiscoveryInterface):
 
     def _on_down(self, name: str) -> None:
         self._up.pop(name).close()
-        self._since[name] = time.time()
         self._connected.discard(name)
         self._subscribers.pop(name).unregister()
         self._safety_subscribers.pop(name).unregister()
-        self._safety.pop(name, None)
         self._report(ManagerConnection(name, False))
 
     def _on_progress(self, message: Any, name: str) -> None:
@@ -106,9 +91,7 @@ class ManagerConnections(DiscoveryInterface):
             self._report(TaskProgress(name, message.progress, now()))
 
     def _on_safety(self, status: Any, name: str) -> None:
-        patch = SafetyChanged(name, status.state, status.reason, tuple(status.stops), status.since.to_sec())
-        self._safety[name] = patch
-        self._report(patch)
+        self._report(SafetyChanged(name, status.state, status.reason, tuple(status.stops), status.since.to_sec()))
 
     def _catch_up(self, manager: ManagerClient) -> None:
         """Reports the tasks that exist already, as soon as the manager answers: a paused task publishes nothing."""

@@ -15,7 +15,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus
 
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.errors import Refused, TimedOut
-from skiros2_live.core.patch import GoalProgress
+from skiros2_live.core.patch import TASK_MANAGER, Connection, GoalProgress
 from skiros2_live.ros.goals import GoalTopics
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION, TaskManagerInterface
 from skiros2_world_model.ros.service_pool import ServicePool
@@ -32,14 +32,15 @@ class TaskManagerConnection:
     """Watches the task manager `tm` in this node's namespace and sends it goals.
 
     :param on_progress: called with each message of a goal, in ROS threads.
-    :param on_change: called, in any thread, when it has connected or disconnected.
+    :param report: called with each new status of the connection, in any thread; must not block.
     """
 
-    def __init__(self, on_progress: Callable[[GoalProgress], None], on_change: Callable[[], None]) -> None:
-        self.name = rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0]
-        self.is_up = False
-        self.since = 0.0
-        self._on_change = on_change
+    def __init__(self, on_progress: Callable[[GoalProgress], None], report: Callable[[Connection], None]) -> None:
+        name = rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0]
+        self.connection = Connection(TASK_MANAGER, name, False, 0.0)
+        self._connection_lock = threading.Lock()
+        self._report = report
+        report(self.connection)
         self._last_status = -STATUS_TIMEOUT
         self.active_goals: frozenset[str] = frozenset()
         self._client: TaskManagerInterface | None = None
@@ -95,13 +96,13 @@ class TaskManagerConnection:
         deadline = time.monotonic() + STATUS_TIMEOUT
         while not publisher.get_num_connections():
             if time.monotonic() > deadline:
-                raise TimedOut(f"the task manager {self.name} does not answer")
+                raise TimedOut(f"the task manager {self.connection.address} does not answer")
             time.sleep(0.01)
 
     def check(self) -> None:
         """Detects that it is down. To be called periodically."""
         is_silent = time.monotonic() - self._last_status > STATUS_TIMEOUT
-        if self.is_up and (is_silent or not self._topics.is_connected):
+        if self.connection.is_up and (is_silent or not self._topics.is_connected):
             self._set(False)
 
     def close(self) -> None:
@@ -114,9 +115,10 @@ class TaskManagerConnection:
         self._set(True)
 
     def _set(self, is_up: bool) -> None:
-        if is_up != self.is_up:
-            self.is_up, self.since = is_up, time.time()
-            self._on_change()
+        with self._connection_lock:
+            if is_up != self.connection.is_up:
+                self.connection = self.connection.updated(is_up)
+                self._report(self.connection)  # under the lock: in order
 
 
 #: The service of the simulator that applies forces, and its type; the package need not be installed with the window.

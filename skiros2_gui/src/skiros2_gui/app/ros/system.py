@@ -14,19 +14,9 @@ import rosgraph
 
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 from skiros2_common.core.signals import SignalSource
-from skiros2_gui.app.events import ConnectionChanged, EventQueue, ManagersChanged, NodeShutdown
-from skiros2_gui.app.system import (
-    MANAGER,
-    MASTER,
-    TASK_MANAGER,
-    WORLD_MODEL,
-    Manager,
-    Part,
-    Planner,
-    Simulator,
-    stop_of,
-)
-from skiros2_live.core.patch import ManagerConnection, SafetyChanged, TaskProgress
+from skiros2_gui.app.events import EventQueue, NodeShutdown
+from skiros2_gui.app.system import Manager, Planner, Simulator
+from skiros2_live.core.patch import MASTER, Connection
 from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelClient
 
@@ -70,20 +60,13 @@ class RosSystem:
         self._event_queue = event_queue
         self._node_name = node_name
         self._author = author
-        self._uri = rosgraph.get_master_uri()
-        self._master = Part(MASTER, self._uri, False, time.time(), "Connecting.")
+        self._master = Connection(MASTER, rosgraph.get_master_uri(), False, time.time(), "Connecting.")
+        event_queue.put(self._master)
         self._connections: _Connections | None = None
         self._movable = ""
         self._ended = threading.Event()
         self._watch = threading.Thread(target=self._run, name="window connections", daemon=True)
         self._watch.start()
-
-    @property
-    def parts(self) -> list[Part]:
-        connections = self._connections
-        if connections is None:
-            return [self._master]
-        return [self._master, *connections.parts()]
 
     @property
     def world(self) -> WorldModelClient | None:
@@ -100,8 +83,8 @@ class RosSystem:
 
     @property
     def planner(self) -> Planner | None:
-        connections = self._connections
-        return connections.task_manager if connections is not None and connections.task_manager.is_up else None
+        manager = self._connections.task_manager if self._connections is not None else None
+        return manager if manager is not None and manager.connection.is_up else None
 
     @property
     def signals(self) -> SignalSource | None:
@@ -139,7 +122,7 @@ class RosSystem:
             name = become_node(self._node_name)
             connections = _Connections(self._author or name, self._event_queue)
         except Exception as error:  # rospy raises many types when the master dies meanwhile
-            log.exception("connecting to the master %s failed", self._uri)
+            log.exception("connecting to the master %s failed", self._master.address)
             self._set_master(True, f"This window could not register with it: {error}")
             return
         self._connections = connections
@@ -164,9 +147,8 @@ class RosSystem:
             self._event_queue.put(NodeShutdown(reason))
 
     def _set_master(self, is_up: bool, text: str) -> None:
-        since = self._master.since if is_up == self._master.is_up else time.time()
-        self._master = Part(MASTER, self._uri, is_up, since, text)
-        self._event_queue.put(ConnectionChanged())
+        self._master = self._master.updated(is_up, text)
+        self._event_queue.put(self._master)
 
 
 class _Connections:
@@ -178,37 +160,14 @@ class _Connections:
         from skiros2_gui.app.ros.connections import SimulatorConnection, TaskManagerConnection
         from skiros2_gui.app.ros.world import WorldModelConnection
         from skiros2_gui.view3d.ros.markers import MarkerConnection
-        from skiros2_live.ros.managers import ManagerConnections, ManagerPatch
+        from skiros2_live.ros.managers import ManagerConnections
 
-        def on_change() -> None:
-            event_queue.put(ConnectionChanged())
-
-        def on_manager(patch: ManagerPatch) -> None:
-            match patch:
-                case TaskProgress():
-                    event_queue.put(patch)
-                case ManagerConnection():
-                    event_queue.put(ManagersChanged())
-                case SafetyChanged():
-                    on_change()
-
-        self.world = WorldModelConnection(author, event_queue.put, on_change)
-        self.managers = ManagerConnections(author, on_manager)
-        self.task_manager = TaskManagerConnection(event_queue.put, on_change)
+        self.world = WorldModelConnection(author, event_queue.put, event_queue.put)
+        self.managers = ManagerConnections(author, event_queue.put)
+        self.task_manager = TaskManagerConnection(event_queue.put, event_queue.put)
         self.markers = MarkerConnection(event_queue.put)
         self.signals = RosSignals()
         self.simulator = SimulatorConnection()
-
-    def parts(self) -> list[Part]:
-        world, tasks = self.world, self.task_manager
-        return [
-            Part(WORLD_MODEL, world.name, world.is_up, world.since, world.problem),
-            *(
-                Part(MANAGER, name, is_up, since, *stop_of(self.managers.safety(name)))
-                for name, is_up, since in self.managers.states()
-            ),
-            Part(TASK_MANAGER, tasks.name, tasks.is_up, tasks.since),
-        ]
 
     def check(self) -> None:
         self.world.check()

@@ -12,6 +12,7 @@ import rospy
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.operations import RESET, SCENE, Change
 from skiros2_gui.app.events import WorldChanged
+from skiros2_live.core.patch import WORLD_MODEL, Connection
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.ontology import Ontology
@@ -83,18 +84,18 @@ class WorldModelConnection:
     """Follows the world model node `wm` in this node's namespace.
 
     :param on_event: called with changes, in any thread.
-    :param on_change: called, in any thread, when the world model has connected or disconnected.
+    :param report: called with each new status of the connection, in any thread; must not block.
     """
 
-    def __init__(self, author: str, on_event: Callable[[WorldChanged], None], on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, author: str, on_event: Callable[[WorldChanged], None], report: Callable[[Connection], None]
+    ) -> None:
         self.world: CachedWorldModel | None = None
-        self.is_up = False
-        self.since = 0.0
-        self.problem = ""
-        self.name = rospy.resolve_name(SERVER)
+        self._connection = Connection(WORLD_MODEL, rospy.resolve_name(SERVER), False, 0.0)
         self._author = author
         self._on_event = on_event
-        self._notify = on_change
+        self._report = report
+        report(self._connection)
         self._server = ""  # the address of the server
         self._asked_at = 0.0  # when the pending call was made (monotonic); 0.0 without one
         self._lock = threading.Lock()
@@ -170,9 +171,6 @@ class WorldModelConnection:
 
     def _set(self, is_up: bool, problem: str) -> None:
         with self._lock:
-            if (is_up, problem) == (self.is_up, self.problem):
-                return
-            if is_up != self.is_up:
-                self.since = time.time()
-            self.is_up, self.problem = is_up, problem
-        self._notify()
+            if (is_up, problem) != (self._connection.is_up, self._connection.text):
+                self._connection = self._connection.updated(is_up, problem)
+                self._report(self._connection)  # under the lock: in order

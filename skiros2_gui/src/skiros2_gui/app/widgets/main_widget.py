@@ -40,7 +40,7 @@ from skiros2_gui.app.events import (
 from skiros2_gui.app.jobs import Jobs
 from skiros2_gui.app.next_step import ADD, LOAD
 from skiros2_gui.app.problems import ExceptHook, Problems
-from skiros2_gui.app.system import System, missing
+from skiros2_gui.app.system import System, missing, parts_of
 from skiros2_gui.app.widgets.collector import Collector
 from skiros2_gui.app.widgets.controls import SPACE_TOGGLES, text_label
 from skiros2_gui.app.widgets.next_step_bar import NextStepBar
@@ -353,7 +353,7 @@ class _Page(QWidget):
         self._show()
 
     def _show(self) -> None:
-        text = missing(self._window.system.parts, self.tab.needs)
+        text = missing(parts_of(self._window.tasks.cell), self.tab.needs)
         self.banner.setText(text)
         self.banner.setVisible(bool(text))
         self.tab.setEnabled(not text or not self.tab.needs)

@@ -71,7 +71,7 @@ class NextStepBar(QFrame):
             self._timer.start()
 
     def _show(self) -> None:
-        step = next_step(self._window.system)
+        step = next_step(self._window.system, self._window.tasks.cell)
         if step == self._step:
             return
         self._step = step

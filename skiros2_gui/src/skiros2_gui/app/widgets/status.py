@@ -16,7 +16,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.app.events import ConnectionChanged, ManagersChanged
 from skiros2_gui.app.problems import Problems
-from skiros2_gui.app.system import clock, sentence, short, sign
+from skiros2_gui.app.system import clock, parts_of, sentence, short, sign
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button, text_label, timer, tool_button
 from skiros2_gui.app.widgets.theme import tint
 from skiros2_gui.app.window import Window
@@ -65,7 +65,7 @@ class StatusLine(QWidget):
 
     def show_parts(self) -> None:
         """Updates the labels of the parts."""
-        parts = self._window.system.parts
+        parts = parts_of(self._window.tasks.cell)
         while len(self.parts) > len(parts):
             self.parts.pop().deleteLater()
         while len(self.parts) < len(parts):

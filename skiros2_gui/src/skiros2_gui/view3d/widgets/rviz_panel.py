@@ -14,9 +14,10 @@ from python_qt_binding.QtGui import QGuiApplication, QHideEvent, QShowEvent
 from python_qt_binding.QtWidgets import QDockWidget, QVBoxLayout, QWidget
 
 from skiros2_gui.app.events import ConnectionChanged
-from skiros2_gui.app.system import MASTER, part_of
+from skiros2_gui.app.system import part_of
 from skiros2_gui.app.widgets.controls import PlainLabel, plain_tip, push_button
 from skiros2_gui.app.window import Window
+from skiros2_live.core.patch import MASTER
 
 log = logging.getLogger(__name__)
 
@@ -116,7 +117,7 @@ class RvizPanel(QWidget):
             self._frame.getManager().stopUpdate()
 
     def _problem(self) -> str:
-        master = part_of(self._window.system, MASTER)
+        master = part_of(self._window.tasks.cell, MASTER)
         if master is not None and not master.is_up:
             return "rviz needs the ROS master"
         return rviz_problem()

@@ -19,7 +19,6 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.app.system import WORLD_MODEL
 from skiros2_gui.app.widgets.controls import plain_tip, timer, tool_button
 from skiros2_gui.app.window import Window
 from skiros2_gui.teach.widgets.panel import TeachPanel
@@ -30,6 +29,7 @@ from skiros2_gui.world.widgets.dialogs import AddDialog, ClassDialog, RemoveDial
 from skiros2_gui.world.widgets.element import ElementPanel
 from skiros2_gui.world.widgets.reports import HistoryPanel, QueryPanel, ReportPanel
 from skiros2_gui.world.widgets.scene_tree import ElementFinder, SceneModel, SceneTree
+from skiros2_live.core.patch import WORLD_MODEL
 from skiros2_world_model.core.scene import ROOT
 
 #: The period of checks for old highlights (ms).

@@ -7,6 +7,7 @@ Its members are tables, objects by key; see also `skiros2_live.core.cell.CellDoc
   too, of the robot `goals`; `goal` of a step's run is its key, and `trees` has the goal's.
 - `jobs` as in the event `job`, without plan, steps and changes.
 - `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
+- `connections`: {name, address, is_up, since, text} of the parts beside the robots, as far as they are known.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_live.core.scene_view`.
 - `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
@@ -19,6 +20,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -30,7 +32,7 @@ from skiros2_gateway.core.run_view import summary_data, tree_patch
 from skiros2_gateway.core.scene_history import TABLES, SceneHistory
 from skiros2_gateway.core.service import Service
 from skiros2_live.core.cell import CellDocument, GoalChanged, RunsLost
-from skiros2_live.core.patch import EntriesChanged
+from skiros2_live.core.patch import Connection, EntriesChanged
 from skiros2_live.core.scene_view import SceneView
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.task_run import Recorded, TaskRun
@@ -50,7 +52,10 @@ _MAX_TREES, _MAX_JOBS = 6, 50
 #: The parts of a job's response in the document; `goals` has its plan and steps.
 _RESPONSE = ("started", "ended", "outcome", "message", "robots", "quality")
 
-_TABLES = ("runs", "trees", "goals", "jobs", "approvals", "cell", "elements", "frames", "bodies", "signals")
+_TABLES = (
+    *("runs", "trees", "goals", "jobs", "approvals", "connections", "cell"),
+    *("elements", "frames", "bodies", "signals"),
+)
 
 
 class LiveCell(Protocol):
@@ -101,7 +106,10 @@ class LiveView:
         cell.subscribe(RunsLost, lambda lost: self._show_runs(lost.runs))
         cell.subscribe(GoalChanged, lambda goal: self._show_goal(goal.goal_id, goal.data, goal.new_steps))
         cell.subscribe(EntriesChanged, lambda patch: self._show_entries(patch.table, patch.entries, patch.is_whole))
+        cell.subscribe(Connection, lambda patch: self.put("connections", patch.name, asdict(patch)))
         self._show_runs(cell.runs)
+        for connection in cell.connections.values():
+            self.put("connections", connection.name, asdict(connection))
         for goal_id, data in cell.goals.items():
             self._show_goal(goal_id, data)
         for table, entries in cell.tables.items():

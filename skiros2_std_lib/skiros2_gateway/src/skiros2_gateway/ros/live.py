@@ -15,11 +15,12 @@ from skiros2_common.core.manager_names import matching_name
 from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.ros.goals import SILENCE
 from skiros2_gateway.ros.ros_cell import RosCell
+from skiros2_live.core.patch import TASK_MANAGER, Connection
 from skiros2_live.core.scene_view import SceneView
 from skiros2_live.ros.parameters import mesh_folders
-from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.manager import ManagerClient
+from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
 
 log = logging.getLogger(__name__)
 
@@ -99,9 +100,15 @@ class LiveRos:
     # -- periodically ------------------------------------------------------------------------------------------
 
     async def _check(self) -> None:
+        """Reports the task manager: it is lost after `SILENCE`, as its goals are."""
+        connection = Connection(TASK_MANAGER, rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0], False, 0.0)
         missing = 0
         while True:
             missing = 0 if self._cell.is_ready else missing + 1
-            if missing == SILENCE // _CHECK_PERIOD:
-                self._cell.document.mark_lost(GOALS)
+            if missing == 0 and not connection.is_up:
+                connection = connection.updated(True)
+                self._cell.document.apply(connection)
+            elif missing == SILENCE // _CHECK_PERIOD:
+                connection = connection.updated(False, f"It has sent no status for {SILENCE:g} s.")
+                self._cell.document.apply(connection)
             await asyncio.sleep(_CHECK_PERIOD)

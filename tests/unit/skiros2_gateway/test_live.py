@@ -59,6 +59,7 @@ def test_clock_that_is_set_by_a_day_loses_no_history(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(now, "_wall", lambda: wall + elapsed)
     monkeypatch.setattr(now, "_monotonic", lambda: elapsed)
     monkeypatch.setattr(now, "_last", 0.0)
+    monkeypatch.setattr(now, "_at", 0.0)
 
     async def test() -> None:
         nonlocal wall, elapsed

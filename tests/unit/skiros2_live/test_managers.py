@@ -99,6 +99,7 @@ def test_ticks_stay_in_order_when_the_clock_is_set_by_a_day(
     monkeypatch.setattr(now, "_wall", lambda: wall + elapsed)
     monkeypatch.setattr(now, "_monotonic", lambda: elapsed)
     monkeypatch.setattr(now, "_last", 0.0)
+    monkeypatch.setattr(now, "_at", 0.0)
     monkeypatch.setattr(Manager, "read_tasks", lambda _: [])
     connections = ManagerConnections("tests", patches.append)
     topics.manager_appears()

@@ -144,11 +144,13 @@ class AchieveGoals:
     # -- in the thread of the loop -----------------------------------------------------------------------------
 
     def _on_message(self, patch: GoalProgress) -> None:
-        self._report(patch)
-        if hasattr(patch.message, "feedback"):
-            self._on_feedback(patch.goal_id, patch.message.feedback)
-        elif hasattr(patch.message, "result"):
-            self._on_result(patch.goal_id, patch.message)
+        try:
+            if hasattr(patch.message, "feedback"):
+                self._on_feedback(patch.goal_id, patch.message.feedback)
+            elif hasattr(patch.message, "result"):
+                self._on_result(patch.goal_id, patch.message)
+        finally:
+            self._report(patch)
 
     def _on_feedback(self, goal_id: str, feedback: Any) -> None:
         if goal_id in self._goals:

@@ -85,7 +85,7 @@ class SceneModel:
             if "Inspector" in thing.reasoners:
                 thing.values["lab:open"] = [True]
                 if thing.label == "rejected":
-                    raise Refusal("Inspector rejects")
+                    raise Refusal("Inspector refuses")
         return copy
 
     # -- questions ---------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 
 #: Messages queued for each manager; older ones are dropped.
 _QUEUE = 1000
-#: The time after which a manager that has not told its tasks is asked again (s).
+#: The time after which a manager that has not answered is asked for its tasks again (s).
 _RETRY_DELAY = 1.0
 
 #: What a manager reports.

@@ -34,7 +34,7 @@ from skiros2_perception.core.transforms import difference
 from skiros2_perception.core.view import View
 from skiros2_perception.locating import estimate_pose
 from skiros2_perception.ros.messages import depth_of, lens_of
-from skiros2_runs.core.history import SkillRun
+from skiros2_runs.core.history import SkillRecord
 from skiros2_runs.core.states import FAILURE, SUCCESS
 from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.testing import SkillBench
@@ -61,7 +61,7 @@ def run() -> Run:
     return Run.open(BAG)
 
 
-def skill_runs(run: Run, label: str) -> list[SkillRun]:
+def skill_runs(run: Run, label: str) -> list[SkillRecord]:
     return [skill for skill in run.skills() if skill.label == label]
 
 

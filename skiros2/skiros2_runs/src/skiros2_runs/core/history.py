@@ -102,7 +102,7 @@ def _describe(nodes: dict[int, NodeHistory], frame: Frame, index: int) -> None:
 
 
 @dataclass(frozen=True)
-class SkillRun:
+class SkillRecord:
     """One run of a skill within a task.
 
     :param start: first time with state `RUNNING` (s since the epoch); the end, if it ended in its first tick.
@@ -138,13 +138,13 @@ class SkillRun:
         return self.end - self.start
 
 
-def skill_runs(tasks: Iterable[TaskRun]) -> list[SkillRun]:
+def skill_runs(tasks: Iterable[TaskRun]) -> list[SkillRecord]:
     """Returns the runs of all skills and groups, ordered by start; each after the run of its parent."""
     runs = [run for task in tasks for node in node_histories(task).values() if node.path for run in _runs(task, node)]
     return sorted(runs, key=lambda run: (run.start, run.robot, run.task_id, run.depth, run.node_id))
 
 
-def _runs(task: TaskRun, node: NodeHistory) -> Iterator[SkillRun]:
+def _runs(task: TaskRun, node: NodeHistory) -> Iterator[SkillRecord]:
     start: float | None = None
     before: int | None = None
     for report in node.reports:
@@ -159,8 +159,8 @@ def _runs(task: TaskRun, node: NodeHistory) -> Iterator[SkillRun]:
         yield _run(task, node, start, node.reports[-1], task.latest.time)
 
 
-def _run(task: TaskRun, node: NodeHistory, start: float | None, last: NodeReport, end: float) -> SkillRun:
+def _run(task: TaskRun, node: NodeHistory, start: float | None, last: NodeReport, end: float) -> SkillRecord:
     begun = end if start is None else start
-    return SkillRun(
+    return SkillRecord(
         task.robot, task.task_id, node.id, node.path, node.type, begun, end, last.state, last.code, last.message
     )

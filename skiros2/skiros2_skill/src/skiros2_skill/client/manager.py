@@ -17,7 +17,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
 from skiros2_skill.client.port import ALL, NEW
-from skiros2_skill.client.skill_run import SkillRun, SkillRunner
+from skiros2_skill.client.skill_goal import SkillGoal, SkillRunner
 from skiros2_skill.client.stop_line import NoStopService, StopLine
 from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_skill.core.start_preview import StartPreview
@@ -137,7 +137,7 @@ class ManagerClient:
         skills: Sequence[Step | SkillHolder],
         monitor_cb: Callable[[Any], None] | None = None,
         goal_id: str = "",
-    ) -> SkillRun:
+    ) -> SkillGoal:
         """Runs skills in sequence as a new task. Returns a handle to wait for or cancel it.
 
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
@@ -146,8 +146,8 @@ class ManagerClient:
         """
         return self._action.run(self.author, [_message(skill) for skill in skills], monitor_cb, goal_id=goal_id)
 
-    def attach(self, goal_id: str) -> SkillRun:
-        """Follows a task that another process has started; see `SkillRun.wait_until_known`.
+    def attach(self, goal_id: str) -> SkillGoal:
+        """Follows a task that another process has started; see `SkillGoal.wait_until_known`.
 
         :raises TimedOut: the manager does not answer within 5 s.
         """

@@ -15,7 +15,7 @@ from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
 from skiros2_skill.client.port import explain
-from skiros2_skill.client.skill_run import SkillRun
+from skiros2_skill.client.skill_goal import SkillGoal
 from skiros2_skill.ros.registration import ROBOT_PARAMETER
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
@@ -170,7 +170,7 @@ class _StepRun:
         self._began = began
         self._goal_id = goal_id
         self._lock = threading.Lock()
-        self._run: SkillRun | None = None
+        self._run: SkillGoal | None = None
         self._stopped = False
 
     def stop(self) -> None:
@@ -211,7 +211,7 @@ class _StepRun:
         if began is not None:
             began(task)
 
-    def _set(self, run: SkillRun) -> None:
+    def _set(self, run: SkillGoal) -> None:
         with self._lock:
             self._run = run
             if self._stopped:
@@ -239,7 +239,7 @@ class _StepRun:
         return succeeded
 
 
-def _explanations(manager: SkillManagerInterface, run: SkillRun) -> list[Explanation]:
+def _explanations(manager: SkillManagerInterface, run: SkillGoal) -> list[Explanation]:
     try:
         return explain(manager, run)
     except SkirosError as error:

@@ -23,7 +23,7 @@ from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.core.names import local_name
 from skiros2_common.core.operations import RESET, Change
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_runs.core.history import NodeHistory, SkillRun, node_histories
+from skiros2_runs.core.history import NodeHistory, SkillRecord, node_histories
 from skiros2_runs.core.states import ENDS, FAILURE, IDLE, state_name, style_of
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_runs.core.tolerance import Tolerance
@@ -201,14 +201,14 @@ def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandRe
     return CommandResult(lines if selected else ["no skills"], lambda: [_skill_json(s) for s in selected])
 
 
-def _skill_row(skill: SkillRun, run: Run) -> tuple[str, ...]:
+def _skill_row(skill: SkillRecord, run: Run) -> tuple[str, ...]:
     name = "  " * (skill.depth - 1) + skill.label
     times = relative_time(skill.start, run), f"{skill.duration:.2f}"
     return name, skill.robot, str(skill.task_id), *times, style_of(skill.state).word, skill.message
 
 
-def _total_rows(selected: Iterable[SkillRun]) -> Iterable[tuple[str, ...]]:
-    runs: dict[str, list[SkillRun]] = defaultdict(list)
+def _total_rows(selected: Iterable[SkillRecord]) -> Iterable[tuple[str, ...]]:
+    runs: dict[str, list[SkillRecord]] = defaultdict(list)
     for skill in selected:
         runs[skill.label].append(skill)
     for label, found in sorted(runs.items(), key=lambda item: -sum(s.duration for s in item[1])):
@@ -218,7 +218,7 @@ def _total_rows(selected: Iterable[SkillRun]) -> Iterable[tuple[str, ...]]:
         yield label, str(len(found)), str(failed or ""), *(f"{number:.2f}" for number in numbers)
 
 
-def _skill_json(skill: SkillRun) -> dict[str, Any]:
+def _skill_json(skill: SkillRecord) -> dict[str, Any]:
     return {
         "robot": skill.robot, "task": skill.task_id, "node": skill.node_id, "depth": skill.depth, "label": skill.label,
         "type": skill.type, "start": skill.start, "end": skill.end, "state": state_name(skill.state),

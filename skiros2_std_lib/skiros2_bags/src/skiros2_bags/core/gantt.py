@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError
 from skiros2_bags.core.run import Run
-from skiros2_runs.core.history import SkillRun
+from skiros2_runs.core.history import SkillRecord
 from skiros2_runs.core.states import FAILURE, IDLE, RUNNING, SUCCESS
 
 #: Colour and word of each final state; distinguishable by colour-blind people (Okabe and Ito's palette).
@@ -103,7 +103,7 @@ def gantt(run: Run, depth: int = 0) -> Figure:
     return figure
 
 
-def _visible(skills: Sequence[SkillRun], depth: int) -> list[SkillRun]:
+def _visible(skills: Sequence[SkillRecord], depth: int) -> list[SkillRecord]:
     """Returns the skills to draw."""
     chosen = [s for s in skills if depth == 0 or s.depth <= depth]
     while len(_rows(chosen)) > _MAX_ROWS and (deepest := max(s.depth for s in chosen)) > 1:
@@ -111,7 +111,7 @@ def _visible(skills: Sequence[SkillRun], depth: int) -> list[SkillRun]:
     return chosen
 
 
-def _rows(skills: Sequence[SkillRun]) -> list[Row]:
+def _rows(skills: Sequence[SkillRecord]) -> list[Row]:
     """Returns a row for each skill of each robot, after its parent's row, ordered by first start."""
     first: dict[Row, tuple[float, int]] = {}
     for order, skill in enumerate(skills):

@@ -22,7 +22,7 @@ from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, BagFile, Mes
 from skiros2_bags.core.bag_writer import PARAMETERS
 from skiros2_bags.core.world_history import TimedChange, timed_changes, world_at
 from skiros2_live.core.patch import TaskProgress
-from skiros2_runs.core.history import SkillRun, skill_runs
+from skiros2_runs.core.history import SkillRecord, skill_runs
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.task_run import Recorded, TaskRun
 from skiros2_world_model.core.scene import Scene
@@ -109,7 +109,7 @@ class Run:
         """
         return self._runs
 
-    def skills(self) -> list[SkillRun]:
+    def skills(self) -> list[SkillRecord]:
         """Returns the runs of all skills, ordered by start.
 
         :raises BagError: as for `tasks`.

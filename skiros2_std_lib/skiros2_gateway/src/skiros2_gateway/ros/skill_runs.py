@@ -16,7 +16,7 @@ from skiros2_gateway.core.deadline import remaining
 from skiros2_msgs.msg import SkillProgress
 from skiros2_skill.client.description import Step
 from skiros2_skill.client.manager import ManagerClient
-from skiros2_skill.client.skill_run import SkillRun
+from skiros2_skill.client.skill_goal import SkillGoal
 from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.queries import World
 from skiros2_skill.core.start_preview import StartPreview
@@ -35,7 +35,7 @@ _MARGIN = 0.5
 class _Started:
     skill: str
     parameters: Mapping[str, Any]
-    run: SkillRun
+    run: SkillGoal
 
 
 class SkillRuns:

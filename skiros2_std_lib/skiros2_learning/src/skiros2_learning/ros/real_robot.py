@@ -30,7 +30,7 @@ from skiros2_msgs.msg import SkillProgress
 from skiros2_sim.core.scene_reader import SceneTree
 from skiros2_skill.client.description import Parameter
 from skiros2_skill.client.description import Step as SkillStep
-from skiros2_skill.client.skill_run import SkillRun
+from skiros2_skill.client.skill_goal import SkillGoal
 from skiros2_skill.command_line.connection import become_node, connect
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
@@ -282,13 +282,13 @@ class _Samples:
         return EpisodeRecord.of(succeeded, reason, self._times, self._poses, self._values, {}, wmi)
 
 
-def _stop(run: SkillRun) -> None:
+def _stop(run: SkillGoal) -> None:
     """Preempts a task that has not ended: after Ctrl-C, an error or a timeout."""
     if not run.done:
         run.cancel()
 
 
-def _why(run: SkillRun) -> str:
+def _why(run: SkillGoal) -> str:
     explanations = run.explanations()
     if explanations:
         return explanations[-1].message

@@ -9,7 +9,7 @@ from actionlib import CommState
 
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.ros import connections
-from skiros2_skill.client import skill_run
+from skiros2_skill.client import skill_goal
 
 
 class Client:
@@ -48,7 +48,7 @@ def clock(monkeypatch):
     clock = SimpleNamespace(now=100.0, wall=1e9, sleep=None)
     clock.monotonic = lambda: clock.now
     clock.time = lambda: clock.wall + clock.now
-    monkeypatch.setattr(skill_run, "time", clock)
+    monkeypatch.setattr(skill_goal, "time", clock)
     monkeypatch.setattr(connections, "time", clock)
     return clock
 
@@ -61,48 +61,48 @@ def client():
 @pytest.fixture
 def runs(client, clock):
     """Three goals, sent one after the other."""
-    last_accepted = skill_run._LastAccepted()
+    last_accepted = skill_goal._LastAccepted()
     runs = []
     for _ in range(3):
-        runs.append(skill_run.SkillRun(client, None, None, last_accepted))
+        runs.append(skill_goal.SkillGoal(client, None, None, last_accepted))
         clock.now += 0.01
     return runs
 
 
 def test_goal_that_is_not_accepted_times_out(runs, clock):
-    clock.now += skill_run.SILENCE + 0.1
+    clock.now += skill_goal.SILENCE + 0.1
     with pytest.raises(TimedOut, match="/robot/execute did not accept the goal"):
         runs[0].wait(0.0)
 
 
 def test_goal_waits_while_status_messages_arrive_late(runs, client, clock):
-    client.delay = skill_run.SILENCE
-    clock.now += skill_run.SILENCE + 0.1
+    client.delay = skill_goal.SILENCE
+    clock.now += skill_goal.SILENCE + 0.1
     assert not runs[0].wait(0.0)
 
 
 @pytest.mark.parametrize("days", [-1, 1])
-@pytest.mark.parametrize("delay", [0.0, skill_run.SILENCE])
+@pytest.mark.parametrize("delay", [0.0, skill_goal.SILENCE])
 def test_wall_clock_that_is_set_changes_nothing(runs, client, clock, days, delay):
     client.delay = delay
     clock.wall += days * 86_400.0
-    clock.now += skill_run.SILENCE + 0.1
+    clock.now += skill_goal.SILENCE + 0.1
     with nullcontext() if delay else pytest.raises(TimedOut, match="did not accept"):
         assert not runs[0].wait(0.0)
 
 
 def test_goal_waits_while_earlier_goals_are_accepted(runs, client, clock):
     for number in range(2):
-        clock.now += skill_run.SILENCE - 1.0
+        clock.now += skill_goal.SILENCE - 1.0
         client.accept(number)
         assert not runs[2].wait(0.0)
-    clock.now += skill_run.SILENCE + 0.1
+    clock.now += skill_goal.SILENCE + 0.1
     with pytest.raises(TimedOut, match="did not accept"):
         runs[2].wait(0.0)
 
 
 def test_goal_that_was_passed_over_times_out(runs, client, clock):
-    clock.now += skill_run.SILENCE + 0.1
+    clock.now += skill_goal.SILENCE + 0.1
     client.accept(2)
     assert not runs[2].wait(0.0)
     with pytest.raises(TimedOut, match="did not accept"):
@@ -111,11 +111,11 @@ def test_goal_that_was_passed_over_times_out(runs, client, clock):
 
 def test_feedback_after_result_is_delivered(client, monkeypatch):
     callbacks = {}
-    monkeypatch.setattr(skill_run.actionlib, "ActionClient", lambda name, kind: client)
-    monkeypatch.setattr(skill_run.rospy, "Subscriber", lambda topic, kind, call: callbacks.setdefault(topic, call))
-    monkeypatch.setattr(skill_run.ServerWatch, "is_connected", lambda self: True)
+    monkeypatch.setattr(skill_goal.actionlib, "ActionClient", lambda name, kind: client)
+    monkeypatch.setattr(skill_goal.rospy, "Subscriber", lambda topic, kind, call: callbacks.setdefault(topic, call))
+    monkeypatch.setattr(skill_goal.ServerWatch, "is_connected", lambda self: True)
     received = []
-    run = skill_run.SkillRunner("/robot").run("me", [], received.append)
+    run = skill_goal.SkillRunner("/robot").run("me", [], received.append)
     handle = client.handles[0]
     handle.state, handle.get_result = CommState.DONE, lambda: SimpleNamespace(task_id=7)
     handle.on_transition(handle)

@@ -42,7 +42,7 @@ class _LastAccepted:
     accepted_at: float = 0.0
 
 
-class SkillRun:
+class SkillGoal:
     """A goal: skills that are running, have ended, or were refused. Any thread.
 
     :param client: sends the goal.
@@ -211,7 +211,7 @@ class SkillRunner:
         self._watch = ServerWatch(self._client)
         self._lock = threading.Lock()  # actionlib gives two threads the same goal id
         self._last_accepted = _LastAccepted()
-        self._runs: weakref.WeakValueDictionary[str, SkillRun] = weakref.WeakValueDictionary()
+        self._runs: weakref.WeakValueDictionary[str, SkillGoal] = weakref.WeakValueDictionary()
         # In addition to actionlib's own, which drops feedback that arrives after the result.
         topic = self._client.feedback_sub
         self._subscriber = rospy.Subscriber(topic.resolved_name, topic.data_class, self._on_feedback)
@@ -223,7 +223,7 @@ class SkillRunner:
         monitor_cb: Callable[[Any], None] | None = None,
         connect_timeout: float = 5.0,
         goal_id: str = "",
-    ) -> SkillRun:
+    ) -> SkillGoal:
         """Sends a goal.
 
         :param skills: as `ResourceDescription`.
@@ -235,8 +235,8 @@ class SkillRunner:
         chosen = GoalID(rospy.Time.now(), goal_id) if goal_id else None
         return self._send(msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, connect_timeout, chosen)
 
-    def attach(self, author: str, goal_id: str, connect_timeout: float = 5.0) -> SkillRun:
-        """Follows skills that another process has started; see `SkillRun.wait_until_known`.
+    def attach(self, author: str, goal_id: str, connect_timeout: float = 5.0) -> SkillGoal:
+        """Follows skills that another process has started; see `SkillGoal.wait_until_known`.
 
         :raises TimedOut: no manager answers.
         """
@@ -244,14 +244,14 @@ class SkillRunner:
 
     def _send(
         self, goal: Any, monitor_cb: Callable[[Any], None] | None, connect_timeout: float, goal_id: GoalID | None
-    ) -> SkillRun:
+    ) -> SkillGoal:
         deadline = time.monotonic() + connect_timeout
         while not self._watch.is_connected():
             if time.monotonic() > deadline:
                 raise TimedOut(f"{self._watch.name}: no manager answers within {connect_timeout:g} s")
             time.sleep(_CONNECT_POLL_PERIOD)
         with self._lock:
-            run = SkillRun(self._client, goal, monitor_cb, self._last_accepted, goal_id)
+            run = SkillGoal(self._client, goal, monitor_cb, self._last_accepted, goal_id)
             self._runs[run.goal_id] = run
         return run
 

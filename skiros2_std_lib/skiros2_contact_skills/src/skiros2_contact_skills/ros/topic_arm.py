@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import logging
 import math
-import queue
 import threading
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import roslib.message
 import rospy
 from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMessage
@@ -20,7 +17,8 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
-from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, connected, message_class, reconfigure
 from skiros2_contact_skills.ros.profiles import Profile, Reading
 from skiros2_motion.core.compliant_arm import (
     ArmState,
@@ -39,8 +37,6 @@ log = logging.getLogger(__name__)
 
 #: Period with which `state` sends a commanded wrench again (s): drivers may let it expire.
 REFRESH = 0.2
-#: Time that services and subscribers may need to appear (s of wall time).
-CONNECT_TIME = 5.0
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
 _LEAST_STIFFNESS, _MAX_OFFSET = (50.0,) * 3 + (5.0,) * 3, 0.15
 _ZERO: Wrench = (0.0,) * 6
@@ -67,8 +63,8 @@ class TopicArm:
         self._transforms.listen()
         self._reading: Reading | None = None
         self._age, self._messages, self._stamp = StateAge(self.now), 0, 0.0
-        self._problem = self._refused = self._stop = ""
-        self._pending, self._needed = 0, 0
+        self._problem = self._stop = ""
+        self._needed = 0
         self._limits = (0.0, 0.0)
         self._zero = _ZERO
         self._stiffness: Sequence[float] = STIFFNESS
@@ -88,13 +84,11 @@ class TopicArm:
             self._publishers["recovery"] = rospy.Publisher(self._format(recovery), recovery_kind, queue_size=1)
         self._topic = names.get("state", self._format(profile.state[0]))
         self._subscriber = rospy.Subscriber(self._topic, kind, self._on_state, queue_size=1, tcp_nodelay=True)
-        self._commands: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._serve, name=f"commands to {self._controller}", daemon=True)
-        self._thread.start()
+        self._calls = DriverCalls(self._controller)
 
     def close(self) -> None:
         """Closes the connections. The arm is not commanded."""
-        self._commands.put(None)
+        self._calls.close()
         self._subscriber.unregister()
         for publisher in self._publishers.values():
             publisher.unregister()
@@ -107,8 +101,8 @@ class TopicArm:
     def state(self) -> ArmState | None:
         now = self.now()
         with self._lock:
-            reading, refused = self._reading, self._refused
-            if self._pending or (not (refused or self._problem) and self._messages < self._needed):
+            reading, refused = self._reading, self._calls.problem
+            if self._calls.is_waiting or (not (refused or self._problem) and self._messages < self._needed):
                 return None
             if reading is None:
                 return ArmState(IDENTITY, _ZERO, now, refused or self._problem) if refused or self._problem else None
@@ -123,20 +117,20 @@ class TopicArm:
 
     def begin(self) -> None:
         with self._lock:
-            self._refused = self._stop = ""
+            self._calls.problem = self._stop = ""
             self._reference = self._spiral = None
             self._wrench = _ZERO
-        self._request(self._activate)
+        self._calls.request(self._activate)
 
     def end(self) -> None:
         with self._lock:
             reading = self._reading
-            if reading is None or self._refused or self._stop or reading.stopped:
+            if reading is None or self._calls.problem or self._stop or reading.stopped:
                 return
             self._wrench, self._spiral = _ZERO, None
             self._reference = reading.pose
-        self._later(self._send_wrench)
-        self._later(self._send_reference)
+        self._calls.later(self._send_wrench)
+        self._calls.later(self._send_reference)
 
     def set_reference(self, pose: Pose) -> None:
         reference = checked_reference(pose)
@@ -144,7 +138,7 @@ class TopicArm:
             if self._stop:  # until limits are set again; the state has the reason
                 return
             self._reference = reference
-        self._later(self._send_reference)
+        self._calls.later(self._send_reference)
 
     def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
         values = checked("stiffness", (*translational, *rotational), MAX_STIFFNESS, lowest=0.0)
@@ -152,7 +146,7 @@ class TopicArm:
         with self._lock:
             before, self._stiffness = self._stiffness, kind.effective(values)
         if kind.service and before != self._stiffness:
-            self._later(lambda: _reconfigure(self._format(kind.service), kind.values(values)))
+            self._calls.later(lambda: reconfigure(self._format(kind.service), kind.values(values)))
 
     def set_damping(self, factors: Sequence[float]) -> None:
         checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
@@ -163,7 +157,7 @@ class TopicArm:
             if self._stop:
                 return
             self._wrench = (fx, fy, fz, tx, ty, tz)
-        self._later(self._send_wrench)
+        self._calls.later(self._send_wrench)
 
     def start_spiral(self, spiral: SpiralGoal) -> None:
         with self._lock:
@@ -181,7 +175,7 @@ class TopicArm:
             self._limits, self._stop = limits, ""
 
     def zero_sensor(self) -> None:
-        self._request(self._zero_sensor)
+        self._calls.request(self._zero_sensor)
 
     # -- what is measured -------------------------------------------------------------------------------------------
 
@@ -224,34 +218,6 @@ class TopicArm:
 
     # -- commands, by the thread of commands ------------------------------------------------------------------------
 
-    def _later(self, function: Callable[[], None]) -> None:
-        """Calls a function in the thread of the commands."""
-        self._commands.put(lambda: self._run(function))
-
-    def _request(self, function: Callable[[], None]) -> None:
-        """Calls a function later; there is no state before its end."""
-
-        def answered() -> None:
-            self._run(function)
-            with self._lock:
-                self._pending -= 1
-
-        with self._lock:
-            self._pending += 1
-        self._commands.put(answered)
-
-    def _serve(self) -> None:
-        while (function := self._commands.get()) is not None:
-            function()
-
-    def _run(self, function: Callable[[], None]) -> None:
-        try:
-            function()
-        except SkirosError as error:
-            log.warning("%s: %s", self._controller, error)
-            with self._lock:
-                self._refused = self._refused or str(error)
-
     def _activate(self) -> None:
         """Waits for the driver, recovers it from a stop and switches to the compliant controller."""
         for key in ("reference", "wrench"):
@@ -262,8 +228,8 @@ class TopicArm:
             self._publishers["recovery"].publish(message_class(self._profile.recovery[1])())
         names = self._names["compliant"], self._names["position"]
         strictness = SwitchControllerRequest.BEST_EFFORT
-        answer = _call(self._name("switch"), SwitchController, [names[0]], [names[1]], strictness, True, 0.0)
-        listed = _call(self._name("controllers"), ListControllers).controller
+        answer = call(self._name("switch"), SwitchController, [names[0]], [names[1]], strictness, True, 0.0)
+        listed = call(self._name("controllers"), ListControllers).controller
         if not answer.ok or not any(c.name == names[0] and c.state == "running" for c in listed):
             known = ", ".join(f"{c.name} ({c.state})" for c in listed) or "none"
             raise Refused(f"controller {names[0]} does not run; {self._name('controllers')} lists: {known}")
@@ -277,7 +243,7 @@ class TopicArm:
 
     def _zero_sensor(self) -> None:
         if self._profile.zero:
-            _call(self._name("zero"), Trigger)
+            call(self._name("zero"), Trigger)
         with self._lock:
             if self._reading is not None:
                 self._zero = turned_wrench(conjugated(self._reading.pose.orientation), self._reading.wrench)
@@ -348,55 +314,6 @@ def exceeded_limit(wrench: Wrench, limits: tuple[float, float]) -> str:
         if 0.0 < limit < value:
             return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
     return ""
-
-
-def connected(condition: Callable[[], bool]) -> bool:
-    """Waits for a condition; returns whether it holds within the time for connections."""
-    deadline, pause = time.monotonic() + CONNECT_TIME, threading.Event()
-    while not condition():
-        if time.monotonic() > deadline or rospy.is_shutdown():
-            return False
-        pause.wait(0.01)
-    return True
-
-
-def message_class(name: str) -> Any:
-    """Returns the class of a message.
-
-    :raises ConfigurationError: its package is not installed.
-    """
-    found = roslib.message.get_message_class(name)
-    if found is None:
-        raise ConfigurationError(f"message {name} is not installed: the driver needs the package {name.split('/')[0]}")
-    return found
-
-
-def _call(name: str, kind: Any, *values: Any) -> Any:
-    """Calls a service, and checks the fields `ok` and `success` of its answer.
-
-    :raises Refused: it does not exist, or refuses; the text names it.
-    """
-    try:
-        rospy.wait_for_service(name, CONNECT_TIME)
-        answer = rospy.ServiceProxy(name, kind)(*values)
-    except (rospy.ROSException, rospy.ServiceException) as error:
-        raise Refused(f"service {name}: {error}") from None
-    if (not getattr(answer, "ok", True) and hasattr(answer, "message")) or not getattr(answer, "success", True):
-        raise Refused(f"{name}: {answer.message}")
-    return answer
-
-
-def _reconfigure(name: str, values: dict[str, float]) -> None:
-    """Sets parameters by `dynamic_reconfigure/Reconfigure`.
-
-    :raises ConfigurationError: its package is not installed.
-    :raises Refused: the service does not exist or fails.
-    """
-    kind = roslib.message.get_service_class("dynamic_reconfigure/Reconfigure")
-    if kind is None:
-        raise ConfigurationError("the stiffness cannot be set: the package dynamic_reconfigure is not installed")
-    number, config = (message_class(f"dynamic_reconfigure/{part}") for part in ("DoubleParameter", "Config"))
-    _call(name, kind, config(doubles=[number(key, value) for key, value in values.items()]))
 
 
 def small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:

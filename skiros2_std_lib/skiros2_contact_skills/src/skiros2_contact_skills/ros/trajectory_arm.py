@@ -25,7 +25,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from skiros2_common.core.errors import ConfigurationError, Refused
-from skiros2_contact_skills.ros.topic_arm import CONNECT_TIME, TopicArm, connected, small_rotation
+from skiros2_contact_skills.ros.driver_calls import CONNECT_TIME, connected
+from skiros2_contact_skills.ros.topic_arm import TopicArm, small_rotation
 from skiros2_motion.core.arm_kinematics import difference
 from skiros2_motion.core.geometry import Pose, conjugated, multiplied, normalized, rotated
 from skiros2_motion.core.urdf_chain import read_chain
@@ -92,7 +93,7 @@ class TrajectoryArm(TopicArm):
         has_stopped = bool(self._stop)
         super().set_wrench_limits(force, torque)
         if has_stopped:
-            self._request(self._activate)
+            self._calls.request(self._activate)
 
     def _move_to(self, pose: Pose) -> None:
         with self._lock:
@@ -107,7 +108,7 @@ class TrajectoryArm(TopicArm):
         super()._refresh(now)
         with self._lock:
             if self._is_active and self._client.get_state() not in _ACTIVE:
-                self._later(self._step)
+                self._calls.later(self._step)
 
     def _step(self) -> None:
         """Sends the next step, if the tool is not at the equilibrium."""
@@ -140,7 +141,7 @@ class TrajectoryArm(TopicArm):
         if state in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST):
             with self._lock:
                 reason = getattr(result, "error_string", "") or self._client.get_goal_status_text() or "no reason"
-                self._refused, self._is_active = f"{self._name('action')}: {reason}", False
+                self._calls.problem, self._is_active = f"{self._name('action')}: {reason}", False
 
     @staticmethod
     def _next_step(target: Pose, commanded: Pose, wrench: Array, stiffness: Array) -> Array:

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_contact_skills.ros.driver_calls import message_class
 from skiros2_contact_skills.ros.profiled_arms import checked_settings
 from skiros2_contact_skills.ros.profiles import PROFILES
-from skiros2_contact_skills.ros.driver_calls import message_class
 from skiros2_motion.core.geometry import Pose, from_euler
 
 FRANKA, FZI = PROFILES["franka_ros"], PROFILES["cartesian_controllers"]

@@ -12,7 +12,7 @@ import pytest
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.world_element import Element
-from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.bore import Bore, Latch
 from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler
 from skiros2_sim.core.scene_reader import load_scene, read_scene
 from skiros2_sim.core.scene_spec import SceneSpec
@@ -346,6 +346,24 @@ def test_bores_of_a_box_are_read() -> None:
     scene = read(element(SCENE, contains=(TABLE,)), block, bore)
     assert scene.problems == ()
     assert [body.bores for body in scene.bodies] == [(Bore(0.04, 0.0, 0.0402, 0.05, 0.002),)]
+
+
+def test_latch_of_a_bore_is_read() -> None:
+    block = element(TABLE, size=(0.2, 0.1, 0.06), has=(BORE,))
+    numbers = {"Diameter": 0.0402, "Depth": 0.05, "LatchDepth": 0.045, "LatchForce": 18.0, "RetentionForce": 30.0}
+    scene = read(element(SCENE, contains=(TABLE,)), block, element(BORE, pose=at(0.04, 0.0, 0.03), **numbers))
+    assert scene.problems == ()
+    assert [bore.latch for body in scene.bodies for bore in body.bores] == [Latch(0.045, 18.0, 30.0)]
+
+
+@pytest.mark.parametrize("change", [{"LatchDepth": 0.05}, {"LatchForce": NAN}, {"RetentionForce": 0.0}])
+def test_invalid_latch_is_a_problem(change: dict[str, Any]) -> None:
+    numbers = {"Diameter": 0.0402, "Depth": 0.05, "LatchDepth": 0.045, "LatchForce": 18.0, "RetentionForce": 30.0}
+    bore = element(BORE, pose=at(0.04, 0.0, 0.03), **numbers | change)
+    scene = read(element(SCENE, contains=(TABLE,)), element(TABLE, size=(0.2, 0.1, 0.06), has=(BORE,)), bore)
+    (problem,) = scene.problems
+    assert problem.element == BORE
+    assert "without its latch: expected skiros:LatchDepth" in problem.reason
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pathlib import Path
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.operations import SCENE
 from skiros2_common.core.world_element import Element
-from skiros2_motion.core.bore import Bore
+from skiros2_motion.core.bore import Bore, Latch
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed
 from skiros2_sim.core.bored_box import bored_box
 from skiros2_sim.core.scene_spec import (
@@ -136,6 +136,7 @@ _MODEL = "skiros:CadModel"
 _MASS = "skiros:Weight"
 _FRICTION = "skiros:Friction"
 _DIAMETER, _DEPTH, _CHAMFER = "skiros:Diameter", "skiros:Depth", "skiros:Chamfer"
+_LATCH = ("skiros:LatchDepth", "skiros:LatchForce", "skiros:RetentionForce")
 
 _MAX_SIZE = 100.0  # m, an edge
 _MAX_MASS = 1e5  # kg
@@ -237,13 +238,25 @@ class _Reader:
             if pose is None or diameter is None or depth is None:
                 self._add_problem(part, f"omitted: expected a pose, {_DIAMETER} and {_DEPTH}")
                 continue
-            bores.append(Bore(pose.position[0], pose.position[1], diameter, depth, chamfer or 0.0))
+            bores.append(Bore(pose.position[0], pose.position[1], diameter, depth, chamfer or 0.0, self._latch(part, depth)))
         try:
             bored_box(size, bores)
         except WrongValue as error:
             self._add_problem(element, f"without its bores: {error}")
             return ()
         return tuple(bores)
+
+    def _latch(self, bore: Element, deepest: float) -> Latch | None:
+        """Returns the latch of a bore; None without one, or if it is invalid."""
+        given = spatial_data.numbers(bore, _LATCH)
+        if all(number is None for number in given):
+            return None
+        numbers = [number for number in given if number is not None and 0.0 < number < math.inf]
+        if len(numbers) != 3 or numbers[0] >= deepest:
+            expected = f"expected {', '.join(_LATCH)} above 0, and a depth below {deepest:g} m"
+            self._add_problem(bore, f"without its latch: {expected}, got {given}")
+            return None
+        return Latch(*numbers)
 
     def _loose_camera(self, element: Element, bodies: set[str]) -> CameraSpec:
         """Reads a camera that is not part of a robot: mounted on a body, or in the map."""

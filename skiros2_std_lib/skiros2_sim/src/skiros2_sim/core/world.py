@@ -19,6 +19,7 @@ from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.contacts import Contact, joined_contacts
 from skiros2_sim.core.faults import Faults
 from skiros2_sim.core.gripper import Gripper
+from skiros2_sim.core.latches import Latches
 from skiros2_sim.core.overlaps import separate_overlaps
 from skiros2_sim.core.physics import Part, Physics
 from skiros2_sim.core.pushes import Pushes
@@ -90,6 +91,7 @@ class World:
         self.grippers: dict[str, Gripper] = {}
         self.cameras: dict[str, CameraSpec] = {camera.id: camera for camera in self.scene.cameras}
         self._pushes = Pushes(physics)
+        self._latches = Latches(physics, self.dt)
         self._elements: dict[int, str] = {}
         self._ground = physics.add_ground(_GROUND_FRICTION)
         for spec in self.scene.bodies:
@@ -121,6 +123,7 @@ class World:
             for robot in self.robots.values():
                 robot.before_step()
             self._pushes.update()
+            self._latches.update()
             self.physics.step()
             self.steps += 1
             for arm in self.arms.values():
@@ -264,6 +267,7 @@ class World:
             self.problems.append(Problem(spec.id, f"replaced by a box: {error}", spec.model))
             body = Body(self.physics, dataclasses.replace(spec, model=""), (), number)
         self.bodies[spec.id] = body
+        self._latches.add(body)
         self._elements[body.body] = spec.id
 
     def _add_robot(self, spec: RobotSpec) -> None:
@@ -292,6 +296,7 @@ class World:
             raise UnknownName(f"there is no body {eid!r} in the simulated world")
         body = self.bodies.pop(eid)
         self._pushes.remove(body.body)
+        self._latches.remove(body)
         self._elements.pop(body.body)
         self.physics.remove(body.body)
 

@@ -1,4 +1,4 @@
-"""Latches of bores in the simulated world: a spring that is pushed aside, a click, and a hold up to the retention force."""
+"""Latches of bores in the simulated world: a force that grows, a click, and a hold up to the retention force."""
 
 from __future__ import annotations
 

@@ -238,7 +238,8 @@ class _Reader:
             if pose is None or diameter is None or depth is None:
                 self._add_problem(part, f"omitted: expected a pose, {_DIAMETER} and {_DEPTH}")
                 continue
-            bores.append(Bore(pose.position[0], pose.position[1], diameter, depth, chamfer or 0.0, self._latch(part, depth)))
+            x, y, _ = pose.position
+            bores.append(Bore(x, y, diameter, depth, chamfer or 0.0, self._latch(part, depth)))
         try:
             bored_box(size, bores)
         except WrongValue as error:

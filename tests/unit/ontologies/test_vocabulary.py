@@ -80,6 +80,8 @@ OURS = {
     "skiros:PathSamples",
     "skiros:CameraAngleError",
     "skiros:CompliantInterface",
+    "skiros:ApparentMass",
+    "skiros:ContactStiffness",
     "skiros:MeanColour",
     "skiros:EstimateFitness",
     "skiros:EstimateViews",

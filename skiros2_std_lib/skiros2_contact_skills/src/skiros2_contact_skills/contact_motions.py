@@ -46,6 +46,7 @@ class move_until_contact(ContactPrimitive):
 
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_APPROACH_STIFFNESS)
+        self._speed = self.permitted(self.value("Speed"), axis_of(state), self.value("ContactForce"))
         self._travelled = 0.0
 
     def move(self, state: ArmState, dt: float) -> State:
@@ -56,7 +57,7 @@ class move_until_contact(ContactPrimitive):
         if self._travelled > self.value("MaxDistance"):
             text = f"No contact within {1000 * self._travelled:.1f} mm ({forces(state)})"
             return self.fail(text, NO_CONTACT) if self.value("NeedsContact") else self.success(text)
-        self._travelled += self.value("Speed") * dt
+        self._travelled += self._speed * dt
         position = moved(self.start.pose.position, axis_of(self.start), self._travelled)
         self.arm.set_reference(Pose(position, self.start.pose.orientation))
         return self.step(f"Moving until contact: {1000 * self._travelled:.1f} mm, {forces(state)}")

@@ -16,8 +16,9 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
-from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak
 from skiros2_motion.core.geometry import Vector, rotated
+from skiros2_motion.core.impact import DEFAULT_MASS, DEFAULT_STIFFNESS, permitted_speed
 from skiros2_motion.core.time_scaling import MAX_PERIOD
 
 #: Progress codes of failures.
@@ -29,9 +30,14 @@ NO_PROGRESS = -124
 NOT_REACHED = -125
 NOT_HELD = -126
 RETRACTED = -127
+OVERSHOT = -128
 
 #: Default limits of the measured wrench (N, Nm).
 MAX_FORCE, MAX_TORQUE = 40.0, 15.0
+#: A peak up to this factor of the limit is reported; one above it fails the motion.
+OVERSHOOT = 1.2
+#: Of the element of an arm that does not know them: its apparent mass (kg), and the stiffness of its contacts (N/m).
+APPARENT_MASS, CONTACT_STIFFNESS = "skiros:ApparentMass", "skiros:ContactStiffness"
 #: Time in which the driver has to activate the controller and send a state (s).
 READY_TIME = 5.0
 
@@ -63,7 +69,8 @@ class ContactPrimitive(PrimitiveBase):
 
     def onStart(self) -> bool:
         self._waits_since: float | None = None  # for the arm; None: it is ready
-        self._last = 0.0
+        self._last = self._peak = 0.0
+        self._slowed = ""
         self._begun = self._has_arm = False
         try:
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
@@ -94,14 +101,33 @@ class ContactPrimitive(PrimitiveBase):
             reason = state.stopped if state is not None else "it does not answer"
             return self.fail(f"{self.label_of('Arm')} is not ready after {READY_TIME:g} s: {reason}", NOT_READY)
         self._waits_since = None
+        self._note_peak(state)
         if state.stopped:
-            return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}", STOPPED)
+            peak = f" (peak of {self._peak:.1f} N)" if self._peak > self.limit else ""
+            return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}{peak}", STOPPED)
         if not self._begun:
             self._begun, self.start, self._last = True, state, state.stamp
             self.arm.set_damping(self.damping)
             self.begin(state)
         dt, self._last = min(max(0.0, state.stamp - self._last), MAX_PERIOD), state.stamp
-        return self.move(state, dt)
+        result = self.move(state, dt)
+        return self._judged(self.progress_msg) if result is State.Success else result
+
+    def _note_peak(self, state: ArmState) -> None:
+        """Keeps the largest force since `begin`, in the parameter `PeakForce` if the skill has it."""
+        peak = self.arm.take_peak() if isinstance(self.arm, MeasuresPeak) else 0.0
+        if self._begun:
+            self._peak = max(self._peak, force_of(state), peak)
+            if "PeakForce" in self.params:
+                self.params["PeakForce"].values = [self._peak]
+
+    def _judged(self, text: str) -> State:
+        """Succeeds, unless the peak of the force was far above the limit; says that it was above, and the slowing."""
+        text += f"; {self._slowed}" if self._slowed else ""
+        if self._peak <= self.limit:
+            return self.success(text)
+        text += f"; peak of {self._peak:.1f} N above the limit of {self.limit:g} N"
+        return self.success(text) if self._peak <= OVERSHOOT * self.limit else self.fail(text, OVERSHOT)
 
     def onEnd(self) -> bool:
         if not self._has_arm:
@@ -150,6 +176,34 @@ class ContactPrimitive(PrimitiveBase):
     def depth(self, state: ArmState) -> float:
         """Returns how far the tool is below the surface, along its axis (m)."""
         return dot(axis_of(state), difference(state.pose.position, self.surface()))
+
+    @property
+    def limit(self) -> float:
+        """The limit of the measured force (N)."""
+        return self.number("MaxForce", MAX_FORCE)
+
+    def permitted(self, speed: float, direction: Vector, preload: float = 0.0) -> float:
+        """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`): the
+        given one, or a lower one, which the result of the motion reports.
+
+        :param speed: that is asked for (m/s).
+        :param direction: of the motion, a unit vector in the base frame.
+        :param preload: force with which the motion pushes besides (N).
+        """
+        element = self.element("Arm")
+        if isinstance(self.arm, KnowsMass):
+            mass = self.arm.apparent_mass(direction)
+        else:
+            mass = float(element.value_of(APPARENT_MASS) or DEFAULT_MASS)
+        stiffness = float(element.value_of(CONTACT_STIFFNESS) or DEFAULT_STIFFNESS)
+        permitted = permitted_speed(self.limit - preload, mass, stiffness)
+        if speed <= permitted:
+            return speed
+        self._slowed = (
+        """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`):
+        the given one, or a lower one, which the result of the motion reports.
+        )
+        return permitted
 
     def set_stiffness(self, along: float) -> None:
         """Sets the stiffness of the parameters, and that along the tool axis (N/m)."""

@@ -33,6 +33,8 @@ class ContactMotion(SkillDescription):
             "MaxTorque", float, Optional, description="The driver stops above it (15)", unit="Nm", minimum=0.1
         )
 
+        self.addParam("PeakForce", [float], Optional, description="Result: the largest measured force", unit="N")
+
     def add_number(self, key: str, value: float, unit: str, minimum: float, maximum: float, description: str) -> None:
         """Declares an optional number with limits."""
         self.addParam(key, value, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum)

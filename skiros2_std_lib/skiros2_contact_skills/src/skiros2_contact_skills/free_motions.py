@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from skiros2_common.core.abstract_skill import State
-from skiros2_contact_skills.contact_primitive import NOT_REACHED, RETRACTED, ContactPrimitive, forces
+from skiros2_contact_skills.contact_primitive import NOT_REACHED, RETRACTED, ContactPrimitive, difference, forces
 from skiros2_contact_skills.core.part_poses import aligned_tool, held_frame, pose_on_arm
 from skiros2_contact_skills.descriptions import ApproachGrasp, ApproachTarget, RetractAfterFailure, RetractTool
 from skiros2_motion.core.arm_kinematics import between, distances
@@ -13,10 +15,14 @@ from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
 
 #: Ratio of angular and linear speed of a motion (rad/m), and time to settle at its end (s).
 _TURN, _SETTLING_TIME = 4.0, 2.0
+#: Height above a target from which on a contact is expected (m), and deceleration before it (m/s2).
+_NEAR, _BRAKING = 0.02, 0.5
 
 
 class _CompliantLine(ContactPrimitive):
-    """Moves the reference on a straight line to a goal, with a minimum-jerk profile."""
+    """Moves the reference on a straight line to a goal, with a minimum-jerk profile; slowly where it nears a target."""
+
+    nears_target = True
 
     def goal(self, state: ArmState) -> Pose:
         """To override: returns the goal of the tool, in the base frame."""
@@ -29,11 +35,17 @@ class _CompliantLine(ContactPrimitive):
         self._has_to_zero = self.value("ZeroSensor")
         length, turn = distances(state.pose, self._goal)
         self._passed = 0.0
+        self._length = length
+        self._slow_length = max(0.0, _NEAR - self.value("Height")) if self.nears_target else 0.0
+        self._permitted = math.inf
+        if self._slow_length and length:
+            way = difference(self._goal.position, state.pose.position)
+            x, y, z = (value / length for value in way)
+            self._permitted = self.permitted(self.value("Speed"), (x, y, z))
         self._duration = max(0.1, PEAK_SPEED * max(length, turn / _TURN) / self.value("Speed"))
 
     def move(self, state: ArmState, dt: float) -> State:
-        self._passed += dt
-        part = minimum_jerk(self._passed, self._duration)
+        part = self._advance(dt)
         self.arm.set_reference(between(self.start.pose, self._goal, part))
         off, turned = distances(state.pose, self._goal)
         if part == 1.0 and off <= self.value("Tolerance"):
@@ -45,6 +57,16 @@ class _CompliantLine(ContactPrimitive):
         if self._passed > self._duration + _SETTLING_TIME:
             return self.fail(f"{1000 * off:.1f} mm and {turned:.3f} rad from the goal ({forces(state)})", NOT_REACHED)
         return self.step(f"Approaching: {1000 * off:.0f} mm to go, {forces(state)}")
+
+
+    def _advance(self, dt: float) -> float:
+        """Returns the completed fraction of the line after `dt` seconds, slower where a contact is expected."""
+        before = minimum_jerk(self._passed, self._duration)
+        step = self._length * (minimum_jerk(self._passed + dt, self._duration) - before)
+        free = max(0.0, self._length * (1.0 - before) - self._slow_length)
+        most = dt * math.sqrt(self._permitted**2 + 2.0 * _BRAKING * free)
+        self._passed += dt * min(1.0, most / step) if step > 0.0 else dt
+        return minimum_jerk(self._passed, self._duration)
 
 
 class approach_target(_CompliantLine):
@@ -72,6 +94,8 @@ class approach_grasp(_CompliantLine):
 
 class retract_tool(_CompliantLine):
     """Moves straight back from where the tool is."""
+
+    nears_target = False
 
     def createDescription(self) -> None:
         self.setDescription(RetractTool(), self.__class__.__name__)

@@ -11,7 +11,7 @@ the fingertips, z pointing out of the hand.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.geometry import Pose, Quaternion, Vector, normalized, rotated
@@ -116,6 +116,25 @@ class CompliantArm(Protocol):
     def zero_sensor(self) -> None:
         """Makes the current measured wrench the zero of the following ones. The hand must be free of contact. A driver
         may compensate the weight of the held object from then on."""
+        ...
+
+
+@runtime_checkable
+class KnowsMass(Protocol):
+    """An arm that knows its inertia."""
+
+    def apparent_mass(self, direction: Vector) -> float:
+        """Returns the mass that the tool has in its current pose along a direction, a unit vector in the base frame
+        (kg); inf at a singularity."""
+        ...
+
+
+@runtime_checkable
+class MeasuresPeak(Protocol):
+    """An arm whose driver remembers the largest measured force between two states."""
+
+    def take_peak(self) -> float:
+        """Returns the largest magnitude of the measured force since the last call (N)."""
         ...
 
 

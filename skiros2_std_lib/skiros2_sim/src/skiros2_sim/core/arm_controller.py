@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
-from skiros2_motion.core.geometry import Pose, composed, conjugated, inverted, rotated
+from skiros2_motion.core.geometry import Pose, Vector, composed, conjugated, inverted, rotated
+from skiros2_motion.core.impact import apparent_mass
 from skiros2_motion.core.impedance import ArmState, Impedance
 from skiros2_motion.core.motion import Outcome
 from skiros2_motion.core.numbers import finite
@@ -87,6 +88,8 @@ class ArmController:
         self.stop: Stop | None = None
         #: Whether the wrench has exceeded a limit at the last check.
         self._was_exceeded = False
+        #: Largest measured force since `take_peak` (N), while the wrench is limited.
+        self._peak = 0.0
         #: Number of steps between two updates of the torques.
         self._period = max(1, world.rate // CONTROL_RATE)
         self._steps = 0
@@ -177,6 +180,16 @@ class ArmController:
     def tool_pose(self) -> Pose:
         """Pose of the tool in the robot's frame."""
         return composed(inverted(self.robot.pose()), self.arm.tool_pose())
+
+    def apparent_mass(self, direction: Vector) -> float:
+        """Returns the mass of the tool along a direction in the robot's frame (kg); inf at a singularity."""
+        q = np.array(self.arm.positions())
+        return apparent_mass(self.kinematics.jacobian(q), np.array(self.arm.masses()), direction)
+
+    def take_peak(self) -> float:
+        """Returns the largest measured force (N) since the last call, while the wrench was limited."""
+        peak, self._peak = self._peak, 0.0
+        return peak
 
     # -- commands to the compliant controller -----------------------------------------------------------------
 
@@ -308,6 +321,7 @@ class ArmController:
             self._was_exceeded = False
             return
         wrench = self.arm.measured_wrench()
+        self._peak = max(self._peak, math.hypot(*wrench[:3]))
         exceeded = [
             (quantity, value, limit)
             for quantity, value, limit in (

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from skiros2_common.core.errors import Refused
 from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
-from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
+from skiros2_motion.core.geometry import Pose, Vector, composed, inverted, rotated
 from skiros2_motion.core.impedance import MAX_WRENCH, checked
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim.core.arm_controller import ArmController
@@ -75,6 +75,12 @@ class SimulatedArm:
 
     def set_wrench_limits(self, force: float, torque: float) -> None:
         self._controller.set_limits(*checked_limits(force, torque))
+
+    def apparent_mass(self, direction: Vector) -> float:
+        return self._controller.apparent_mass(rotated(self._mount.orientation, direction))
+
+    def take_peak(self) -> float:
+        return self._controller.take_peak()
 
     def zero_sensor(self) -> None:
         with suppress(Refused):  # without a sensor, contacts are measured: their zero is right

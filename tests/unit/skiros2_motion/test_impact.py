@@ -1,0 +1,29 @@
+"""The peak force of a contact, and the speed that keeps it below a limit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from skiros2_motion.core.impact import MIN_SPEED, apparent_mass, peak_force, permitted_speed
+
+
+def test_permitted_speed_has_the_peak_of_the_limit() -> None:
+    speed = permitted_speed(40.0, mass=4.0, stiffness=250e3)
+    assert speed == pytest.approx(0.04)
+    assert peak_force(speed, mass=4.0, stiffness=250e3) == pytest.approx(40.0)
+
+
+def test_slide_along_one_axis_has_its_mass_there_and_does_not_move_across() -> None:
+    jacobian = np.zeros((6, 1))
+    jacobian[2, 0] = 1.0
+    masses = np.array([[5.0]])
+    assert apparent_mass(jacobian, masses, (0.0, 0.0, 1.0)) == pytest.approx(5.0)
+    assert apparent_mass(jacobian, masses, (0.0, 0.6, 0.8)) == pytest.approx(5.0 / 0.64)
+    assert apparent_mass(jacobian, masses, (1.0, 0.0, 0.0)) == math.inf
+
+
+def test_arm_at_a_singularity_may_still_creep() -> None:
+    assert permitted_speed(40.0, math.inf) == MIN_SPEED

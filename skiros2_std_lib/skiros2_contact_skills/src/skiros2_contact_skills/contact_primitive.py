@@ -183,8 +183,8 @@ class ContactPrimitive(PrimitiveBase):
         return self.number("MaxForce", MAX_FORCE)
 
     def permitted(self, speed: float, direction: Vector, preload: float = 0.0) -> float:
-        """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`): the
-        given one, or a lower one, which the result of the motion reports.
+        """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`):
+        the given one, or a lower one, which the result of the motion reports.
 
         :param speed: that is asked for (m/s).
         :param direction: of the motion, a unit vector in the base frame.
@@ -199,10 +199,8 @@ class ContactPrimitive(PrimitiveBase):
         permitted = permitted_speed(self.limit - preload, mass, stiffness)
         if speed <= permitted:
             return speed
-        self._slowed = (
-        """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`):
-        the given one, or a lower one, which the result of the motion reports.
-        )
+        to = f"slowed from {1000 * speed:.0f} to {1000 * permitted:.0f} mm/s"
+        self._slowed = f"{to}: {mass:.1f} kg that meet {stiffness:.2g} N/m stay below {self.limit:g} N"
         return permitted
 
     def set_stiffness(self, along: float) -> None:

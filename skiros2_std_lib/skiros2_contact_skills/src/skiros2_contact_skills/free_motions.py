@@ -58,7 +58,6 @@ class _CompliantLine(ContactPrimitive):
             return self.fail(f"{1000 * off:.1f} mm and {turned:.3f} rad from the goal ({forces(state)})", NOT_REACHED)
         return self.step(f"Approaching: {1000 * off:.0f} mm to go, {forces(state)}")
 
-
     def _advance(self, dt: float) -> float:
         """Returns the completed fraction of the line after `dt` seconds, slower where a contact is expected."""
         before = minimum_jerk(self._passed, self._duration)

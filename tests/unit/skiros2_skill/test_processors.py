@@ -23,6 +23,8 @@ STATES = {"S": State.Success, "F": State.Failure, "R": State.Running}
 class Child:
     """A node that gives the next of its states at each tick, and the last one from then on."""
 
+    may_retry = True
+
     def __init__(self, states):
         self._states = [STATES[s] for s in states]
         self.ticks = 0

@@ -1,9 +1,11 @@
-"""Trees of any shape, with skills that end, fail and raise anywhere, preempted at any tick: they end as they should."""
+"""Trees of any shape, with skills that end, fail and raise anywhere, preempted at any tick: they end as they should,
+and no skill starts after a final failure."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_skill.core.skill import (
     NoFail,
@@ -23,11 +25,12 @@ from unit.skiros2_skill.skills import REQUIRED, describe
 
 PROCESSORS = [
     Sequential(), Serial(), SerialStar(), Selector(), SelectorStar(), ParallelFf(), ParallelFs(), NoFail(Sequential()),
-    NoFail(ParallelFf()), RetryOnFail(1), RetryOnFail(0),
+    NoFail(ParallelFf()), RetryOnFail(1), RetryOnFail(0), RetryOnFail(),
 ]  # fmt: skip
 
-#: What the ticks of a leaf do (run, succeed, fail, raise), the last one for good; and where else it raises.
-leaf = st.tuples(st.text("RSFX", min_size=1, max_size=4), st.sampled_from(["", "onStart", "onPreempt", "onEnd"]))
+#: What the ticks of a leaf do (run, succeed, fail, exceed a limit, raise), the last one for good; and where else it
+#: raises.
+leaf = st.tuples(st.text("RSFLX", min_size=1, max_size=4), st.sampled_from(["", "onStart", "onPreempt", "onEnd"]))
 tree = st.recursive(
     leaf,
     lambda child: st.tuples(st.sampled_from(PROCESSORS), st.booleans(), st.lists(child, max_size=4)),
@@ -36,10 +39,12 @@ tree = st.recursive(
 
 
 class Balance:
-    """How often skills were begun and ended, and how many run."""
+    """How often skills were begun and ended, and how often they were begun after a final failure."""
 
     def __init__(self):
         self.begun = self.ended = 0
+        self.has_final_failure = False
+        self.begun_too_late = 0
 
 
 class act(PrimitiveBase):
@@ -50,6 +55,7 @@ class act(PrimitiveBase):
 
     def onStart(self):
         self.balance.begun += 1
+        self.balance.begun_too_late += self.balance.has_final_failure
         self.ticks = 0
         return self._unless("onStart", True)
 
@@ -59,6 +65,9 @@ class act(PrimitiveBase):
         self.ticks += 1
         if letter == "X":
             raise RuntimeError("script")
+        if letter == "L":
+            self.balance.has_final_failure = True
+            return self.fail("30 N", 21, FailureKind.LIMIT)
         return {"R": State.Running, "S": State.Success, "F": State.Failure}[letter]
 
     def onPreempt(self):
@@ -108,6 +117,8 @@ def test_ended_tree_has_no_running_nodes_and_no_locks(shape, preempted_at):
         task.preempt()
         task.tick()
         assert task.ended.is_set()
+        assert act.balance.begun_too_late == 0
+        assert not (act.balance.has_final_failure and task.state is State.Success)
         assert State.Running not in [node.state for node in task.nodes()]
         assert act.balance.begun == act.balance.ended
         assert not any(implementation.busy for implementation in bench.library.implementations())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillDescription
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.processors import RetryOnFail, SerialStar
@@ -33,7 +34,9 @@ class InsertIntoBore(SkillDescription):
             "MaxForce", 40.0, ParamTypes.Optional, description="At the wrist", unit="N", minimum=1.0, maximum=200.0
         )
         self.addHoldCondition(
-            self.getSignalCond("ForceBelowLimit", "skiros:WristForce", "Arm", maximum="MaxForce", timeout=2.0)
+            self.getSignalCond(
+                "ForceBelowLimit", "skiros:WristForce", "Arm", maximum="MaxForce", timeout=2.0, kind=FailureKind.LIMIT
+            )
         )
 
 

@@ -10,13 +10,14 @@ from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import Refused
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.property import is_bool
 from skiros2_common.core.skill_description import ParamOptions, SkillDescription
 
 log = logging.getLogger(__name__)
 
-__all__ = ["ParamOptions", "SkillCore", "SkillDescription", "State", "as_state"]
+__all__ = ["FailureKind", "ParamOptions", "SkillCore", "SkillDescription", "State", "as_state"]
 
 State = Enum("State", "Success Failure Running Idle Uninitialized")
 
@@ -34,6 +35,8 @@ class SkillCore(SkillDescription):
 
     #: Whether a failure of the skill follows from another one and is not the cause: it cleans up, then fails.
     fails_late = False
+    #: The most severe kind of the failures since the start.
+    failure_kind = FailureKind.RETRYABLE
 
     #: Called by `wake`; set by the executor while the skill runs in a task.
     request_tick: Callable[[], None] = staticmethod(lambda: None)
@@ -49,9 +52,7 @@ class SkillCore(SkillDescription):
         self._id = -1
         self._children: list[Any] = []
         self._expand_on_start = False
-        self._progress_code = 0
-        self._progress_msg = ""
-        self._progress_period = 0.0
+        self._progress_code, self._progress_msg, self._progress_period = 0, "", 0.0
         self._started_at = 0.0
         self.progressed_at = 0.0
 
@@ -137,10 +138,11 @@ class SkillCore(SkillDescription):
     def begin_progress(self) -> None:
         self._started_at = self.progressed_at = time.monotonic()
         self._progress_code, self._progress_msg, self._progress_period = 0, "", 0.0
+        self.failure_kind = FailureKind.RETRYABLE
 
-    def startError(self, msg: str, code: int) -> bool:
-        """For `onStart`: reports why the skill cannot start. Returns False."""
-        self._setProgress(msg, -abs(int(code)))
+    def startError(self, msg: str, code: int, kind: FailureKind = FailureKind.RETRYABLE) -> bool:
+        """For `onStart`: reports why the skill cannot start, as `fail` does. Returns False."""
+        SkillCore.fail(self, msg, code, kind)
         return False
 
     def step(self, msg: str = "") -> State:
@@ -152,8 +154,9 @@ class SkillCore(SkillDescription):
         self.progressed_at = now
         return _RUNNING
 
-    def fail(self, msg: str, code: int) -> State:
-        """For `execute`: the skill failed. A positive code is negated."""
+    def fail(self, msg: str, code: int, kind: FailureKind = FailureKind.RETRYABLE) -> State:
+        """For `execute`: the skill failed. A positive code is negated. `kind`: whether it may be tried again."""
+        self.failure_kind = self.failure_kind.worst(kind)
         self._setProgress(msg, -abs(int(code)))
         return State.Failure
 
@@ -172,6 +175,7 @@ class SkillCore(SkillDescription):
         self._options = {key: list(options) for key, options in description.options.items()}
         self._available_for_planning = description.available_for_planning
         self.allowed_when_stopped = description.allowed_when_stopped
+        self.is_reaction = description.is_reaction
         self._duration = description.duration
         self._on_preempt = description.on_preempt
         self._source_locations = dict(description._source_locations)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeGuard
 from skiros2_common.core.condition_record import ConditionRecord, Cost
 from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.explanation import MAX_EXAMPLES, Change, Finding, NearMatch
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.source_location import SourceLocation
@@ -27,6 +28,9 @@ _SHORTCUTS = (
 
 class _OfParameters:
     """Reads the elements in the parameters of a condition, for evaluation and for explanations."""
+
+    #: Of the failure of a skill for which the condition does not hold.
+    failure_kind: FailureKind = FailureKind.RETRYABLE
 
     def __init__(self, clabel: str) -> None:
         self._label = clabel

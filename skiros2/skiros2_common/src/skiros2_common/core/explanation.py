@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.names import local_name
 from skiros2_common.core.wording import in_words, label_text, moment, with_names, words
@@ -248,6 +249,7 @@ class Explanation(JsonData):
     :param by: the client that has preempted the task; "" if unknown.
     :param running: for `PREEMPT` and `STOP`, the names of the skills that were running.
     :param labels: of the elements in the texts, by id; ambiguous ones with the id in brackets.
+    :param kind: a value of `FailureKind`.
     """
 
     _data_name = "explanation"
@@ -268,6 +270,12 @@ class Explanation(JsonData):
     by: str = ""
     running: list[str] = field(default_factory=list)
     labels: dict[str, str] = field(default_factory=dict)
+    kind: str = FailureKind.RETRYABLE.value
+
+    @property
+    def failure_kind(self) -> FailureKind:
+        """Whether the skill may be tried again."""
+        return FailureKind.read(self.kind)
 
     @property
     def name(self) -> str:
@@ -306,6 +314,8 @@ class Explanation(JsonData):
         path = " > ".join(self.path) or self.name
         clock = time.strftime("%H:%M:%S", time.localtime(self.stamp))
         yield f"{path} failed at {clock} ({self.stage}, code {self.code}{times})"
+        if self.failure_kind.is_final:
+            yield f"  it is not retried: {self.failure_kind.words}"
         facts = [line for finding in self.findings for line in finding.lines()]
         reasons = [in_words(named(line)) for line in (*facts, *map(str, self.candidates))]
         reasons += [line for tried in self.tried for line in tried._details(named)]

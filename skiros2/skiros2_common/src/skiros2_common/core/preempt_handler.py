@@ -63,8 +63,11 @@ class PreemptHandler:
 
 
 class Preemptible:
-    """The part of a description that declares a handler of preemptions."""
+    """The part of a description that declares a handler of preemptions, and whether the skill is one of failures."""
 
+    #: Whether the skill, and the children of a compound, may start in a task after a final failure (`FailureKind`): it
+    #: brings the robot or a held object to a safe place, as a retreat does.
+    is_reaction = False
     _on_preempt: PreemptHandler | None = None
 
     @property

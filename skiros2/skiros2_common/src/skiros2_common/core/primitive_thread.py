@@ -6,6 +6,7 @@ import threading
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.source_location import format_error
 
@@ -62,11 +63,11 @@ class PrimitiveThreadBase(PrimitiveBase):
             return State.Success
         return super().success(msg)
 
-    def fail(self, msg: str, code: int) -> State:
+    def fail(self, msg: str, code: int, kind: FailureKind = FailureKind.RETRYABLE) -> State:
         if threading.current_thread() is self._thread:
-            self._report = (msg, -abs(code))
+            self._report, self.failure_kind = (msg, -abs(code)), self.failure_kind.worst(kind)
             return State.Failure
-        return super().fail(msg, code)
+        return super().fail(msg, code, kind)
 
     def _work(self) -> None:
         outcome = (State.Failure, f"{self._label}: the thread ended without a result", -405)

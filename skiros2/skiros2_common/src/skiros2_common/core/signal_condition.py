@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.condition_record import Cost
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.signals import (
     LimitMonitor,
@@ -55,6 +56,7 @@ class ConditionSignal(ConditionBase):
     :param subj: key of the parameter with the element.
     :param minimum, maximum: see `SignalLimits`; or the key of a parameter.
     :param duration, hysteresis, timeout: see `SignalLimits`.
+    :param kind: whether the skill may be tried again when the signal was not within limits.
     :raises WrongValue: the limits are unusable; names all problems.
     """
 
@@ -73,8 +75,10 @@ class ConditionSignal(ConditionBase):
         duration: float = 0.0,
         hysteresis: float = 0.0,
         timeout: float = 0.5,
+        kind: FailureKind = FailureKind.RETRYABLE,
     ) -> None:
         super().__init__(clabel, subj, True)
+        self.failure_kind = kind
         self._signal_name = signal
         self._bounds: dict[str, Bound] = {"minimum": minimum, "maximum": maximum}
         self._keys = {name: bound for name, bound in self._bounds.items() if isinstance(bound, str)}

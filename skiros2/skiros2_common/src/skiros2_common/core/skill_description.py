@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from skiros2_common.core import conditions as cond
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.limits import NO_LIMITS, Limits
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
@@ -266,17 +267,11 @@ class SkillDescription(Preemptible):
         return cond.ConditionOnType(clabel, subj, value)
 
     def getSignalCond(
-        self,
-        clabel: str,
-        signal: str,
-        subj: str,
-        *,
-        minimum: float | str | None = None,
-        maximum: float | str | None = None,
-        duration: float = 0.0,
-        hysteresis: float = 0.0,
-        timeout: float = 0.5,
-    ) -> cond.ConditionSignal:
+        self, clabel: str, signal: str, subj: str, *,
+        minimum: float | str | None = None, maximum: float | str | None = None,
+        duration: float = 0.0, hysteresis: float = 0.0, timeout: float = 0.5,
+        kind: FailureKind = FailureKind.RETRYABLE,
+    ) -> cond.ConditionSignal:  # fmt: skip
         """True while a signal of the element, such as the force at a wrist, is within limits; for hold-conditions.
 
         :param signal: its class, such as `skiros:WristForce`, or its label.
@@ -284,9 +279,10 @@ class SkillDescription(Preemptible):
         :param duration: how long (s) the value must be outside the limits to violate them.
         :param hysteresis: how far inside the limits a value must be to end that time, in the signal's unit.
         :param timeout: the longest time (s) without a message; inf: any.
+        :param kind: whether the skill may be tried again when the signal was not within limits.
         :raises WrongValue: the limits are unusable.
         """
-        return cond.ConditionSignal(clabel, signal, subj, minimum, maximum, duration, hysteresis, timeout)
+        return cond.ConditionSignal(clabel, signal, subj, minimum, maximum, duration, hysteresis, timeout, kind)
 
     # -- other forms -------------------------------------------------------------------------------------------
 

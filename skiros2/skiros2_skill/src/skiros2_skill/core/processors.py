@@ -26,6 +26,10 @@ class TreeNode(Protocol[_AnyVisitor]):
 
     @property
     def state(self) -> State: ...
+    @property
+    def may_retry(self) -> bool:
+        """Whether no failure of the node or below it is final: see `FailureKind`."""
+
     def visit(self, visitor: _AnyVisitor) -> State:
         """Ticks the node once. Returns its state."""
 
@@ -209,7 +213,7 @@ class _Decorator(Processor):
 
 
 class NoFail(_Decorator):
-    """Runs another processor and turns its Failure into Success.
+    """Runs another processor and turns its Failure into Success; the task still fails after a final failure.
 
     :param processor: the other processor.
     """
@@ -236,9 +240,13 @@ class _Repeat(_Decorator):
         super().reset()
         self._done = 0
 
+    def may_repeat(self, children: Children[TreeNode[_Visitor]]) -> bool:
+        """Whether the children may restart."""
+        return True
+
     def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         state = self._processor.processChildren(children, visitor)
-        if state is not self._repeat_on or (0 <= self._times <= self._done):
+        if state is not self._repeat_on or (0 <= self._times <= self._done) or not self.may_repeat(children):
             return state
         self._done += 1
         _preempt_running(children, visitor)
@@ -247,7 +255,8 @@ class _Repeat(_Decorator):
 
 
 class RetryOnFail(_Repeat):
-    """Runs another processor; after a failure it restarts at the first child and is Running in between.
+    """Runs another processor; after a failure it restarts at the first child and is Running in between. A final failure
+    (`FailureKind`) is not retried.
 
     :param max_retries: maximum number of restarts; -1: unlimited.
     :param processor: the other processor; None: `Sequential`.
@@ -257,6 +266,9 @@ class RetryOnFail(_Repeat):
 
     def __init__(self, max_retries: int = -1, processor: Processor | None = None) -> None:
         super().__init__(max_retries, processor)
+
+    def may_repeat(self, children: Children[TreeNode[_Visitor]]) -> bool:
+        return all(child.may_retry for child in children)
 
     def printType(self) -> str:
         inside = "" if isinstance(self._processor, Sequential) else f",{self._processor.printType()}"

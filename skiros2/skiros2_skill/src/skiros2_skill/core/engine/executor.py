@@ -11,18 +11,13 @@ from collections.abc import Callable
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
-from skiros2_common.core.explanation import PARAMETER, POST, PREEMPT
+from skiros2_common.core.explanation import PARAMETER, POST
 from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, update_slots
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
-from skiros2_skill.core.engine.devices import free_devices
-from skiros2_skill.core.engine.failures import (
-    EXECUTE_RAISED,
-    PREEMPT_RAISED,
-    Failure,
-    Failures,
-)
+from skiros2_skill.core.engine.failures import EXECUTE_RAISED, Failure, Failures
+from skiros2_skill.core.engine.final_failures import FinalFailures, is_active
 from skiros2_skill.core.engine.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.engine.hooks import RAISED, Hooks
 from skiros2_skill.core.engine.parameters import Parameters
@@ -58,6 +53,7 @@ class Executor:
         self.ending: list[SkillRun] = []  # preempted runs that have not ended
         self.on_preempting: Callable[[SkillRun], None] = lambda run: None  # called before each preemption
         self.failures = Failures(wmi)
+        self.final = FinalFailures()
         self.hooks = Hooks(self.failures, self.breakpoints, wmi)
         self.guard = self.hooks.guard
         self.parameters = Parameters(wmi, self.guard, wake)
@@ -76,9 +72,15 @@ class Executor:
             self._tick_ending(run)
         state = root.state
         if state is not _SUCCESS and state is not _FAILURE:
+            if state is not _RUNNING:
+                self.final = FinalFailures()
             state = root.visit(self)
         if self.breakpoints and state is _RUNNING and not self.ending:
             self.breakpoints.raise_if_reached()
+        if self.final and state is not _FAILURE and not self.ending and not is_active(self.runs):
+            self.preempt_all(root)
+            self.set_state(root, _FAILURE)
+            return _FAILURE
         return _RUNNING if self.ending else state
 
     # -- one node ----------------------------------------------------------------------------------------------
@@ -168,7 +170,7 @@ class Executor:
         run = SkillRun(node)
         node.show(run)
         version = self.parameters.world_version
-        failure = select(run, self.parameters, self._wmi)
+        failure = self.final.refusal(node) or select(run, self.parameters, self._wmi)
         if failure is not None:
             self.set_state(node, _FAILURE)
             self.hooks.fail(run, failure)
@@ -202,6 +204,7 @@ class Executor:
         """Preempts a run and fails it, with its present progress or with a failure."""
         if failure is not None:
             self.hooks.fail(run, failure)
+        self.final.note(run)
         progress = run.progress
         self.preempt(run.node)
         if run in self.ending:  # the node has failed, though its end takes more ticks
@@ -247,18 +250,15 @@ class Executor:
         for child in run.node.children:
             if child.state is _RUNNING:
                 child.visitPreempt(self)
-        self.free(run)
+        self.hooks.free(run)
         if state is _SUCCESS and not preempted:
             failure = self.parameters.check(POST, run.post_conditions, run)
             if failure is not None:
                 self.hooks.fail(run, failure)
                 state = _FAILURE
-        if state is _FAILURE and not preempted and run.node.children and run.progress.code >= 0:
-            cause = self.failures.cause_below(run.node)
-            if cause is not None:  # the compound has not set a progress itself
-                run.report(*cause)
-        elif state is _SUCCESS and run.implementation.is_compound and not run.progress.code:
-            run.report("End", 1)
+        if state is _SUCCESS and self.final.below(run.node).is_final:
+            state = _FAILURE
+        self.hooks.report_end(run, state, preempted)
         state = self.hooks.on_end(run, state, preempted)
         self._note_progress(run)
         if state is _SUCCESS and not run.implementation.is_compound:
@@ -267,10 +267,12 @@ class Executor:
 
     def _close(self, run: SkillRun, state: State) -> State:
         """Pushes the parameters of an ended run and releases its instance."""
+        if state is _FAILURE:
+            self.final.note(run)
         if run.has_started:
             self.parameters.push(run, everything=True)
         self.parameters.end(run)
-        self.free(run)
+        self.hooks.free(run)
         del self.runs[run.node]
         self._set_states(run, state)
         if run.implementation.is_compound:
@@ -281,11 +283,6 @@ class Executor:
             self.breakpoints.after_end(run.node)
         self.parameters.update_revision()
         return state
-
-    def free(self, run: SkillRun) -> None:
-        """Unlocks the devices that the run has locked."""
-        if run.locks:
-            self.guard.call(run, "the release of its devices", free_devices, run, self._wmi)
 
     # -- from outside of the tree ------------------------------------------------------------------------------
 
@@ -310,21 +307,18 @@ class Executor:
         self.parameters.end(run)
         self.runs.pop(run.node, None)
         run.abandon()
-        run.report(hung.reason, PREEMPT_RAISED)
-        self.failures.record(run.node, Failure(PREEMPT, PREEMPT_RAISED, hung.reason))
+        self.hooks.give_up(run, hung.reason)
         self.set_state(run.node, _FAILURE)
         for child in run.node.children:
             if child.hasState(_RUNNING):
                 child.visitPreempt(self)
-        self.free(run)
+        self.hooks.free(run)
 
     def abandon_ending(self) -> None:
         """Ends the preempted runs that have not ended; their instances are never used again."""
         for run in list(self.ending):
             self.ending.remove(run)
-            text = "did not end in time after its preemption"
-            run.report(text, PREEMPT_RAISED)
-            self.failures.record(run.node, Failure(PREEMPT, PREEMPT_RAISED, text))
+            self.hooks.give_up(run, "did not end in time after its preemption")
             run.is_abandoned = True
             self.end(run, _FAILURE, preempted=True)
 

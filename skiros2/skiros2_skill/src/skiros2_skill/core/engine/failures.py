@@ -27,6 +27,7 @@ from skiros2_common.core.explanation import (
     InferenceFailure,
     Provenance,
 )
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.names import SCENE_ROOT, local_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.source_location import format_error
@@ -43,6 +44,8 @@ log = logging.getLogger(__name__)
 MAX_FAILURES = 100
 
 PRE_FAILED, HOLD_FAILED, POST_FAILED = -1, -2, -3
+#: Of a skill that does not start after a final failure.
+NOT_RETRIED = -6
 START_RAISED, EXECUTE_RAISED, PREEMPT_RAISED = -404, -405, -406
 
 #: Numbers in messages, which may differ from tick to tick: such failures are of one kind.
@@ -61,6 +64,7 @@ class Failure:
     :param tried: the failures of the rejected implementations.
     :param secondary: the node had failed or ended before: this is not the cause.
     :param by, running: see `Explanation`.
+    :param kind: whether the skill may be tried again.
     """
 
     stage: str
@@ -75,6 +79,7 @@ class Failure:
     secondary: bool = False
     by: str = ""
     running: list[str] = field(default_factory=list)
+    kind: FailureKind = FailureKind.RETRYABLE
 
 
 @dataclass
@@ -85,6 +90,10 @@ class _Entry:
     explanation: Explanation
     secondary: bool
     pending: Failure | None = None
+
+    @property
+    def is_final(self) -> bool:
+        return self.explanation.failure_kind.is_final
 
 
 class Failures:
@@ -100,7 +109,8 @@ class Failures:
 
     def record(self, node: Node, failure: Failure) -> None:
         """Records a failure; a repetition, whose message differs at most in numbers, increments the count."""
-        key = (_child_indices(node), failure.label, failure.stage, failure.code, _NUMBER.sub("#", failure.message))
+        text = _NUMBER.sub("#", failure.message)
+        key = (_child_indices(node), failure.label, failure.stage, failure.code, failure.kind, text)
         known = self._entries.get(key)
         if known is None:
             entry = _Entry(node, self._explained(node, failure), failure.secondary)
@@ -139,17 +149,28 @@ class Failures:
         return (entry.node, entry.explanation) if entry is not None else None
 
     def _cause_entry(self) -> _Entry | None:
-        entries = (entry for entry in reversed(self._entries.values()) if not entry.secondary)
-        return next((e for e in entries if all(node.state is State.Failure for node in _path(e.node))), None)
+        """The last failure with failed ancestors only; that of the root, which was ended from outside, or the first
+        final one takes precedence."""
+        entries = self._causes()
+        failed = [e for e in entries if all(node.state is State.Failure for node in _path(e.node))]
+        last = failed[0] if failed else None
+        if last is not None and last.node.parent is None:
+            return last
+        return next((entry for entry in reversed(entries) if entry.is_final), last)
 
     def cause_below(self, node: Node) -> tuple[str, int] | None:
-        """The message (one line) and the code of the failure that made a compound fail."""
-        for entry in reversed(self._entries.values()):
-            failed = entry.node
-            if not entry.secondary and failed.state is State.Failure and failed.inSubtreeOf(node):
-                text = entry.explanation.message.strip().partition("\n")[0]
-                return f"{failed.label or failed.type}: {text}", min(entry.explanation.code, -1)
-        return None
+        """The message (one line) and the code of the failure that made a compound fail: the first final one, or the
+        last one."""
+        entries = [e for e in self._causes() if e.node.state is State.Failure and e.node.inSubtreeOf(node)]
+        entry = next((entry for entry in reversed(entries) if entry.is_final), entries[0] if entries else None)
+        if entry is None:
+            return None
+        text = entry.explanation.message.strip().partition("\n")[0]
+        return f"{entry.node.label or entry.node.type}: {text}", min(entry.explanation.code, -1)
+
+    def _causes(self) -> list[_Entry]:
+        """The failures that do not follow from others, the last first."""
+        return [entry for entry in reversed(self._entries.values()) if not entry.secondary]
 
     def _explained(self, node: Node, failure: Failure) -> Explanation:
         path = [n.display_name for n in _path(node) if n.parent is not None or n is node]
@@ -175,6 +196,7 @@ class Failures:
             time.time(),
             by=failure.by,
             running=failure.running,
+            kind=failure.kind.value,
         )
 
     def _findings(self, failure: Failure) -> list[Finding]:
@@ -271,7 +293,8 @@ def check_conditions(
         return Failure(stage, code, f"{prefix}: {error}")
     except FOREIGN_ERRORS as error:
         return Failure(EXCEPTION, raised_code, format_error(error))
-    return Failure(stage, code, f"{prefix}: {text}", conditions=unsatisfied, params=params)
+    kind = max((c.failure_kind for c in unsatisfied), key=lambda kind: kind.severity)
+    return Failure(stage, code, f"{prefix}: {text}", conditions=unsatisfied, params=params, kind=kind)
 
 
 def _record(

@@ -13,6 +13,7 @@ from skiros2_common.core.property import is_bool
 from skiros2_common.core.source_location import format_error
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.breakpoints import TaskBreakpoints
+from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.elements import discard_changes
 from skiros2_skill.core.engine.failures import (
     EXECUTE_RAISED,
@@ -59,11 +60,31 @@ class Hooks:
         self.guard: HookGuard[SkillRun] = HookGuard()
 
     def fail(self, run: SkillRun, failure: Failure) -> None:
-        """Sets the progress of a failed run and records the failure."""
+        """Sets the progress and the kind of a failed run and records the failure."""
         run.report(failure.message, failure.code)
+        run.failure_kind = run.failure_kind.worst(failure.kind)
         self.guard.call(run, "the explanation of its failure", self._failures.record, run.node, failure)
         if self._breakpoints:
             self._breakpoints.at_failure(failure.conditions)
+
+    def give_up(self, run: SkillRun, reason: str) -> None:
+        """Sets the progress of a run that does not end, and records that."""
+        run.report(reason, PREEMPT_RAISED)
+        self._failures.record(run.node, Failure(PREEMPT, PREEMPT_RAISED, reason))
+
+    def report_end(self, run: SkillRun, state: State, preempted: bool) -> None:
+        """Sets the progress of a compound that has ended and has not set it itself."""
+        if state is _FAILURE and not preempted and run.node.children and run.progress.code >= 0:
+            cause = self._failures.cause_below(run.node)
+            if cause is not None:
+                run.report(*cause)
+        elif state is _SUCCESS and run.implementation.is_compound and not run.progress.code:
+            run.report("End", 1)
+
+    def free(self, run: SkillRun) -> None:
+        """Unlocks the devices that a run has locked."""
+        if run.locks:
+            self.guard.call(run, "the release of its devices", free_devices, run, self._wmi)
 
     def execute(self, run: SkillRun, of_children: State | None = None, secondary: bool = False) -> State:
         """Calls `execute` and returns the new state.
@@ -99,8 +120,7 @@ class Hooks:
         refused = self.call(run, "onStart", lambda: refusal_text(run.start()), START_RAISED)
         if refused and refused is not RAISED:
             set_failure_reason(run, f"{run.label}: onStart returned {refused}", PRE_FAILED)
-            instance = run.instance
-            self._failures.record(run.node, Failure(START, instance.progress_code, instance.progress_msg))
+            self._failures.record(run.node, _reported(run, START))
         return refused
 
     def on_preempt(self, run: SkillRun) -> State:
@@ -127,8 +147,7 @@ class Hooks:
         if answer is not RAISED and state is _SUCCESS:
             if instance.progressed_at == progressed_at:
                 run.report(f"{run.label}: onEnd returned {answer}", POST_FAILED)
-            failure = Failure(EXECUTE, instance.progress_code, instance.progress_msg, secondary=secondary)
-            self._failures.record(run.node, failure)
+            self._failures.record(run.node, _reported(run, EXECUTE, secondary))
         return _FAILURE
 
     def execute_raised(self, run: SkillRun, error: Exception | SystemExit, secondary: bool = False) -> State:
@@ -166,15 +185,21 @@ class Hooks:
             return _FAILURE  # the failure of the children, without a progress of its own
         else:
             set_failure_reason(run, text, EXECUTE_RAISED)
-        secondary = secondary or instance.fails_late
-        failure = Failure(EXECUTE, instance.progress_code, instance.progress_msg, secondary=secondary)
-        self._failures.record(run.node, failure)
+        self._failures.record(run.node, _reported(run, EXECUTE, secondary or instance.fails_late))
         return _FAILURE
 
 
 def refusal_text(answer: Any) -> str:
     """The text of a refusal by `onStart` or `onEnd` (False, or the value of `fail`); "" for other values, also None."""
     return repr(answer) if answer is _FAILURE or (answer is not None and not answer) else ""
+
+
+def _reported(run: SkillRun, stage: str, secondary: bool = False) -> Failure:
+    """The failure that the instance of a run has reported as its progress."""
+    instance = run.instance
+    return Failure(
+        stage, instance.progress_code, instance.progress_msg, secondary=secondary, kind=instance.failure_kind
+    )
 
 
 def set_failure_reason(run: SkillRun, text: str, code: int) -> None:

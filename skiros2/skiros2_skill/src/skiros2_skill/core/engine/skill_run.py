@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_runs.core.values import ConditionStatus
 from skiros2_skill.core.engine.hook_guard import HookGuard
@@ -144,11 +145,11 @@ class SkillRun:
     """
 
     __slots__ = (
-        "_is_counted", "_reported", "_started_at", "element_slots", "evaluated", "exposed", "failure_progress",
-        "has_started", "hold_conditions", "implementation", "input_values", "instance", "is_abandoned",
-        "is_described", "is_expanded", "keys", "label", "locks", "node", "options", "params", "post_conditions",
-        "pre_conditions", "progressed_at", "reads", "skips_refresh", "slots", "stale", "state", "volatile",
-        "watches",
+        "_is_counted", "_reported", "_started_at", "element_slots", "evaluated", "exposed", "failure_kind",
+        "failure_progress", "has_started", "hold_conditions", "implementation", "input_values", "instance",
+        "is_abandoned", "is_described", "is_expanded", "keys", "label", "locks", "node", "options", "params",
+        "post_conditions", "pre_conditions", "progressed_at", "reads", "skips_refresh", "slots", "stale", "state",
+        "volatile", "watches",
     )  # fmt: skip
 
     implementation: ImplementationPort  # unset until it is selected
@@ -195,6 +196,8 @@ class SkillRun:
         self.watches: list[Callable[[], None]] = []
         #: The last evaluation of its conditions, by stage.
         self.evaluated: dict[str, list[ConditionStatus]] = {}
+        #: Of a failed run: the most severe kind of its failures.
+        self.failure_kind = FailureKind.RETRYABLE
         #: Of a failed run that is still ending.
         self.failure_progress: Progress | None = None
         #: Whether a hook has not returned: the instance must not be used again.

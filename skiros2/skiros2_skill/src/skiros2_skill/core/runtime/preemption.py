@@ -116,8 +116,10 @@ class PreemptHandlers:
 
     def _start(self, run: SkillRun, handler: PreemptHandler) -> None:
         name = f"on_preempt of {run.name} ({handler})"
-        if self._abandoned:
-            self._report(f"{name} was not run: {self._abandoned}")
+        final = self._executor.final.forbids_reaction()
+        refusal = self._abandoned or (final.text if final is not None else "")
+        if refusal:
+            self._report(f"{name} was not run: {refusal}")
             return
         try:
             if not self._executor.guard.call(run, "the condition of its on_preempt", self._applies, run, handler):
@@ -132,6 +134,7 @@ class PreemptHandlers:
             return
         log.info("%s: %s runs for at most %g s", self._root.label, name, handler.seconds)
         self._root.addChild(child)
+        self._executor.final.begin_reaction(child)
         self._root._setProgress(f"ending: {name}", 0)
         self._executor.changed = True
         self.deadline = time.monotonic() + handler.seconds

@@ -334,6 +334,11 @@ class SkillInterface(NodeParams):
             visitor.set_state(self, state)
         return state
 
+    @property
+    def may_retry(self) -> bool:
+        """Whether no failure of the node or below it is final: see `FailureKind`."""
+        return all(child.may_retry for child in self._children)
+
     def visitPreempt(self, visitor: Visitor) -> State:
         """Preempts the node.
 

@@ -305,6 +305,10 @@ class SkillWrapper(DescribedNode):
             visitor.changed = True
         return _RUNNING
 
+    @property
+    def may_retry(self) -> bool:
+        return self.run is None or not self.run.failure_kind.is_final
+
     # -- state and progress of the run -------------------------------------------------------------------------
 
     @property

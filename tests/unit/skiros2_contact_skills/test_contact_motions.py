@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 import pytest
 
 from skiros2_common.core.abstract_skill import State
@@ -17,7 +18,9 @@ from skiros2_contact_skills.arms import provided_arms
 from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt, smallest_rotation
 from skiros2_motion.core.compliant_arm import ArmState, Wrench
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, angle_between, from_euler, rotated
+from skiros2_perception.core.fusion import covariance_text
 from skiros2_skill.testing import SkillBench
+from skiros2_std_reasoners.core.spatial_data import set_pose
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 SURFACE, OPENING = 0.30, 0.25  # m, heights of the surface and of the floor of the opening
@@ -77,6 +80,7 @@ class SurfaceArm:
 
     def start_spiral(self, spiral: Any) -> None:
         self.calls.append("start_spiral")
+        self.spiral = spiral
 
     def stop_overlay(self) -> None:
         self.calls.append("stop_overlay")
@@ -260,6 +264,43 @@ def test_search_without_an_opening_ends_in_time(rig: Rig) -> None:
     rig.arm.step()
     task = rig.run(rig.command("SpiralSearch", SearchTime=2.0))
     assert code(task) == codes.NOT_FOUND
+
+
+def pressed(rig: Rig) -> Rig:
+    rig.arm.set_reference(Pose((0.5, 0.0, SURFACE), DOWN))
+    rig.arm.step()
+    return rig
+
+
+def test_search_ends_when_its_spiral_has_returned(rig: Rig) -> None:
+    spiral = {"Radius": 0.002, "PathDistance": 0.001, "PathVelocity": 0.01}  # 1.3 s each way
+    task = pressed(rig).run(rig.command("SpiralSearch", SearchTime=60.0, **spiral))
+    assert code(task) == codes.NOT_FOUND
+    assert rig.arm.time < 6.0
+
+
+def test_attempts_of_a_task_have_a_total_time(rig: Rig) -> None:
+    task = pressed(rig).run(rig.command("SpiralSearch", SearchTime=5.0, TotalTime=6.0, Searched=[5.5]))
+    assert code(task) == codes.NOT_FOUND
+    assert rig.arm.time < 1.0
+    assert task.skill.params["Searched"].value > 6.0
+
+
+@pytest.mark.parametrize(
+    ("deviation", "turn", "radius"), [(0.0001, 0.0001, 0.0023), (0.0005, 0.0001, 0.0035), (0.0001, 0.01, 0.005)]
+)
+def test_covariance_of_an_estimated_pose_bounds_the_search(
+    rig: Rig, deviation: float, turn: float, radius: float
+) -> None:
+    block = rig.bench.add("skiros:Product", "block", rig.bench.robot, "skiros:contain")
+    block.setProperty("skiros:PoseCovariance", covariance_text(np.diag([deviation**2] * 3 + [turn**2] * 3)))
+    rig.bench.wmi.update_element_properties(block)
+    bore = rig.bench.add("skiros:Bore", "bore", block, "skiros:hasA")
+    set_pose(bore, Pose((0.1, 0.0, 0.0), IDENTITY.orientation))
+    rig.bench.wmi.update_element_properties(bore)
+    task = pressed(rig).command("SpiralSearch", Bore=bore)
+    task.tick(3)
+    assert rig.arm.spiral.radius == pytest.approx(radius, abs=1e-4)
 
 
 def test_insertion_ends_on_the_floor_and_a_jam_fails(rig: Rig) -> None:

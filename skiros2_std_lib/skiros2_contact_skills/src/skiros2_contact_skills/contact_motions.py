@@ -17,6 +17,7 @@ from skiros2_contact_skills.contact_primitive import (
     moved,
     pressed,
 )
+from skiros2_contact_skills.core.part_poses import position_deviation
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
@@ -26,6 +27,10 @@ from skiros2_motion.core.spiral import SpiralGoal
 _APPROACH_STIFFNESS = 800.0
 #: Stiffness along the tool axis of a search (N/m): it only damps, as the reference follows the tool.
 _FOLLOWING_STIFFNESS = 300.0
+#: A search ends after that many passes between the centre and the radius, and the time until the part is pressed (s).
+_PASSES, _PRESSING_TIME = 2.0, 2.0
+#: Radius of a search for a bore with an estimated pose: standard deviations, and errors of grasp and arm (m).
+_DEVIATIONS, _OTHER_ERRORS = 3.0, 0.002
 #: Stiffness along the tool axis of insertions (N/m).
 _INSERTION_STIFFNESS = 2000.0
 #: An insertion brakes within this time before its end (s), down to this speed (m/s).
@@ -71,18 +76,30 @@ class spiral_search(ContactPrimitive):
 
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_FOLLOWING_STIFFNESS)
-        spiral = [self.value(key) for key in ("Radius", "PathDistance", "PathVelocity")]
-        if all(spiral):  # a driver refuses a spiral of a point
-            self.arm.start_spiral(SpiralGoal(*spiral, allow_decrease=True))
+        distance, velocity = self.value("PathDistance"), self.value("PathVelocity")
+        self._radius = min(self.value("Radius"), self._largest_error())
+        self._before = self.number("Searched", 0.0)
+        self._time = min(self.value("SearchTime"), self.value("TotalTime") - self._before)
+        if self._radius and distance and velocity:  # a driver refuses a spiral of a point
+            self.arm.start_spiral(SpiralGoal(self._radius, distance, velocity, allow_decrease=True))
+            self._time = min(self._time, _PASSES * math.pi * self._radius**2 / distance / velocity + _PRESSING_TIME)
+
+    def _largest_error(self) -> float:
+        """Returns the largest expected error of the position of the opening (m); inf if its pose was not estimated."""
+        bore = self.optional_element("Bore")
+        deviation = None if bore is None else position_deviation(self.wmi, bore)
+        return math.inf if deviation is None else _DEVIATIONS * deviation + _OTHER_ERRORS
 
     def move(self, state: ArmState, dt: float) -> State:
         self.arm.set_wrench((0.0, 0.0, self.value("Force")))
         depth = self.depth(state)
         if depth >= self.value("DropDepth"):
+            self.params["Searched"].values = [0.0]
             return self.success(f"The opening is found, {1000 * depth:.1f} mm deep ({forces(state)})")
         passed = state.stamp - self.start.stamp
-        if passed > self.value("SearchTime"):
-            text = f"No opening within {1000 * self.value('Radius'):.1f} mm in {passed:.1f} s ({forces(state)})"
+        self.params["Searched"].values = [self._before + passed]
+        if passed > self._time:
+            text = f"No opening within {1000 * self._radius:.1f} mm in {passed:.1f} s ({forces(state)})"
             return self.fail(text, NOT_FOUND)
         axis = axis_of(self.start)
         along = dot(axis, difference(state.pose.position, self.start.pose.position))

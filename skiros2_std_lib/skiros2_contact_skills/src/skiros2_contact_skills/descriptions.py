@@ -151,6 +151,16 @@ class SpiralSearch(ContactMotion):
         self.add_number("PathVelocity", 0.012, "m/s", 0.0, 0.3, "Along the spiral; 0: the search presses only")
         self.add_number("DropDepth", 0.0012, "m", 0.0002, 0.02, "Below the surface, at which the opening is found")
         self.add_number("SearchTime", 15.0, "s", 0.5, 120.0, "The search fails after it")
+        self.add_number("TotalTime", 30.0, "s", 0.5, 600.0, "Of all attempts of a task to find the opening")
+        self.addParam(
+            "Bore",
+            Element("skiros:Bore"),
+            Optional,
+            description="The opening: the covariance of its pose bounds Radius",
+        )
+        self.addParam(
+            "Searched", [float], Optional, description="Result: time of attempts without an opening", unit="s"
+        )
 
 
 class InsertPart(ContactMotion):

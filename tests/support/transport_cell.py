@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.execution import ExecutionStateMachine
@@ -41,6 +43,7 @@ class TransportCell:
     """Executes one goal: each product at the place after its own.
 
     :param fails: returns whether a started step will fail.
+    :param kind: of these failures, and of those of steps that are stopped.
     """
 
     def __init__(
@@ -50,6 +53,8 @@ class TransportCell:
         products: int,
         max_replans: int = 5,
         fails: Callable[[Step], bool] = lambda step: False,
+        kind: FailureKind = FailureKind.RETRYABLE,
+        replans_after_limit: bool = False,
     ) -> None:
         task = transport_task(robots, places, products)
         self.robots = task.members[ROBOT]
@@ -63,8 +68,11 @@ class TransportCell:
         self.end: End | None = None
         self.plans = 0  # that were asked for
         self._fails = fails
+        self._why = (
+            () if kind is FailureKind.RETRYABLE else (Explanation("execute", "", "", -1, -1, "", kind=kind.value),)
+        )
         self._due: list[tuple[float, Callable[[], Sequence[Command]]]] = []
-        self.machine = ExecutionStateMachine(lambda: self.now, max_replans)
+        self.machine = ExecutionStateMachine(lambda: self.now, max_replans, replans_after_limit)
         self.tell(self.machine.begin())
 
     @property
@@ -125,7 +133,7 @@ class TransportCell:
 
     def _stopped(self, number: int) -> Sequence[Command]:
         running = self.running.pop(number, None)
-        return self.machine.ended(number, False, "stopped") if running is not None else []
+        return self.machine.ended(number, False, "stopped", self._why) if running is not None else []
 
     # -- events ------------------------------------------------------------------------------------------
 
@@ -153,7 +161,8 @@ class TransportCell:
         del self.running[number]
         if not running.fails:
             self.facts = running.step.apply(self.facts)
-        self.tell(self.machine.ended(number, not running.fails, "broken" if running.fails else ""))
+        message, why = ("broken", self._why) if running.fails else ("", ())
+        self.tell(self.machine.ended(number, not running.fails, message, why))
         self.change(self.facts)
 
     def change(self, facts: frozenset[Atom]) -> None:

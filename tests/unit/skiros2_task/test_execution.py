@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_task.core.execution import ROBOT_TIMEOUT, Phase
+from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.failure_kind import FailureKind
+from skiros2_task.core.execution import ROBOT_TIMEOUT, ExecutionStateMachine, Phase
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import Verdict
-from skiros2_task.core.step_record import StepState
+from skiros2_task.core.step_record import RestoredState, StepState
 from support.transport_cell import PLANNING_TIME, STEP_TIME, TransportCell
 
 
@@ -64,6 +67,55 @@ def test_skill_that_failed_twice_moves_to_other_robot() -> None:
     cell.run()
     assert cell.reached
     assert cell.machine.replans == 2
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FailureKind if kind.is_final])
+def test_final_failure_ends_the_goal(kind: FailureKind) -> None:
+    cell = TransportCell(1, 2, 1, fails=lambda step: step.call.label == "place", kind=kind)
+    cell.run()
+    assert cell.end is not None
+    assert cell.end.verdict is Verdict.FAILED
+    assert kind.words in cell.end.message
+    assert (cell.plans, cell.machine.replans) == (1, 0)
+
+
+def test_no_step_starts_after_a_final_failure() -> None:
+    cell = TransportCell(2, 4, 4, fails=lambda step: step.number == 1, kind=FailureKind.CONTROLLER)
+    cell.run()
+    assert cell.end is not None
+    assert (cell.end.verdict, cell.plans, len(cell.started)) == (Verdict.FAILED, 1, 2)
+
+
+def test_goal_is_planned_again_after_a_limit_if_the_task_manager_permits_it() -> None:
+    failed = []
+
+    def first_place(step: Step) -> bool:
+        if step.call.label != "place" or failed:
+            return False
+        failed.append(step)
+        return True
+
+    for kind, is_reached in ((FailureKind.LIMIT, True), (FailureKind.SENSOR, False)):
+        failed.clear()
+        cell = TransportCell(1, 2, 1, fails=first_place, kind=kind, replans_after_limit=True)
+        cell.run()
+        assert cell.reached is is_reached
+
+
+def test_goal_with_a_final_failure_of_an_earlier_process_ends() -> None:
+    before = TransportCell(2, 4, 4, fails=lambda step: step.number == 1, kind=FailureKind.LIMIT)
+    before.run(PLANNING_TIME + 1.0)
+    number = before.machine.running[0].number
+    before.running.pop(number)
+    why = (Explanation("execute", "", "", -1, -1, "", kind=FailureKind.LIMIT.value),)
+    before.machine.ended(number, False, "30 N", why)
+    assert before.machine.phase is Phase.STOPPING
+    cell = TransportCell(2, 4, 4)
+    cell.machine = ExecutionStateMachine(lambda: cell.now)
+    records = tuple(before.machine.records.values())
+    cell.machine.restore(RestoredState(records, 0, 1, before.machine.failures))
+    cell.machine.resume(cell.task)
+    assert cell.machine.phase is Phase.STOPPING
 
 
 def test_step_that_fails_during_planning_causes_replan() -> None:

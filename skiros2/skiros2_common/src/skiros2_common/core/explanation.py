@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from skiros2_common.core.failure_kind import FailureKind
@@ -364,3 +364,10 @@ class Explanation(JsonData):
 def cause_of(explanations: Sequence[Explanation], message: str) -> str:
     """Returns the sentence of the failure that ended a task, the last explanation; without any, the message."""
     return explanations[-1].sentence if explanations else message
+
+
+def worst_kind(explanations: Iterable[Explanation]) -> FailureKind:
+    """Returns the most severe kind of the failures of a task, which decides whether it may be tried again."""
+    return max(
+        (why.failure_kind for why in explanations), key=lambda kind: kind.severity, default=FailureKind.RETRYABLE
+    )

@@ -53,6 +53,17 @@ def integer_param(name: str, default: int, **limits: Any) -> int:
     return int(number_param(name, default, what="an integer", is_whole=True, **limits))
 
 
+def bool_param(name: str, default: bool) -> bool:
+    """Reads true or false.
+
+    :raises ConfigurationError: the parameter has another value.
+    """
+    value: Any = rospy.get_param(name, default)
+    if not isinstance(value, bool):
+        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r:.60}, expected true or false")
+    return value
+
+
 def texts_param(name: str) -> list[str]:
     """Reads a list of texts; [] if it is missing or empty. A text is parsed as YAML, as launch files may write it.
 

@@ -11,7 +11,8 @@
 A plan is broken when a step fails, when a robot of it is lost, or when the remaining steps no longer lead from the
 current world to the goal. Then no further step starts. Running steps continue, and a new plan is made for the world as
 it will be when they have succeeded; running steps that the new plan does not need are stopped. If there is no such
-plan, all steps are stopped and a plan is made for the current world.
+plan, all steps are stopped and a plan is made for the current world. After a final failure of a step (`FailureKind`),
+also while it is being stopped, no new plan is made: the goal ends.
 
 A goal that is interrupted by one with a higher priority stops the steps that use the same robots, which may take a
 while: a manager runs the `on_preempt` of the preempted skills. Then a plan is made for the world as it is by then.
@@ -29,7 +30,7 @@ from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld,
 from skiros2_task.core.plan import Step, plan_problem
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.semantics import Facts
-from skiros2_task.core.step_record import RestoredState, StepRecord, StepState, with_labels
+from skiros2_task.core.step_record import RestoredState, StepRecord, StepState, final_end, given_up_text, with_labels
 from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
@@ -62,10 +63,12 @@ class ExecutionStateMachine:
 
     :param clock: returns the time (s).
     :param max_replans: how often a broken plan is replaced at most.
+    :param replans_after_limit: whether a plan is made even after a step that exceeded a limit.
     """
 
     clock: Callable[[], float]
     max_replans: int = 5
+    replans_after_limit: bool = False
     phase: Phase = Phase.PLANNING
     replans: int = 0
     records: dict[int, StepRecord] = field(default_factory=dict)  # of the plan and all started steps, by number
@@ -97,6 +100,8 @@ class ExecutionStateMachine:
         self.replans, self.plan_start = state.replans, state.plan_start
         self._failures.update(state.failures)
         self.message, self._restored = "the task manager was restarted", True
+        for record in state.records:
+            self._outcome = self._outcome or final_end(record, state.records, self.replans_after_limit)
         return [self._claim_in_use()]
 
     @property
@@ -132,6 +137,8 @@ class ExecutionStateMachine:
         if not self._restored or self.phase not in (Phase.PLANNING, Phase.ASKING):
             return []
         self._restored = False
+        if self._outcome is not None:
+            return self._finish(self._outcome)
         if self._outdated:
             return self._plan_when_stopped()
         self._task, self._facts, self._to_create = task, task.init, task.objects_to_create
@@ -258,6 +265,7 @@ class ExecutionStateMachine:
             record.state = StepState.FAILED
             self._failures[record.step.call.manager, record.step.call.label] += 1
             self.message = message if record.explanations else f"{record.step} has failed: {message}"
+        self._outcome = self._outcome or final_end(record, self.records.values(), self.replans_after_limit)
         if self._outcome is not None:
             return self._finish(self._outcome)
         released = [self._claim()] if self._interrupted else []
@@ -382,14 +390,9 @@ class ExecutionStateMachine:
         self._broken_since = None
         self._drop_waiting()
         if self.replans >= self.max_replans:
-            return self._finish(End(Verdict.FAILED, self.message + self._replans_text()))
+            return self._finish(End(Verdict.FAILED, given_up_text(self.message, self.replans)))
         self.replans += 1
         return self._plan()
-
-    def _replans_text(self) -> str:
-        """The sentence that follows the reason of the end."""
-        dot, plans = "" if self.message[-1:] == "." else ".", "plan" if self.replans == 1 else "plans"
-        return f"{dot} The goal is given up after {self.replans} other {plans}." if self.replans else ""
 
     def _drop_waiting(self) -> None:
         for record in self.records.values():

@@ -67,7 +67,7 @@ class GoalExecutor:
 
     def prepare(self, goal: Goal, on_change: OnChange, on_end: OnEnd) -> GoalExecution:
         """Returns an execution that has not begun, for `recover`."""
-        machine = ExecutionStateMachine(time.monotonic, goal.max_replans)
+        machine = ExecutionStateMachine(time.monotonic, goal.max_replans, goal.replans_after_limit)
         undeclared = UndeclaredChanges(time.monotonic)
         log = ExecutionLog(self._store, goal.id) if self._store is not None and goal.id else None
         execution = GoalExecution(f"goal {next(self._ids)}", goal, on_change, on_end, machine, undeclared, log=log)

@@ -56,6 +56,7 @@ class Goal:
     :param limits, planner: for each planning; None: those of the `TaskPlanner`.
     :param max_replans: how often a broken plan is replaced at most; 0 for a given plan.
     :param id: in the executor's store; "": the goal is not stored.
+    :param replans_after_limit: whether a plan is made even after a step that exceeded a limit.
     """
 
     text: str
@@ -65,6 +66,7 @@ class Goal:
     max_replans: int = 5
     interrupts: bool = False
     id: str = ""
+    replans_after_limit: bool = False
 
 
 @dataclass

@@ -52,17 +52,20 @@ class AchieveAction(GoalServer):
     :param max_replans: for goals with negative `max_replans`.
     :param interrupt_priority: goals with this priority, or a higher one, interrupt goals with a lower priority.
     :param store: of the goals; None: they are lost with the process.
+    :param replans_after_limit: see `Goal`.
     """
 
     def __init__(
         self, executor: GoalExecutor, options: PlanningOptions, max_replans: int = MAX_REPLANS,
         interrupt_priority: int = INTERRUPT_PRIORITY, store: GoalStore | None = None,
+        replans_after_limit: bool = False,
     ) -> None:  # fmt: skip
         super().__init__("~achieve", AchieveActionSpec, _STATUS_KEPT, START_DELAY, ENDED_GOALS)
         self._executor = executor
         self._options = options
         self._max_replans = max_replans
         self._interrupt_priority = interrupt_priority
+        self._replans_after_limit = replans_after_limit
         self._store = store
         #: Replaced by the thread of the goals, never changed.
         self._running: tuple[tuple[Any, GoalExecution], ...] = ()
@@ -193,6 +196,7 @@ class AchieveAction(GoalServer):
             max_replans=0 if isinstance(planner, GivenPlan) else max_replans,
             interrupts=message.priority >= self._interrupt_priority,
             id=goal_id if self._store is not None else "",
+            replans_after_limit=self._replans_after_limit,
         )
 
 

@@ -14,7 +14,7 @@ import rospy
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.ros.node import spin
-from skiros2_common.ros.parameters import integer_param, number_param
+from skiros2_common.ros.parameters import bool_param, integer_param, number_param
 from skiros2_common.ros.plugins import load_plugins
 from skiros2_task.core.engines import EngineProcesses, Limits
 from skiros2_task.core.executor import GoalExecutor
@@ -46,6 +46,7 @@ def main() -> None:
     seconds = number_param("~planning_time", Limits.seconds, above=0.0, maximum=math.inf, what="seconds")
     max_replans = integer_param("~max_replans", MAX_REPLANS, minimum=0)
     interrupt_priority = integer_param("~interrupt_priority", INTERRUPT_PRIORITY)
+    replans_after_limit = bool_param("~replan_after_limit", False)
     on_restart = _on_restart()
     folder = FOLDER.expanduser()
     processes = EngineProcesses()
@@ -66,7 +67,7 @@ def main() -> None:
             executor.robot_found(name)
         wm.add_listener(executor.world_changed)
         options = PlanningOptions(processes)
-        achieve = AchieveAction(executor, options, max_replans, interrupt_priority, store)
+        achieve = AchieveAction(executor, options, max_replans, interrupt_priority, store, replans_after_limit)
         actions = (
             TaskPlanAction(planner, step_runner.offered),
             PlanAction(planner, options, lambda plan: preview(PreviewCopy(wm), plan)),

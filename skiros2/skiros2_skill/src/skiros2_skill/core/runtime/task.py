@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, RobotStopped
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, STOP, Explanation
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.names import local_name
 from skiros2_common.core.operations import Change
 from skiros2_common.core.params import Param
@@ -298,7 +299,9 @@ class Task:
 
     def _ended_by(self, stage: str, reason: str) -> Failure:
         """The failure of a task that is ended from outside, with the skills that run."""
-        return Failure(stage, _code(stage), reason, by=self._preempted_by, running=_running_skills(self.root))
+        kind = FailureKind.SAFETY if stage == STOP else FailureKind.RETRYABLE
+        running = _running_skills(self.root)
+        return Failure(stage, _code(stage), reason, by=self._preempted_by, running=running, kind=kind)
 
     def _close(self, state: State) -> None:
         self._executor.failures.settle()

@@ -11,6 +11,7 @@ import rospy
 from geometry_msgs.msg import Vector3, Wrench
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
 from skiros2_motion.core.geometry import Pose, Vector
@@ -126,7 +127,9 @@ def moved(pose: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
 
 
 def test_arm_that_has_not_begun_reports_that_it_does_not_follow(still: Rig) -> None:
-    assert "is not active" in still.advance(0.1).stopped
+    state = still.advance(0.1)
+    assert "is not active" in state.stopped
+    assert state.kind is FailureKind.CONTROLLER
 
 
 def test_pose_is_in_the_frame_of_the_mount_and_the_tool_points_down(rig: Rig) -> None:
@@ -195,6 +198,7 @@ def test_exceeded_limit_stops_the_arm_with_the_reason_until_limits_are_set_again
     rig.push((20.0, 0.0, 0.0), 0.2)
     stopped = rig.advance(1.0)
     assert "force" in stopped.stopped and "10" in stopped.stopped
+    assert stopped.kind is FailureKind.LIMIT
     rig.arm.set_reference(moved(stopped.pose, x=-0.05))
     assert math.dist(rig.advance(1.0).pose.position, stopped.pose.position) < 0.02
     rig.arm.set_wrench_limits(30.0, 10.0)

@@ -11,6 +11,7 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import OutOfLimits, WrongValue
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills import contact_motions, force_motions, free_motions
 from skiros2_contact_skills import contact_primitive as codes
@@ -19,6 +20,7 @@ from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt,
 from skiros2_motion.core.compliant_arm import ArmState, Wrench
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, angle_between, from_euler, rotated
 from skiros2_perception.core.fusion import covariance_text
+from skiros2_skill.core.skill import RetryOnFail, SelectorStar, Skill
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core.spatial_data import set_pose
 
@@ -40,6 +42,7 @@ class SurfaceArm:
         self.stiffness = 0.0
         self.exerted = 0.0
         self.stopped, self.silent, self.opens = "", False, False
+        self.kind = FailureKind.RETRYABLE
 
     def step(self) -> None:
         """A period of the ticks passes."""
@@ -57,7 +60,7 @@ class SurfaceArm:
 
     def state(self) -> ArmState | None:
         wrench: Wrench = (0.0, 0.0, self._pressed, 0.0, 0.0, 0.0)
-        return None if self.silent else ArmState(self.pose, wrench, self.time, self.stopped)
+        return None if self.silent else ArmState(self.pose, wrench, self.time, self.stopped, self.kind)
 
     def begin(self) -> None:
         self.calls.append("begin")
@@ -212,14 +215,58 @@ def test_answer_that_is_late_in_the_middle_of_a_motion_is_waited_for(rig: Rig) -
     assert task.tick() is State.Running
 
 
-def test_skill_starts_when_what_had_stopped_the_driver_is_over(rig: Rig) -> None:
-    rig.arm.stopped = "force of 74.2 N above the limit of 40 N"
+def test_refused_request_is_repeated_until_the_driver_follows(rig: Rig) -> None:
+    rig.arm.stopped = "controller compliant is not loaded"
     task = rig.command("RetractTool", Height=0.05)
     task.tick(3)
     assert task.state is State.Running
     assert rig.arm.calls.count("begin") > 1
     rig.arm.stopped = ""
     assert rig.run(task).state is State.Success, task.why
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FailureKind if kind.is_final])
+def test_start_clears_a_stop_once_only(rig: Rig, kind: FailureKind) -> None:
+    rig.arm.stopped, rig.arm.kind = "force of 74.2 N above the limit of 40 N", kind
+    task = rig.run(rig.command("RetractTool", Height=0.05))
+    assert task.state is State.Failure
+    assert task.cause().failure_kind is kind
+    assert rig.arm.calls.count("begin") == 1
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FailureKind if kind.is_final])
+def test_stopped_motion_is_not_retried(rig: Rig, kind: FailureKind) -> None:
+    hold = rig.bench.node("HoldPose", Arm=rig.element)
+    task = rig.bench.task(Skill("", RetryOnFail(5))(hold))
+    task.tick(2)
+    rig.arm.stopped, rig.arm.kind = "force of 41.0 N above the limit of 40 N", kind
+    task.tick(10)
+    assert task.state is State.Failure
+    assert task.cause().failure_kind is kind
+    assert rig.arm.calls == ["begin", "limits 40 15", "end"]
+
+
+@pytest.mark.parametrize(("kind", "retracts"), [(FailureKind.LIMIT, True), (FailureKind.CONTROLLER, False)])
+def test_arm_retracts_after_a_limit_and_leaves_a_foreign_controller_alone(
+    rig: Rig, kind: FailureKind, retracts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = rig.arm.begin
+
+    def begin_and_clear() -> None:
+        begin()
+        rig.arm.stopped = ""
+
+    monkeypatch.setattr(rig.arm, "begin", begin_and_clear)
+    nodes = [rig.bench.node(name, Arm=rig.element) for name in ("HoldPose", "RetractAfterFailure")]
+    task = rig.bench.task(Skill("", SelectorStar())(*nodes))
+    task.tick(2)
+    height = rig.arm.pose.position[2]
+    rig.arm.stopped, rig.arm.kind = "41.0 N", kind
+    rig.run(task)
+    assert (rig.arm.pose.position[2] > height + 0.01) is retracts
+    assert rig.arm.calls.count("begin") == 1 + retracts
+    assert task.state is State.Failure
+    assert (task.cause().label, task.cause().failure_kind) == ("hold_pose", kind)
 
 
 def test_preempted_skill_leaves_the_arm_at_rest(rig: Rig) -> None:

@@ -13,6 +13,7 @@ import pytest
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import ConfigurationError, RobotStopped
 from skiros2_common.core.explanation import STOP
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.history import History, record_of
 from skiros2_skill.core.runtime.request import SkillRequest, TaskRefused, TaskStarter
@@ -374,6 +375,7 @@ def test_emergency_stop_fails_running_and_paused_tasks_with_the_reason(robot: Ro
         record = record_of(task)
         assert (record.code, record.message, record.preempted) == (-5, "emergency stop by /e_stop: pressed", False)
         (why,) = [w for w in record.explanations if w.stage == STOP]
+        assert why.failure_kind is FailureKind.SAFETY
         assert (why.code, why.message) == (-5, "emergency stop by /e_stop: pressed")
         assert "emergency stop by /e_stop: pressed" in str(record)
 

@@ -80,6 +80,7 @@ class PutDownPart(_Handling):
     """Puts a held part down on an empty stand, until contact."""
 
     def createDescription(self) -> None:
+        self.is_reaction = True
         self.set_duration(10.0)
         self.addParam("Part", Element("skiros:Product"), Required, description="The held part")
         self.add_arm(lock=False)
@@ -116,6 +117,7 @@ class PutDownPistonAndRing(SkillDescription):
     """Puts down the piston, which is in the ring, and then the ring."""
 
     def createDescription(self) -> None:
+        self.is_reaction = True
         self.setAvailableForPlanning(False)
         for arm, gripper, part, kind in (
             ("Arm", "Gripper", "Part", "piston:Piston"),

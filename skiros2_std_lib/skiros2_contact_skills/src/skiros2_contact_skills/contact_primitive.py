@@ -1,7 +1,8 @@
 """The base of primitives that move a compliant arm in contact.
 
 Each tick reads the state of the arm and changes its reference, stiffness, wrench or overlay motion; no hook waits. The
-driver checks the limits of the wrench at its control rate: when it has stopped, the next tick fails with its reason.
+driver checks the limits of the wrench at its control rate: when it has stopped, the next tick fails with its reason and
+its kind, so that nothing retries it.
 However a primitive ends, it leaves the arm at rest and compliant.
 """
 
@@ -13,6 +14,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
@@ -90,21 +92,13 @@ class ContactPrimitive(PrimitiveBase):
 
     def _tick(self) -> State:
         state = self.arm.state()
-        now = self.arm.now()
-        if state is None or (state.stopped and not self._begun):
-            if self._waits_since is None:
-                self._waits_since = now
-            if now - self._waits_since < READY_TIME:
-                if state is not None:  # what had stopped it may not be over yet
-                    self.arm.begin()
-                return self.step("waiting for the compliant controller")
-            reason = state.stopped if state is not None else "it does not answer"
-            return self.fail(f"{self.label_of('Arm')} is not ready after {READY_TIME:g} s: {reason}", NOT_READY)
-        self._waits_since = None
+        if state is None or (state.stopped and not self._begun and state.kind is not FailureKind.LIMIT):
+            return self._wait(state)
         self._note_peak(state)
         if state.stopped:
             peak = f" (peak of {self._peak:.1f} N)" if self._peak > self.limit else ""
-            return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}{peak}", STOPPED)
+            return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}{peak}", STOPPED, state.kind)
+        self._waits_since = None
         if not self._begun:
             self._begun, self.start, self._last = True, state, state.stamp
             self.arm.set_damping(self.damping)
@@ -112,6 +106,21 @@ class ContactPrimitive(PrimitiveBase):
         dt, self._last = min(max(0.0, state.stamp - self._last), MAX_PERIOD), state.stamp
         result = self.move(state, dt)
         return self._judged(self.progress_msg) if result is State.Success else result
+
+    def _wait(self, state: ArmState | None) -> State:
+        """Waits until the driver follows commands. Only refused requests are repeated: what has stopped the arm since
+        `onStart` is not cleared."""
+        now = self.arm.now()
+        if self._waits_since is None:
+            self._waits_since = now
+        if now - self._waits_since < READY_TIME:
+            if state is not None and state.kind is FailureKind.RETRYABLE:
+                self.arm.begin()
+            return self.step("waiting for the compliant controller")
+        reason, kind = (
+            (state.stopped, state.kind) if state is not None else ("it does not answer", FailureKind.RETRYABLE)
+        )
+        return self.fail(f"{self.label_of('Arm')} is not ready after {READY_TIME:g} s: {reason}", NOT_READY, kind)
 
     def _note_peak(self, state: ArmState) -> None:
         """Keeps the largest force since `begin`, in the parameter `PeakForce` if the skill has it."""
@@ -127,7 +136,9 @@ class ContactPrimitive(PrimitiveBase):
         if self._peak <= self.limit:
             return self.success(text)
         text += f"; peak of {self._peak:.1f} N above the limit of {self.limit:g} N"
-        return self.success(text) if self._peak <= OVERSHOOT * self.limit else self.fail(text, OVERSHOT)
+        return (
+            self.success(text) if self._peak <= OVERSHOOT * self.limit else self.fail(text, OVERSHOT, FailureKind.LIMIT)
+        )
 
     def onEnd(self) -> bool:
         if not self._has_arm:

@@ -75,6 +75,7 @@ class RetractAfterFailure(CompliantLine):
     """Moves the tool back along its axis, and fails: for the end of a selector."""
 
     def createDescription(self) -> None:
+        self.is_reaction = True
         self.add_line(0.08, "Distance")
 
 

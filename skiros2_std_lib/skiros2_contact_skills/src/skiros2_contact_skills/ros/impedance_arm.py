@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
@@ -99,7 +100,8 @@ class ImpedanceArm:
         stopped = fault or self._why_stopped(message)
         if not stopped and any(self._wrench) and rospy.get_time() - self._wrench_at > _REFRESH:
             self._send_wrench()
-        return arm_state(message, self._mount, message.header.stamp.to_sec(), stopped)
+        kind = _kind_of(message, fault) if stopped else FailureKind.RETRYABLE
+        return arm_state(message, self._mount, message.header.stamp.to_sec(), stopped)._replace(kind=kind)
 
     def begin(self) -> None:
         self._fault, self._wrench = "", ()
@@ -271,6 +273,18 @@ class ImpedanceArm:
         if not all(map(math.isfinite, (message.pose.position.x, message.measured_wrench.force.x))):
             return f"the state on {self._space}/state is not finite"
         return ""
+
+
+def _kind_of(message: ImpedanceState, fault: str) -> FailureKind:
+    """Returns the kind of the failure of a driver that does not follow commands.
+
+    :param fault: of a request that was refused; "" if none was.
+    """
+    if message.stopped_by:
+        return FailureKind.LIMIT if message.stopped_by in ("force", "torque") else FailureKind.SENSOR
+    if fault:
+        return FailureKind.RETRYABLE
+    return FailureKind.SENSOR if message.active else FailureKind.CONTROLLER
 
 
 def arm_state(message: ImpedanceState, mount: Pose, stamp: float, stopped: str = "") -> ArmState:

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, connected, message_class, reconfigure
 from skiros2_contact_skills.ros.profiles import Profile, Reading
 from skiros2_motion.core.compliant_arm import (
@@ -109,11 +110,18 @@ class TopicArm:
             stopped = refused or self._stop or reading.stopped or self._problem
             if late := self._age.overdue():
                 stopped = stopped or f"no {self._topic} for {late:.1f} s"
+            kind = FailureKind.RETRYABLE
+            if self._stop:
+                kind = FailureKind.LIMIT
+            elif reading.stopped:
+                kind = FailureKind.SAFETY
+            elif stopped and not refused:
+                kind = FailureKind.SENSOR
             pose, wrench = self._measured(reading)
             stamp = self._stamp
         if not stopped:
             self._refresh(now)
-        return ArmState(pose, wrench, stamp, stopped)
+        return ArmState(pose, wrench, stamp, stopped, kind)
 
     def begin(self) -> None:
         with self._lock:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.geometry import Pose, Quaternion, Vector, normalized, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.spiral import SpiralGoal
@@ -35,12 +36,16 @@ class ArmState(NamedTuple):
     :param stamp: time of measurement (s, of the arm's clock).
     :param stopped: why the driver does not follow commands: an exceeded limit with its value, a refused request, no
         state since some time; "" if it follows. The arm then holds its pose and yields.
+    :param kind: of that reason: `LIMIT` an exceeded limit, `SENSOR` a measurement that is missing or wrong,
+        `CONTROLLER` the compliant controller is not active, `SAFETY` a robot that is stopped, `RETRYABLE` a refused
+        request.
     """
 
     pose: Pose
     wrench: Wrench
     stamp: float
     stopped: str = ""
+    kind: FailureKind = FailureKind.RETRYABLE
 
 
 class CompliantArm(Protocol):

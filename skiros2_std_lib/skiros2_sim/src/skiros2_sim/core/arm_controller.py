@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
 from skiros2_motion.core.geometry import Pose, Vector, composed, conjugated, inverted, rotated
 from skiros2_motion.core.impact import apparent_mass
@@ -60,6 +61,11 @@ class Stop(NamedTuple):
     value: float
     limit: float
     time: float
+
+    @property
+    def kind(self) -> FailureKind:
+        """`LIMIT` for a force or torque, else `SENSOR`."""
+        return FailureKind.LIMIT if self.quantity in (FORCE, TORQUE) else FailureKind.SENSOR
 
     def __str__(self) -> str:
         value, unit = _QUANTITIES[self.quantity]

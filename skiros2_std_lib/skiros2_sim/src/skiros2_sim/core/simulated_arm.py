@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from skiros2_common.core.errors import Refused
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted, rotated
 from skiros2_motion.core.impedance import MAX_WRENCH, checked
@@ -30,13 +31,14 @@ class SimulatedArm:
     def state(self) -> ArmState:
         controller = self._controller
         pose = composed(inverted(self._mount), controller.tool_pose())
-        stopped = ""
+        stopped, kind = "", FailureKind.RETRYABLE
         if not controller.compliant:
+            kind = FailureKind.CONTROLLER
             stopped = f"controller {controller.names[1]} of arm {controller.arm.name} is not active"
         elif controller.stop is not None:
-            stopped = str(controller.stop)
+            stopped, kind = str(controller.stop), controller.stop.kind
         wrench = turned_wrench(pose.orientation, controller.arm.measured_wrench())
-        return ArmState(pose, wrench, self.now(), stopped)
+        return ArmState(pose, wrench, self.now(), stopped, kind)
 
     def begin(self) -> None:
         controller = self._controller

@@ -15,8 +15,8 @@ from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.geometry import Pose
 from skiros2_motion.core.motion import State
 from skiros2_motion.core.spiral import SpiralGoal
+from skiros2_motion.core.wrench_guard import SENSOR_AGE
 from skiros2_sim.core import reference_motion as codes
-from skiros2_sim.core.arm_controller import SENSOR_AGE
 from skiros2_sim.core.cartesian_motion import FORCE_LIMIT
 from skiros2_sim.core.joint_motion import PATH_TOLERANCE_VIOLATED, JointMotion
 from skiros2_sim.core.reference_motion import ReferenceMotion, TrajectoryGoal

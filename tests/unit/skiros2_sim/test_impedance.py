@@ -164,6 +164,71 @@ def test_light_wrist_stays_stable_at_the_maximum_stiffness() -> None:
     assert np.abs(dq).max() < 0.01
 
 
+def test_reference_leads_by_the_force_limit_over_the_stiffness_only() -> None:
+    impedance = controller()
+    impedance.limits = (40.0, 3.0)
+    impedance.set_reference(Pose((0.1, 0.1, 0.0), from_euler(0.0, 0.0, 0.4)))
+    impedance.set_wrench((0.0, 0.0, 15.0, 0.0, 0.0, 2.0))
+    torques = settled(impedance, state())
+    assert np.linalg.norm(torques[:3]) == pytest.approx(40.0, rel=0.01)
+    assert np.linalg.norm(torques[3:]) == pytest.approx(3.0, rel=0.01)
+    impedance.set_reference(Pose((0.01, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+    impedance.cancel_wrench()
+    assert settled(impedance, state())[0] == pytest.approx(6.0, rel=0.01), "below the limit, the law is unchanged"
+
+
+@pytest.mark.parametrize("part", ["positions", "velocities", "tool", "jacobian", "masses", "bias"])
+def test_state_that_is_not_finite_is_refused_and_keeps_the_torques(part: str) -> None:
+    impedance = controller()
+    before = settled(impedance, state((0.01, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    broken = {"tool": Pose((0.0, 0.0, 0.0), (0.0, math.nan, 0.0, 1.0))}
+    broken |= {name: np.full_like(getattr(state(), name), math.nan) for name in ("positions", "velocities", "bias")}
+    broken |= {name: np.full((6, 6), math.inf) for name in ("jacobian", "masses")}
+    with pytest.raises(WrongValue, match=part):
+        impedance.torques(state()._replace(**{part: broken[part]}), DT)
+    assert impedance.commanded_torques == pytest.approx(before)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda law: law.set_reference(Pose((0.0, 0.0, math.inf), (0.0, 0.0, 0.0, 1.0))),
+        lambda law: law.set_reference(Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, math.nan))),
+        lambda law: law.set_damping_factors((math.nan,) * 6),
+        lambda law: law.set_wrench((0.0, 0.0, 0.0, 0.0, 0.0, math.nan)),
+    ],
+)
+def test_command_that_is_not_finite_is_refused_and_changes_nothing(command) -> None:
+    impedance = controller()
+    with pytest.raises(WrongValue):
+        command(impedance)
+    assert settled(impedance, state()) == pytest.approx(0.0)
+
+
+def test_load_and_overlay_that_are_not_finite_produce_no_torques() -> None:
+    impedance = controller()
+    with pytest.raises(WrongValue, match="torques"):
+        impedance.torques(state(), DT, np.array([0.0, math.nan, 0.0]))
+    impedance.overlay = np.array([math.nan, 0.0, 0.0])
+    with pytest.raises(WrongValue, match="torques"):
+        impedance.torques(state(), DT)
+
+
+def test_braking_arm_rests_within_a_fifth_of_a_second_and_holds_its_pose() -> None:
+    impedance = controller()
+    impedance.brake()
+    inertia = np.array([2.0] * 3 + [0.5] * 3)
+    q, dq, track = np.zeros(6), np.array([0.5, 0.0, 0.0, 0.0, 0.0, 1.0]), []
+    for _ in range(1000):
+        pose = Pose(tuple(q[:3]), from_euler(*q[3:]))
+        dq = dq + impedance.torques(state(q, dq)._replace(tool=pose), DT) / inertia * DT
+        q = q + dq * DT
+        track.append(np.abs(dq).max())
+    assert max(track[200:]) < 0.02
+    assert impedance.reference.position[0] == pytest.approx(q[0], abs=1e-3)
+    assert not impedance.is_braking
+
+
 @pytest.mark.parametrize("bad", [(3000.0, 0, 0, 0, 0, 0), (-1.0, 0, 0, 0, 0, 0), (math.nan, 0, 0, 0, 0, 0), (0, 0, 0)])
 def test_invalid_stiffness_is_refused_and_changes_nothing(bad) -> None:
     impedance = controller()

@@ -418,6 +418,8 @@ def test_fault_is_replaced_and_cleared(world: World) -> None:
         (("slipping_gripper", ARM), UnknownName, GRIPPER),
         (("blocked_path", PRODUCT), UnknownName, ROBOT),
         (("late_sensor", TABLE_2), UnknownName, BASE),
+        (("frozen_sensor", GRIPPER), UnknownName, ARM),
+        (("nan_sensor", ARM, 7.0), WrongValue, "0 to 6"),
         (("slipping_gripper", GRIPPER, 1.5), WrongValue, "0 to 1"),
         (("slipping_gripper", GRIPPER, NAN), WrongValue, "nan"),
         (("late_sensor", ARM, 0.1, -1.0), WrongValue, "duration"),

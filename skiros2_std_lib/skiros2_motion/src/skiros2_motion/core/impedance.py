@@ -12,6 +12,13 @@ the arm is guided by hand: reference and posture follow it, so that it stays whe
 
 Reference, stiffness and wrench follow their commanded values through filters of first order, and the torques change by
 at most 1 Nm per ms: a sudden command does not jerk the arm. Pure computation; the stepping thread calls it.
+
+With limits of force and torque, spring and wrench together stay within them: |-K e + F| <= limit, along and about the
+axes. So the reference leads the tool by at most (limit - |F|) / K, and a contact at rest is within the limit without
+any sensor.
+
+`brake` brings the arm to rest: with the masses M of its joints, the torques are -BRAKING M dq + bias, and reference and
+posture follow. At rest, or after BRAKING_TIME, it holds its pose again.
 """
 
 from __future__ import annotations
@@ -27,6 +34,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.arm_kinematics import between
 from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, rotated
 from skiros2_motion.core.numbers import finite
+from skiros2_motion.core.wrench_guard import is_finite, limited_wrench
 
 Array = npt.NDArray[np.float64]
 
@@ -39,8 +47,11 @@ MAX_WRENCH = (30.0, 30.0, 30.0, 10.0, 10.0, 10.0)
 MAX_DAMPING_FACTOR = 2.0
 #: Damping along and about axes without stiffness (Ns/m, Nms/rad): 20 N guide the tool at 0.5 m/s.
 FREE_DAMPING = (40.0, 40.0, 40.0, 3.0, 3.0, 3.0)
-#: Maximum change of a joint torque (Nm/s).
-TORQUE_RATE = 1000.0
+#: Maximum change of a joint torque (Nm/s), also while the arm brakes.
+TORQUE_RATE, BRAKING_RATE = 1000.0, 5000.0
+#: Rate with which a braking arm loses its speed (1/s), the longest time of that (s), and the speed of each joint at
+#: which it rests (rad/s).
+BRAKING, BRAKING_TIME, REST = 40.0, 0.2, 0.01
 
 #: Time constants (s) of the filters of the reference, and of stiffness, damping and wrench.
 _REFERENCE_FILTER, _COMMAND_FILTER = 0.02, 0.1
@@ -109,6 +120,11 @@ class Impedance:
         #: Pose error in the tool frame (m, rad) and joint torques (Nm) of the last update.
         self.error = np.zeros(6)
         self.commanded_torques = np.zeros(len(efforts))
+        #: Limits of spring and wrench together (N, Nm); 0 for none.
+        self.limits = (0.0, 0.0)
+        #: Wrench of spring, damping and command of the last update, in the tool frame (N, Nm).
+        self.exerted = np.zeros(6)
+        self._braking_time = 0.0
         self._gains: Gains | None = None
         self._updates = 0
 
@@ -128,25 +144,44 @@ class Impedance:
         return not self._stiffness.any()
 
     @property
+    def is_braking(self) -> bool:
+        """Whether the arm is brought to rest."""
+        return self._braking_time > 0.0
+
+    @property
     def needs_masses(self) -> bool:
         """Whether the next update uses the masses of the arm."""
         return self._gains is None or self._updates % _INERTIA_PERIOD == 0
 
     def restart(self, state: ArmState) -> None:
-        """Starts at the current pose and posture, without a wrench and without a jump of the torques."""
+        """Starts at the current pose and posture, without a wrench and without a jump of the torques.
+
+        :raises WrongValue: a number of the state is not finite. Nothing has changed then.
+        """
+        check_state(state)
         self.set_reference(state.tool, filtered=False)
         self.posture, self.velocities = state.positions.copy(), np.zeros_like(state.positions)
         self.cancel_wrench()
         self.stiffness = self._stiffness.copy()
         self.overlay = np.zeros(3)
         self.commanded_torques = state.bias.copy()
+        self._braking_time = 0.0
         self._updates = 0
+
+    def brake(self) -> None:
+        """Brings the arm to rest, without wrench and overlay motion; then it holds its pose."""
+        self.cancel_wrench()
+        self.overlay = np.zeros(3)
+        self._braking_time = BRAKING_TIME
 
     def set_reference(self, pose: Pose, filtered: bool = True) -> None:
         """Sets the attractor of the tool, in the arm's base frame.
 
         :param filtered: False for points of a smooth path, which are followed without delay.
+        :raises WrongValue: a number is not finite.
         """
+        if not is_finite(*pose):
+            raise WrongValue(f"reference: expected finite numbers, got {pose}")
         self._reference = pose
         if not filtered:
             self.reference = pose
@@ -180,8 +215,10 @@ class Impedance:
         """Returns the joint torques (Nm) for the next `dt` seconds.
 
         :param load: force (N) in the base frame that compensates the weight of a carried object.
+        :raises WrongValue: a number of the state, or of the torques, is not finite. The torques stay then.
         """
-        if self.is_guided:
+        check_state(state)
+        if self.is_guided or self.is_braking:
             self.set_reference(state.tool, filtered=False)
             self.posture, self.velocities = state.positions.copy(), np.zeros_like(state.positions)
         self._filter(dt)
@@ -196,17 +233,30 @@ class Impedance:
         stiffness, damping, posture_damping = self._gains
         self.error = self._offset(state.tool, into)
         too_fast = state.velocities - self.velocities
-        wrench = -stiffness @ self.error - damping @ (in_tool @ too_fast) + self.wrench
+        wrench = limited_wrench(self.wrench - stiffness @ self.error, self.limits) - damping @ (in_tool @ too_fast)
+        self.exerted = wrench.copy()
         if load is not None:
             wrench[:3] += into @ load
         posture = _POSTURE_STIFFNESS * (self.posture - state.positions) - posture_damping * too_fast
         posture -= jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
         wanted = in_tool.T @ wrench + posture + state.bias
-        step = TORQUE_RATE * dt
+        if self.is_braking:
+            wanted = self._braking_torques(state, dt, load)
+        if not np.isfinite(wanted).all():
+            raise WrongValue(f"torques: expected finite numbers, got {wanted.tolist()}")
+        step = (BRAKING_RATE if self.is_braking else TORQUE_RATE) * dt
         change = np.minimum(np.maximum(wanted - self.commanded_torques, -step), step)
         changed = self.commanded_torques + change
         self.commanded_torques = np.minimum(np.maximum(changed, -self._efforts), self._efforts)
         return self.commanded_torques
+
+    def _braking_torques(self, state: ArmState, dt: float, load: Array | None) -> Array:
+        """Returns the torques that slow the arm down."""
+        self._braking_time -= dt
+        if np.abs(state.velocities).max() <= REST:
+            self._braking_time = 0.0
+        torques = state.bias - BRAKING * (state.masses @ state.velocities)
+        return torques if load is None else torques + state.jacobian[:3].T @ load
 
     def _filter(self, dt: float) -> None:
         part = 1.0 - math.exp(-dt / _COMMAND_FILTER)
@@ -229,6 +279,20 @@ class Impedance:
             if length > most:
                 way[part] *= most / length
         return way
+
+
+def check_state(state: ArmState) -> None:
+    """Checks that a measured state has finite numbers only.
+
+    :raises WrongValue: it has others; the text names where.
+    """
+    positions, velocities, tool, *more = state
+    total = sum(float(part.sum()) for part in (positions, velocities, *more))
+    if math.isfinite(total + sum(tool.position) + sum(tool.orientation)):
+        return
+    arrays = (positions, velocities, np.array([*tool.position, *tool.orientation]), *more)
+    parts = [name for name, part in zip(ArmState.__annotations__, arrays, strict=True) if not np.isfinite(part).all()]
+    raise WrongValue(f"{', '.join(parts)} of the arm: expected finite numbers")
 
 
 def rotation_matrix(q: Sequence[float]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class Arm:
         #: The last measured wrench of a silent sensor, and the number of steps since.
         self._last_wrench: Wrench | None = None
         self._silent_steps = 0
+        #: Faults of the sensor by kind: each changes the measured wrench.
+        self._distortions: dict[str, Callable[[Wrench], Wrench]] = {}
         #: The force/torque sensor at the wrist, if a fixed joint is there.
         self.sensor: MountedSensor | None = None
         for joint, position in zip(self.joints, self.rest, strict=True):
@@ -154,15 +156,22 @@ class Arm:
         self._last_wrench = self.measured_wrench() if silent else None
         self._silent_steps = 0
 
+    def distort_sensor(self, kind: str, distortion: Callable[[Wrench], Wrench] | None) -> None:
+        """Makes a fault change each measured wrench; None ends it."""
+        self._distortions.pop(kind, None)
+        if distortion is not None:
+            self._distortions[kind] = distortion
+
     def measured_wrench(self) -> Wrench:
         """Returns the external wrench on the hand that the sensor at the wrist measures, in the tool frame: force (N),
-        torque (Nm) about its origin. Without a sensor: `wrench`. Of a silent sensor: the last one."""
+        torque (Nm) about its origin. Without a sensor: `wrench`. Of a silent sensor: the last one. With a fault of the
+        sensor: any numbers, also some that are not finite."""
         if self._last_wrench is not None:
             return self._last_wrench
-        if self.sensor is None:
-            return self.wrench()
-        fx, fy, fz, tx, ty, tz = self.sensor.wrench(self.tool_pose())
-        return fx, fy, fz, tx, ty, tz
+        measured = self.wrench() if self.sensor is None else self.sensor.wrench(self.tool_pose())
+        for distortion in self._distortions.values():
+            measured = distortion(measured)
+        return measured
 
     # -- motors -----------------------------------------------------------------------------------------------
 

@@ -17,13 +17,24 @@ import numpy.typing as npt
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
-from skiros2_motion.core.geometry import Pose, Vector, composed, conjugated, inverted, rotated
+from skiros2_motion.core.compliant_arm import checked_limits
+from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
 from skiros2_motion.core.impact import apparent_mass
 from skiros2_motion.core.impedance import ArmState, Impedance
 from skiros2_motion.core.motion import Outcome
-from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.spiral import Spiral, SpiralGoal
+from skiros2_motion.core.wrench_guard import (
+    FORCE,
+    NOT_FINITE,
+    TORQUE,
+    Balance,
+    Violation,
+    WrenchGuard,
+    is_finite,
+    violation_text,
+)
 from skiros2_sim.core.arm import Arm
+from skiros2_sim.core.payload import Payload
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World
 
@@ -35,25 +46,14 @@ Array = npt.NDArray[np.float64]
 CONTROL_RATE = 500
 #: Default damping factors: about critical damping with the inertia of an arm, which is 2 to 8 kg at its tool.
 _DAMPING_FACTORS = (2.0,) * 6
-#: Maximum weight (N) of a carried object that is compensated.
-_PAYLOAD = 30.0
-#: Maximum age of the measured wrench while it is limited (s).
-SENSOR_TIMEOUT = 0.02
-#: Quantities that stop an arm: format of a value, unit.
-FORCE, TORQUE, SENSOR_AGE = "force", "torque", "sensor_age"
-_QUANTITIES = {
-    FORCE: ("force of {:.1f}", "N"),
-    TORQUE: ("torque of {:.1f}", "Nm"),
-    SENSOR_AGE: ("sensor age of {:.3f}", "s"),
-}
 #: Maximum distance of a reference from the robot's frame (m).
 _MAX_REACH = 3.0
 
 
 class Stop(NamedTuple):
-    """A stop at a limit of the wrench, or because the wrench is no longer measured.
+    """A stop at a limit of the wrench, or because a sensor cannot be trusted.
 
-    :param quantity: FORCE (N), TORQUE (Nm) or SENSOR_AGE (s).
+    :param quantity: as of `wrench_guard.Violation`.
     :param time: simulated time (s).
     """
 
@@ -68,8 +68,7 @@ class Stop(NamedTuple):
         return FailureKind.LIMIT if self.quantity in (FORCE, TORQUE) else FailureKind.SENSOR
 
     def __str__(self) -> str:
-        value, unit = _QUANTITIES[self.quantity]
-        return f"{value.format(self.value)} {unit} above the limit of {self.limit:g} {unit}"
+        return violation_text(self.quantity, self.value, self.limit)
 
 
 class ArmController:
@@ -92,15 +91,16 @@ class ArmController:
         self._wrench_time = math.inf
         #: The stop at a limit, since which the arm holds.
         self.stop: Stop | None = None
-        #: Whether the wrench has exceeded a limit at the last check.
-        self._was_exceeded = False
-        #: Largest measured force since `take_peak` (N), while the wrench is limited.
-        self._peak = 0.0
+        #: The checks of the measured wrench.
+        self.guard = WrenchGuard(arm.sensor is not None and arm.sensor.is_noisy)
+        #: The last state of the compliant controller, and whether the motors hold its positions: there are no torques.
+        self._last: ArmState | None = None
+        self._is_held = False
         #: Number of steps between two updates of the torques.
         self._period = max(1, world.rate // CONTROL_RATE)
         self._steps = 0
         self._masses = np.eye(len(arm.joints))
-        self._carried = np.zeros(3)
+        self.payload = Payload(robot, arm)
 
     @property
     def names(self) -> tuple[str, str]:
@@ -137,20 +137,26 @@ class ArmController:
             return
         self.compliant = not self.compliant
         self.overlay = self.stop = None
+        self._is_held = False
+        self.guard.restart()
         if self.compliant:
-            self._steps = 0
-            self.impedance.restart(self._state())
-            self.carry()
+            self._steps, self._last = 0, None
+            self._restart()
         else:
             self.hold()
         self._update_often()
 
-    def carry(self) -> None:
-        """Makes the compliant controller compensate the weight of the object in the hand."""
-        felt = rotated(self.arm.tool_pose().orientation, self.arm.wrench()[:3])[2]
-        # a suspended object pulls down; a contact from below pushes up and is not compensated
-        up = (0.0, 0.0, min(max(-felt, 0.0), _PAYLOAD))
-        self._carried = np.array(rotated(conjugated(self.robot.pose().orientation), up))
+    def _restart(self) -> None:
+        """Starts the law at the measured pose; the arm stops if its state is not finite."""
+        state = self._state()
+        try:
+            self.impedance.restart(state)
+        except WrongValue as error:
+            self._fail(error)
+            return
+        self._last = state
+        self.impedance.limits = self.limits
+        self.payload.carry()
 
     def zero_sensor(self) -> None:
         """Makes the current measured wrench the zero of the following ones, and compensates the weight of the object in
@@ -160,14 +166,20 @@ class ArmController:
         """
         if self.arm.sensor is None:
             raise Refused(f"arm {self.arm.name} has no force/torque sensor: no fixed joint is before its hand")
+        if not is_finite(self.arm.measured_wrench()):
+            raise Refused(f"arm {self.arm.name}: the measured wrench is not finite: {self.arm.measured_wrench()}")
         self.arm.sensor.zero()
+        self.payload.zero()
         if self.compliant:
-            self.carry()
+            self.payload.carry()
 
     def hold(self) -> None:
-        """Holds the current position."""
+        """Holds the current position; if it is not finite, the position motors hold the last one that was known."""
         positions = np.array(self.arm.positions())
-        if self.compliant:
+        if self._is_held or not is_finite(positions):
+            if self._last is not None:
+                self.follow(self._last.positions, np.zeros(len(positions)))
+        elif self.compliant:
             self.draw(self.tool_pose(), positions, np.zeros(len(positions)))
         else:
             self.follow(positions, np.zeros(len(positions)))
@@ -192,11 +204,6 @@ class ArmController:
         q = np.array(self.arm.positions())
         return apparent_mass(self.kinematics.jacobian(q), np.array(self.arm.masses()), direction)
 
-    def take_peak(self) -> float:
-        """Returns the largest measured force (N) since the last call, while the wrench was limited."""
-        peak, self._peak = self._peak, 0.0
-        return peak
-
     # -- commands to the compliant controller -----------------------------------------------------------------
 
     def set_reference(self, pose: Pose) -> None:
@@ -205,7 +212,7 @@ class ArmController:
         :raises WrongValue: it is far out of reach.
         :raises Refused: the controller is not active, or has stopped at a limit.
         """
-        if not max(map(abs, pose.position)) <= _MAX_REACH:
+        if not all(abs(value) <= _MAX_REACH for value in pose.position):
             raise WrongValue(f"position {pose.position} in the robot's frame: expected up to {_MAX_REACH:g} m")
         self.check_active()
         self.impedance.set_reference(pose)
@@ -240,9 +247,13 @@ class ArmController:
 
         :raises WrongValue: a limit is negative or not finite.
         """
-        self.limits = self._checked_limits(force, torque)
+        self.limits = self.impedance.limits = checked_limits(force, torque)
         if self.compliant:
             self.stop = None
+            self.guard.restart()
+            if self._is_held:
+                self._is_held = False
+                self._restart()
 
     def set_position_limits(self, force: float, torque: float) -> None:
         """Sets the limits of the measured force (N) and torque (Nm) under position control, 0 for none. Ends a stop.
@@ -250,17 +261,11 @@ class ArmController:
 
         :raises WrongValue: a limit is negative or not finite.
         """
-        self.position_limits = self._checked_limits(force, torque)
+        self.position_limits = checked_limits(force, torque)
         if not self.compliant:
             self.stop = None
+            self.guard.restart()
         self._update_often()
-
-    @staticmethod
-    def _checked_limits(force: float, torque: float) -> tuple[float, float]:
-        numbers = finite((force, torque), 2, "limits of force and torque")
-        if min(numbers) < 0.0:
-            raise WrongValue(f"limits of force and torque {numbers}: expected 0 N, 0 Nm or more")
-        return numbers[0], numbers[1]
 
     def check_active(self) -> None:
         """Checks that the compliant controller accepts commands.
@@ -289,12 +294,12 @@ class ArmController:
     def update(self, dt: float) -> None:
         """Checks the limits, and sets the torques of the compliant controller for the next step."""
         is_due = self._steps % self._period == 0
-        if is_due or self._was_exceeded:
-            self._check_limits()
-        if is_due and self.compliant:
+        if is_due or self.guard.was_exceeded:
+            self._check_limits(self._period * dt if is_due else dt)
+        if is_due and self.compliant and not self._is_held:
             self._control(self._period * dt)
         self._steps += 1
-        if self.compliant:
+        if self.compliant and not self._is_held:
             self.arm.drive_torques(self.impedance.commanded_torques.tolist())
 
     def _update_often(self) -> None:
@@ -314,40 +319,41 @@ class ArmController:
             self.impedance.overlay = self.overlay.update(dt)
             if self.overlay.has_ended:
                 self.overlay = None
-        self.impedance.torques(self._state(), dt, self._carried)
+        state = self._state()
+        try:
+            self.impedance.torques(state, dt, self.payload.force)
+            self._last = state
+        except WrongValue as error:
+            self._fail(error)
 
-    def _check_limits(self) -> None:
-        """Stops at an exceeded limit: the current pose becomes the reference, without wrench and overlay motion.
-
-        A wrench has to exceed its limit in two steps in a row: that of a single step is the impact of rigid bodies,
-        which the filter of a real sensor takes out.
-        """
-        limits = self.limits if self.compliant else self.position_limits
-        if self.stop is not None or not any(limits):
-            self._was_exceeded = False
+    def _check_limits(self, dt: float) -> None:
+        """Stops if the wrench exceeds a limit in two steps in a row, or its sensor cannot be trusted. A single step is
+        the impact of rigid bodies, which the filter of a real sensor takes out."""
+        if self.stop is not None:
+            self.guard.was_exceeded = False
             return
-        wrench = self.arm.measured_wrench()
-        self._peak = max(self._peak, math.hypot(*wrench[:3]))
-        exceeded = [
-            (quantity, value, limit)
-            for quantity, value, limit in (
-                (FORCE, math.hypot(*wrench[:3]), limits[0]),
-                (TORQUE, math.hypot(*wrench[3:]), limits[1]),
-            )
-            if 0.0 < limit < value
-        ]
-        was_exceeded, self._was_exceeded = self._was_exceeded, bool(exceeded)
-        if self.sensor_age > SENSOR_TIMEOUT:
-            self._stop(SENSOR_AGE, self.sensor_age, SENSOR_TIMEOUT)
-        elif exceeded and was_exceeded:
-            self._stop(*exceeded[0])
+        limits = self.limits if self.compliant else self.position_limits
+        balance = _balance(self.impedance, self._last, self.payload, dt) if self.compliant and self._last else None
+        age = self.sensor_age + self.world.faults.lag(self.arm.id)
+        violation = self.guard.check(self.arm.measured_wrench(), limits, self.world.time, age=age, balance=balance)
+        if violation:
+            self._stop(violation)
 
-    def _stop(self, quantity: str, value: float, limit: float) -> None:
+    def _stop(self, violation: Violation) -> None:
+        """Brings the arm to rest, and holds it there without wrench and overlay motion."""
         self.overlay = None
-        self.impedance.overlay = np.zeros(3)
+        self.stop = Stop(*violation, self.world.time)
+        if self.compliant:
+            self.impedance.brake()
+        else:
+            self.hold()
+
+    def _fail(self, error: WrongValue) -> None:
+        """Stops without torques: the law cannot compute them."""
+        log.error("arm %s stops: %s", self.arm.name, error)
+        self._stop(Violation(NOT_FINITE, 1.0, 0.0))
+        self._is_held = True
         self.hold()
-        self.impedance.cancel_wrench()
-        self.stop = Stop(quantity, value, limit, self.world.time)
 
     def _state(self) -> ArmState:
         q = np.array(self.arm.positions())
@@ -365,6 +371,12 @@ class ArmController:
     def cancel(self) -> None:
         """Switches back to the position controller."""
         self.switch(self.names[0])
+
+
+def _balance(law: Impedance, state: ArmState, payload: Payload, dt: float) -> Balance:
+    """Returns what the law commands, along the axes of the tool, without what the zero of the sensor contains."""
+    force = law.exerted[:3] + payload.measured(state.tool.orientation)
+    return Balance(force, math.hypot(*(state.jacobian[:3] @ state.velocities)), dt)
 
 
 def _kinematics(world: World, robot: Robot, arm: Arm) -> ArmKinematics:

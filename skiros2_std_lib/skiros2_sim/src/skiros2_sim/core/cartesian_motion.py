@@ -316,7 +316,7 @@ class CartesianMotion:
         self._carried = rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3])
         self._contacts.restart()
         self._controller.switch(self._goal.controller or self._controller.active)
-        self._controller.carry()
+        self._controller.payload.carry()
         if self._goal.stiffness:
             self._controller.stiffness = tuple(self._goal.stiffness)
 
@@ -380,7 +380,7 @@ class CartesianMotion:
 
     def _at_the_end(self, pose: Pose, dt: float) -> Outcome | None:
         if self._nearest == math.inf:  # includes an object grasped on the way
-            self._controller.carry()
+            self._controller.payload.carry()
         off, turned = distances(pose, self._target)
         speed = math.hypot(*self._arm.tool_velocity()[0])
         own = _TOLERANCES[int(self._controller.compliant)]

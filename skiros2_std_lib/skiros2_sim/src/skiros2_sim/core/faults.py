@@ -9,7 +9,7 @@ from typing import Protocol
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_motion.core.geometry import Pose, rotated
-from skiros2_sim.core.arm import Arm
+from skiros2_sim.core.arm import Arm, Wrench
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec
@@ -18,6 +18,9 @@ SLIPPING_GRIPPER = "slipping_gripper"
 BLOCKED_PATH = "blocked_path"
 LATE_SENSOR = "late_sensor"
 SILENT_SENSOR = "silent_sensor"
+NAN_SENSOR = "nan_sensor"
+FROZEN_SENSOR = "frozen_sensor"
+ZERO_SENSOR = "zero_sensor"
 
 _OBSTACLE_SIZE = (0.4, 0.4, 1.0)
 _OBSTACLE_COLOUR = (0.9, 0.3, 0.0, 1.0)
@@ -25,6 +28,9 @@ _MAX_LAG = 60.0  # s
 _MAX_DISTANCE = 20.0  # m
 _MAX_DURATION = 1e6  # s
 _SPEED = 0.02  # m/s, under which a robot stands
+
+
+_Distortion = Callable[[Wrench], Wrench]
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,9 @@ class Faults:
                 lambda eid, value: world.arms[eid].silence_sensor(True),
                 lambda eid: world.arms[eid].silence_sensor(False),
             ),
+            NAN_SENSOR: self._distortion(NAN_SENSOR, 6.0, lambda arm, value: lambda wrench: _with_nan(wrench, value)),
+            FROZEN_SENSOR: self._distortion(FROZEN_SENSOR, 1.0, lambda arm, value: _constant(arm.measured_wrench())),
+            ZERO_SENSOR: self._distortion(ZERO_SENSOR, 1.0, lambda arm, value: _constant((0.0,) * 6)),
         }
 
     @property
@@ -127,7 +136,8 @@ class Faults:
 
         :param target: id of the element.
         :param value: 0 for the default. Slipping gripper: remaining fraction of its friction, up to 1; blocked path:
-            distance of the obstacle from the centre of the robot (m); late sensor: delay (s); silent sensor: ignored.
+            distance of the obstacle from the centre of the robot (m); late sensor: delay (s); NaN sensor: number of
+            the force or torque, 1 to 6; silent, frozen and zero sensor: ignored.
         :param duration: s of simulated time; 0 until it is cleared.
         :raises UnknownName: there is no such kind, or it does not apply to the target.
         :raises WrongValue: value or duration is out of range.
@@ -173,6 +183,18 @@ class Faults:
             raise UnknownName(f"{kind} of {target!r}: expected {known.what}: {expected}")
         return known
 
+    def _distortion(self, kind: str, most: float, distortion: Callable[[Arm, float], _Distortion]) -> _Kind:
+        """Returns a fault of the sensor at the wrist of an arm."""
+        world = self._world
+        return _Kind(
+            lambda: set(world.arms),
+            "an arm",
+            1.0,
+            most,
+            lambda eid, value: world.arms[eid].distort_sensor(kind, distortion(world.arms[eid], value)),
+            lambda eid: world.arms[eid].distort_sensor(kind, None),
+        )
+
     def _bases(self) -> list[str]:
         return [robot.spec.base.id for robot in self._world.robots.values() if robot.spec.base is not None]
 
@@ -203,3 +225,12 @@ class Faults:
 def obstacle_of(robot: str) -> str:
     """Returns the id of the body that blocks the path of a robot."""
     return f"obstacle of {robot}"
+
+
+def _constant(wrench: Wrench) -> _Distortion:
+    return lambda _: wrench
+
+
+def _with_nan(wrench: Wrench, number: float) -> Wrench:
+    fx, fy, fz, tx, ty, tz = (math.nan if i == round(number) else value for i, value in enumerate(wrench, 1))
+    return fx, fy, fz, tx, ty, tz

@@ -13,7 +13,8 @@ from skiros2_motion.core.arm_kinematics import between, distances
 from skiros2_motion.core.geometry import Pose
 from skiros2_motion.core.motion import Outcome, State
 from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
-from skiros2_sim.core.arm_controller import SENSOR_AGE, ArmController
+from skiros2_motion.core.wrench_guard import FORCE, TORQUE
+from skiros2_sim.core.arm_controller import ArmController
 
 #: Codes of the action's result.
 SUCCESSFUL = 0
@@ -107,7 +108,7 @@ class ReferenceMotion:
         stop = self._controller.stop
         if stop is None:
             return CONTROLLER_INACTIVE
-        return STALE_SENSOR if stop.quantity == SENSOR_AGE else FORCE_LIMIT
+        return FORCE_LIMIT if stop.quantity in (FORCE, TORQUE) else STALE_SENSOR
 
     def _check_arrival(self) -> None:
         goal = self._goal

@@ -11,6 +11,7 @@ from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted, rotated
 from skiros2_motion.core.impedance import MAX_WRENCH, checked
 from skiros2_motion.core.spiral import SpiralGoal
+from skiros2_motion.core.wrench_guard import is_finite
 from skiros2_sim.core.arm_controller import ArmController
 
 
@@ -37,7 +38,10 @@ class SimulatedArm:
             stopped = f"controller {controller.names[1]} of arm {controller.arm.name} is not active"
         elif controller.stop is not None:
             stopped, kind = str(controller.stop), controller.stop.kind
-        wrench = turned_wrench(pose.orientation, controller.arm.measured_wrench())
+        measured = controller.arm.measured_wrench()
+        if not stopped and not is_finite(*pose, measured):
+            stopped, kind = f"the state of arm {controller.arm.name} is not finite", FailureKind.SENSOR
+        wrench = turned_wrench(pose.orientation, measured)
         return ArmState(pose, wrench, self.now(), stopped, kind)
 
     def begin(self) -> None:
@@ -82,7 +86,7 @@ class SimulatedArm:
         return self._controller.apparent_mass(rotated(self._mount.orientation, direction))
 
     def take_peak(self) -> float:
-        return self._controller.take_peak()
+        return self._controller.guard.take_peak()
 
     def zero_sensor(self) -> None:
         with suppress(Refused):  # without a sensor, contacts are measured: their zero is right

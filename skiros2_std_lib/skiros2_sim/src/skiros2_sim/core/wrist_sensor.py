@@ -108,13 +108,14 @@ class MountedSensor:
         centre = np.average(centres, axis=0, weights=masses) if self.mass > 0.0 else pose.position
         offset = rotated(conjugated(pose.orientation), np.subtract(centre, pose.position).tolist())
         self._sensor = WristSensor(self.mass, offset, model, random)
-        self._is_noisy = model.force_noise > 0.0 or model.torque_noise > 0.0
+        #: Whether each measurement differs from the one before.
+        self.is_noisy = model.force_noise > 0.0 or model.torque_noise > 0.0
         self._measured: Array | None = None
 
     def after_step(self) -> None:
         """Called after each step. With noise it measures in each one, so that runs with one seed are identical."""
         self._measured = None
-        if self._is_noisy:
+        if self.is_noisy:
             self._measure()
 
     def zero(self) -> None:
@@ -123,7 +124,7 @@ class MountedSensor:
         self._sensor.zero()
         self._measured = None
 
-    def wrench(self, tool: Pose) -> tuple[float, ...]:
+    def wrench(self, tool: Pose) -> tuple[float, float, float, float, float, float]:
         """Returns the measured external wrench on the hand: force (N), torque (Nm) about the tool, in its frame.
 
         :param tool: pose of the tool in the map.

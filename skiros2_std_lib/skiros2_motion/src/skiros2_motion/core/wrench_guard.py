@@ -1,0 +1,178 @@
+"""Checks of measured wrenches: when an arm must stop because of what its sensor measures, or no longer measures.
+
+Each comparison is written so that it fails for a number that is not finite. Pure computation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+#: Quantities that stop an arm: force (N) and torque (Nm) above a limit, time since the last measurement (s), number of
+#: measurements that are not finite, time without a change of the wrench (s), force (N) by which the measured wrench
+#: differs from the commanded one in balance.
+FORCE, TORQUE, SENSOR_AGE = "force", "torque", "sensor_age"
+NOT_FINITE, FROZEN, DISAGREEMENT = "not_finite", "frozen_sensor", "disagreement"
+_TEXTS = {
+    FORCE: ("force of {:.1f}", "N"),
+    TORQUE: ("torque of {:.1f}", "Nm"),
+    SENSOR_AGE: ("sensor age of {:.3f}", "s"),
+    NOT_FINITE: ("number of measurements that are not finite, {:.0f},", ""),
+    FROZEN: ("time without a change of the noisy wrench of {:.3f}", "s"),
+    DISAGREEMENT: ("difference of measured and commanded force of {:.1f}", "N"),
+}
+
+#: Maximum age of the measured wrench while it is limited (s).
+SENSOR_TIMEOUT = 0.02
+#: Time (s) and number of measurements without a change after which a noisy sensor is frozen.
+FROZEN_TIME, FROZEN_COUNT = 0.05, 5
+#: Difference of measured and commanded force that stops an arm, as a fraction of the limit, and its minimum (N).
+DISAGREEMENT_PART, DISAGREEMENT_MIN = 0.4, 10.0
+#: Maximum speed of the tool at which the forces are in balance (m/s), and time constant of the difference (s).
+_BALANCED_SPEED, _BALANCE_FILTER = 0.05, 0.05
+
+
+class Violation(NamedTuple):
+    """Why an arm must stop.
+
+    :param quantity: `FORCE`, `TORQUE`, `SENSOR_AGE`, `NOT_FINITE`, `FROZEN` or `DISAGREEMENT`.
+    """
+
+    quantity: str
+    value: float
+    limit: float
+
+    def __str__(self) -> str:
+        return violation_text(*self)
+
+
+class Balance(NamedTuple):
+    """What the law commands while the wrench is measured.
+
+    :param force: force of spring, damping, wrench and load, along the axes of the measured wrench (N).
+    :param speed: of the tool (m/s).
+    :param dt: time since the last check (s).
+    """
+
+    force: Array
+    speed: float
+    dt: float
+
+
+class WrenchGuard:
+    """The checks of one arm, with what they remember.
+
+    :param is_noisy: whether each measurement of a working sensor differs from the one before.
+    """
+
+    def __init__(self, is_noisy: bool) -> None:
+        self.is_noisy = is_noisy
+        self._last: tuple[float, ...] = ()
+        self._changed_at = 0.0
+        self._repeated = 0
+        #: Whether a limit was exceeded at the last check.
+        self.was_exceeded = False
+        self._difference = np.zeros(3)
+        self._peak = 0.0
+
+    def take_peak(self) -> float:
+        """Returns the largest measured force since the last call (N), while there were limits."""
+        peak, self._peak = self._peak, 0.0
+        return peak
+
+    def restart(self) -> None:
+        """Forgets earlier measurements."""
+        self._last, self.was_exceeded, self._difference = (), False, np.zeros(3)
+
+    def check(
+        self,
+        wrench: Sequence[float],
+        limits: tuple[float, float],
+        time: float,
+        age: float = 0.0,
+        balance: Balance | None = None,
+        confirmed: bool = True,
+    ) -> Violation | None:
+        """Returns why the arm must stop; None if it need not. Without limits only numbers are checked.
+
+        :param wrench: measured: force (N), torque (Nm).
+        :param limits: of force (N) and torque (Nm), 0 for none.
+        :param time: of the measurement, by a clock that does not jump (s).
+        :param age: of the measurement (s).
+        :param balance: for the comparison with the commanded force; None for none.
+        :param confirmed: whether a limit must be exceeded in two checks in a row.
+        """
+        if not is_finite(wrench):
+            return Violation(NOT_FINITE, 1.0, 0.0)
+        if not any(limits):
+            self.restart()
+            return None
+        self._peak = max(self._peak, math.hypot(*wrench[:3]))
+        if not age <= SENSOR_TIMEOUT:
+            return Violation(SENSOR_AGE, age, SENSOR_TIMEOUT)
+        exceeded = exceeded_limit(wrench, limits)
+        was_exceeded, self.was_exceeded = self.was_exceeded, exceeded is not None
+        if exceeded is not None and (was_exceeded or not confirmed):
+            return exceeded
+        return self._frozen(tuple(wrench), time) or self._disagreement(wrench, limits[0], balance)
+
+    def _frozen(self, wrench: tuple[float, ...], time: float) -> Violation | None:
+        if wrench != self._last or not self.is_noisy:
+            self._last, self._changed_at, self._repeated = wrench, time, 0
+            return None
+        self._repeated += 1
+        passed = time - self._changed_at
+        if self._repeated < FROZEN_COUNT or passed <= FROZEN_TIME:
+            return None
+        return Violation(FROZEN, passed, FROZEN_TIME)
+
+    def _disagreement(self, wrench: Sequence[float], limit: float, balance: Balance | None) -> Violation | None:
+        """Compares forces in balance: what the law exerts is what the environment answers.
+
+        The difference accelerates the tool. At a low speed it cannot do so for long.
+        """
+        if balance is None or not limit or balance.speed > _BALANCED_SPEED:
+            self._difference = np.zeros(3)
+            return None
+        part = 1.0 - math.exp(-balance.dt / _BALANCE_FILTER)
+        self._difference += part * (np.array(wrench[:3]) + balance.force - self._difference)
+        value, most = math.hypot(*self._difference), max(DISAGREEMENT_MIN, DISAGREEMENT_PART * limit)
+        return None if value <= most else Violation(DISAGREEMENT, value, most)
+
+
+def exceeded_limit(wrench: Sequence[float], limits: tuple[float, float]) -> Violation | None:
+    """Returns which limit of force (N) or torque (Nm) a wrench exceeds, also by a number that is not finite; None if it
+    exceeds none. A limit of 0 is none."""
+    for quantity, part, limit in ((FORCE, wrench[:3], limits[0]), (TORQUE, wrench[3:], limits[1])):
+        value = math.hypot(*part)
+        if limit and not value <= limit:
+            return Violation(quantity, value, limit)
+    return None
+
+
+def limited_wrench(wrench: Array, limits: tuple[float, float]) -> Array:
+    """Returns a wrench whose force (N) and torque (Nm) are shortened to limits; 0 for none."""
+    limited = wrench
+    for part, limit in ((slice(0, 3), limits[0]), (slice(3, 6), limits[1])):
+        length = math.sqrt(float(wrench[part] @ wrench[part]))
+        if limit and not length <= limit:
+            limited = limited.copy() if limited is wrench else limited
+            limited[part] = wrench[part] * (limit / length)
+    return limited
+
+
+def is_finite(*groups: Iterable[float]) -> bool:
+    """Whether all numbers are finite."""
+    return all(math.isfinite(value) for group in groups for value in group)
+
+
+def violation_text(quantity: str, value: float, limit: float) -> str:
+    """Formats a violation, also one of a driver with further quantities."""
+    text, unit = _TEXTS.get(quantity, (quantity + " of {:.1f}", ""))
+    return f"{text.format(value)} {unit} above the limit of {limit:g} {unit}".replace("  ", " ").rstrip()

@@ -267,6 +267,7 @@ def test_failed_tool_motion_has_a_reason(cell: Cell, code: int, words: str) -> N
     cell.drivers.answer(ARM, ends(ABORTED, result))
     why = cell.why("Pick", Object="Product A")
     assert f"Moving above Product A failed: {words} (the driver's own words)" in why
+    assert ("it is not retried: a limit was exceeded" in why) == (code == CartesianMotionGoal.FORCE_LIMIT)
 
 
 def test_failed_base_motion_has_a_reason(cell: Cell) -> None:

@@ -10,6 +10,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal, FollowJointTrajectoryResult
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import TuckArm
@@ -106,7 +107,9 @@ class _ToolMotion(DriverAction):
     def onDone(self, status: int, msg: CartesianMotionResult) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: done")
-        return self.failed(format_reason(_CARTESIAN_CODES, msg, self.status_text()), status)
+        is_limit = getattr(msg, "error_code", 0) == CartesianMotionGoal.FORCE_LIMIT
+        kind = FailureKind.LIMIT if is_limit else FailureKind.RETRYABLE
+        return self.failed(format_reason(_CARTESIAN_CODES, msg, self.status_text()), status, kind)
 
 
 class move_tool_to_object(_ToolMotion):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import actionlib
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.explanation import Explanation, worst_kind
 from skiros2_common.core.manager_names import manager_of
 from skiros2_common.core.params import ParamTypes
 from skiros2_msgs.msg import AchieveAction, AchieveGoal
@@ -50,4 +52,7 @@ class achieve(PrimitiveActionClient):
 
     def onDone(self, status: int, msg: Any) -> State:
         text = msg.message if msg is not None else self.status_text()
-        return self.success(text) if status == GoalStatus.SUCCEEDED else self.fail(text, status)
+        if status == GoalStatus.SUCCEEDED:
+            return self.success(text)
+        why = json.loads(getattr(msg, "explanations", "") or "[]")
+        return self.fail(text, status, worst_kind(map(Explanation.from_dict, why)))

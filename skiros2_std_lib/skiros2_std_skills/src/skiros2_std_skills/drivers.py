@@ -8,6 +8,7 @@ import actionlib
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
@@ -62,9 +63,9 @@ class DriverAction(_Parameters, PrimitiveActionClient):
         except SkirosError as error:
             return self.startError(f"{self.doing()}: {error}", NOT_KNOWN)
 
-    def failed(self, reason: str, code: int) -> State:
-        """Fails with a reason."""
-        return self.fail(f"{self.doing()} failed: {reason}", code)
+    def failed(self, reason: str, code: int, kind: FailureKind = FailureKind.RETRYABLE) -> State:
+        """Fails with a reason. `kind`: whether the motion may be tried again."""
+        return self.fail(f"{self.doing()} failed: {reason}", code, kind)
 
 
 class DriverService(_Parameters, PrimitiveServiceClient):

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Provenance
+from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Provenance, worst_kind
 from skiros2_common.core.names import full_name
 from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
@@ -65,14 +65,15 @@ def progress_of(execution: GoalExecution) -> GoalProgress:
 
 
 def result_of(execution: GoalExecution, end: End) -> GoalResult:
-    """Returns the result of a goal: the started steps, and why skills failed."""
+    """Returns the result of a goal: the started steps, and why skills failed, the most severe kind at the end."""
     started = execution.started
+    by_severity = sorted(started, key=lambda record: worst_kind(record.explanations).severity)
     return GoalResult(
         state=SUCCEEDED if end.verdict is Verdict.PLANNED else end.verdict.state,
         message=end.message,
         done=json.dumps([{**record.step.to_dict(), **_state(record)} for record in started]),
         explanations=json.dumps(
-            [why.to_dict() for record in started for why in record.explanations]
+            [why.to_dict() for record in by_severity for why in record.explanations]
             + [why.to_dict() for why in _missing_values(end.missing)]
         ),
     )

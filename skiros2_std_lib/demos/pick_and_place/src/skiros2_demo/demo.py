@@ -231,6 +231,10 @@ class Demo:
         """Whether it is time for the picture during the run."""
         return any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps)
 
+    def continues(self, result: AchieveResult) -> str:
+        """Returns what a person does after a goal was not reached, who then sends it again; "": nobody does."""
+        return ""
+
     def add_disturbance(self, disturbance: Disturbance) -> None:
         """Adds a disturbance."""
         self._disturbances.append(disturbance)
@@ -284,7 +288,13 @@ class Demo:
         while self._report.runs and (late := events.next_event(_LATE)) is not None:
             self._handle(late)
         self._report.end()
-        self._print_result(event, _elapsed(started))
+        done = self.continues(event)
+        if done:
+            self._disturbance_log.append(f"the goal ended, and {done}")
+            self._report.say(f"\nThe goal has ended after {_elapsed(started)}: {event.message}\n  ! {done}")
+            self._achieve(system, events, task_manager, goal)
+        else:
+            self._print_result(event, _elapsed(started))
 
     def _handle(self, event: Any) -> None:
         if isinstance(event, AchieveFeedback):

@@ -17,7 +17,7 @@ _NODES = re.compile(r"^(\S+\(\w+\): )+")
 
 
 class ProgressReport:
-    """The report of one goal.
+    """The report of one goal, or of several, one after the other.
 
     :param out: a terminal gets trees that are updated in place, with texts between them; other files one line per
         change.
@@ -61,8 +61,8 @@ class ProgressReport:
         return [{**step, **states.get(step["number"], {"state": "waiting"})} for step in plan]
 
     def begin(self) -> None:
-        """Starts the time measurement."""
-        self._started = time.monotonic()
+        """Starts with a goal, and with the time measurement."""
+        self._started, self._known, self._planning = time.monotonic(), 0, ""
 
     @property
     def runs(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from pathlib import Path
@@ -12,6 +13,8 @@ import rospy
 
 from skiros2_bags.core.run import Finding
 from skiros2_common.command_line.command import Parser
+from skiros2_common.core.explanation import Explanation, worst_kind
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.assembly import LOCATED
 from skiros2_contact_skills.core.part_poses import depth_and_tilt
@@ -19,6 +22,7 @@ from skiros2_demo.demo import Demo, add_options, run_demo
 from skiros2_demo.run_check import Step, Thing, name_of
 from skiros2_demo.simulation import Simulation, Slip
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
+from skiros2_msgs.msg import AchieveResult
 from skiros2_msgs.srv import SkillCommand, SkillCommandRequest
 from skiros2_piston_demo.disturbances import hit_arm, preemption, pushed_block
 from skiros2_piston_demo.force_log import ForceLog
@@ -28,7 +32,8 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 DISTURBANCES = ("push", "slip", "preempt", "force")
 _DISTURB = (
     "what goes wrong: the block is pushed (push), the ring slips in its gripper (slip), somebody preempts the tasks "
-    "while the piston is held (preempt), or hits the hand during the insertion, which exceeds the force limit (force); "
+    "while the piston is held (preempt), or hits the hand during the insertion, which exceeds the force limit and ends "
+    "the goal until a person sends it again (force); "
     "may be given twice"
 )
 #: Maximum error of the block's place (m, rad).
@@ -44,6 +49,7 @@ class PistonDemo(Demo):
 
     robot = "/piston_cell"
     _forces: ForceLog | None = None
+    _was_sent_again = False
 
     def launch_arguments(self) -> list[str]:
         options = self._options
@@ -84,6 +90,13 @@ class PistonDemo(Demo):
             self._forces.record("insert_piston" in running)
         return "insert_part" in running
 
+    def continues(self, result: AchieveResult) -> str:
+        why = map(Explanation.from_dict, json.loads(result.explanations or "[]"))
+        if self._was_sent_again or "force" not in self._options.disturb or worst_kind(why) is not FailureKind.LIMIT:
+            return ""
+        self._was_sent_again = True
+        return "a person looks at the arm and sends the goal again"
+
     def check_truth(self, simulation: Simulation, product: Thing, tray: Thing) -> list[Finding]:
         rim = composed(simulation.pose_of(self._block.id), self._rim)
         depth, tilt = depth_and_tilt(rim, simulation.pose_of(product.id), product.size[2])
@@ -96,6 +109,8 @@ class PistonDemo(Demo):
             self._forces.close()
             most = self._forces.max_force
             hit = "force" in self._options.disturb
+            if hit:
+                found.append(Finding(self._was_sent_again, "the goal ended at the limit until a person sent it again"))
             found.append(Finding(hit or most < _LIMIT * _OVERSHOOT, f"the largest force at the wrist was {most:.1f} N"))
             plot = self._forces.save(Path(self._options.folder) / "force_over_depth.png", _LIMIT)
             found.append(Finding(plot.exists(), f"plot: {plot}"))

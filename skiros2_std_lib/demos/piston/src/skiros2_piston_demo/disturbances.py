@@ -50,13 +50,13 @@ def pushed_block(simulation: Simulation, block: Thing) -> WhileRunning:
 
 
 def hit_arm(simulation: Simulation, gripper: Thing) -> WhileRunning:
-    """Somebody hits the hand with the piston: more than the force limit."""
+    """Somebody hits the hand with the piston: more than the force limit, which ends the goal."""
 
     def act() -> str:
         simulation.push(gripper.id, _HIT, _HIT_TIME)
         return f"somebody hits {gripper.name} with {max(_HIT):g} N"
 
-    return WhileRunning(("insert_part", "spiral_search"), act)
+    return WhileRunning(("insert_part", "spiral_search"), act, needs_plan=False)
 
 
 def preemption(preempt: Callable[[], None]) -> WhileRunning:

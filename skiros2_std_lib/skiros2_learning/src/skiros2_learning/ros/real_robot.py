@@ -15,6 +15,8 @@ import rospy
 
 from skiros2_common.command_line.command import user
 from skiros2_common.core.errors import ConfigurationError, Refused, RobotStopped, SkirosError
+from skiros2_common.core.explanation import worst_kind
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.names import local_name
 from skiros2_common.core.signals import SIGNAL, Signal
 from skiros2_common.ros.signals import RosSignals
@@ -217,6 +219,9 @@ class RealRobot:
             for stop in stops:
                 stop()
         succeeded = not reason and run.succeeded()
+        kind = FailureKind.RETRYABLE if succeeded else worst_kind(run.explanations())
+        if not kind.allows_reaction:
+            raise Unavailable(f"{_why(run)} ({kind.words}): a person has to look before the next execution")
         return samples.record(succeeded, "" if succeeded else reason or _why(run), self._wmi)
 
     def _subscribe(self, name: str) -> Callable[[], None]:

@@ -3,7 +3,8 @@
 - Every test has the marker of the folder it lies in: `pytest -m "unit or contract"` needs no mark in the files.
 - A run that is told to end (SIGTERM) ends like one that is interrupted: with all that it has started.
 - Tests of skills have the fixtures of `skiros2_skill.testing`, and those of recorded runs the fixture `replayed`.
-- Generated tests have no time limit for an example, and use the same examples each time, unless FUZZ is set.
+- Generated tests have no time limit for an example, and use the same examples each time, unless FUZZ is set, which also
+  makes them more (support/fuzz.py).
 - Tests on real nodes have the fixtures `ros_master` and `ros`; what these give is described in tests/support/ros.py.
 """
 
@@ -25,6 +26,7 @@ from support.packages import source_folders
 
 sys.path[:0] = [str(folder) for folder in source_folders()]
 
+from support.fuzz import FUZZ, examples  # noqa: E402
 from support.ros import Ros, RosMaster, SharedSystem  # noqa: E402
 
 pytest_plugins = ["skiros2_skill.testing", "skiros2_bags.testing"]
@@ -34,7 +36,7 @@ TESTS = Path(__file__).parent
 #: The slowest tests are listed after a run of at least this many tests.
 _MANY_TESTS, _SLOWEST = 1000, 20
 
-hypothesis.settings.register_profile("repeatable", deadline=None, derandomize="FUZZ" not in os.environ)
+hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=not FUZZ, max_examples=examples(100))
 hypothesis.settings.load_profile("repeatable")
 
 _ROS = pytest.StashKey[Ros]()

@@ -1,12 +1,10 @@
 """Random sequences of requests to a world model, good and bad, compared with a plain model of the scene after each.
 
-With `FUZZ=50` in the environment the runs are 50 times as long, and other ones each time. Without it they are always
-the same.
+With `FUZZ=50` in the environment there are 50 times as many runs, and other ones each time; see support/fuzz.py.
 """
 
 from __future__ import annotations
 
-import os
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.operations import Add, Instantiate, Operation, Patch, Relate, Remove, Update
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
+from support.fuzz import examples
 from support.scene_model import ROOT, Refusal, SceneModel, Thing
 
 TYPES = ["skiros:Part", "skiros:LargeBox", "skiros:Starter", "lab:Crate", "lab:Pump", ":Part", "Product"]
@@ -78,11 +77,10 @@ BAD_FILES = {
 BAD_TARGETS = ["../out.ttl", "/tmp/out.ttl", "folder", "no/such/folder.ttl", "a\x00b", "\ud800"]
 
 
-def fuzz_settings(examples: int, steps: int) -> settings:
-    """How long a machine runs."""
-    longer = int(os.environ.get("FUZZ", "0"))
+def fuzz_settings(number: int, steps: int) -> settings:
+    """How many runs a machine has, and how many steps each."""
     return settings(
-        max_examples=examples * max(longer, 1),
+        max_examples=examples(number),
         stateful_step_count=steps,
         suppress_health_check=list(HealthCheck),
         phases=set(Phase) - {Phase.explain, Phase.reuse},  # explaining traces each line, which takes minutes

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from skiros2_gui.view3d.dragging import PERIOD, Dragging, Target
 from skiros2_motion.core.geometry import Pose
+from support.fuzz import examples
 
 
 def target(x: float, eid: str = "a") -> Target:
@@ -60,7 +61,7 @@ def test_drag_without_feedback_ends_after_timeout() -> None:
     assert not dragging.is_held("a", 3.1)
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.integers(0, 5)), min_size=1, max_size=30))
 def test_last_target_of_any_drag_is_written(moves: list[tuple[float, int]]) -> None:
     dragging, now, written, times = Dragging(), 0.0, [], []

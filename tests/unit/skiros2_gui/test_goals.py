@@ -25,6 +25,7 @@ from skiros2_task.core.planners import planner_named
 from skiros2_task.core.planning import TaskPlanner, report_of
 from skiros2_task.core.preview import preview
 from skiros2_world_model.core.preview_copy import PreviewCopy
+from support.fuzz import examples
 from support.planning_world import DRIVE, PlanningWorld
 from support.window.local_system import LocalSystem
 from support.window.synchronous import SynchronousJobs, make_window
@@ -159,7 +160,7 @@ _PIECES = st.sampled_from(["(", ")", "forall", "=", "?x", "-", " ", "\n", '"', "
 
 
 @given(st.lists(_PIECES, max_size=12).map("".join), st.integers(-3, 40))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_completion_and_syntax_check_accept_any_text(text: str, cursor: int) -> None:
     word = Completion("skiros:at", "at", "relation")
     found = complete(text, max(cursor, 0), GoalVocabulary((word,), (word,), (word,), (word,), (word,)))

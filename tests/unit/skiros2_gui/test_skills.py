@@ -26,6 +26,7 @@ from skiros2_live.core.patch import TaskProgress
 from skiros2_runs.core.states import TaskState
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_skill.client.description import Parameter
+from support.fuzz import examples
 from support.programs import PATIENCE
 from support.progress import FAILURE, SUCCESS, root
 from support.window.local_system import LocalSystem
@@ -226,7 +227,7 @@ _KINDS = st.sampled_from(["str", "int", "float", "bool", "list", "dict", "geomet
 
 
 @given(_KINDS, st.text(max_size=8) | st.floats().map(str) | st.integers().map(str), st.text(max_size=30))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_any_text_is_a_value_or_an_error(wire_type: str, text: str, description: str) -> None:
     field = _field(wire_type, description=description)
     field.write(text)

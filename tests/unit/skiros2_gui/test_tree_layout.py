@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from skiros2_gui.run.tree import COUSINS, SIBLINGS, Drawing, layout, pre_order
 from skiros2_runs.core.frame import Shape
+from support.fuzz import examples
 from support.progress import ProgressNode, pick_and_place, random_tree, root
 
 #: Types and processors.
@@ -25,7 +26,7 @@ def children_of(steps: list[int]) -> list[list[int]]:
     return children
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(trees)
 def test_layout_keeps_order_and_distance_and_centres_parents(steps: list[int]) -> None:
     children = children_of(steps)

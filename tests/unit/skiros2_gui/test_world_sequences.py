@@ -16,6 +16,7 @@ from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.requests import Requests
 from skiros2_gui.world.scene import TOP, SceneHierarchy
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from support.fuzz import examples
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window
 
@@ -189,7 +190,7 @@ class EditsAmongOthers(UndoStack):
         self.window.process_events()
 
 
-_FEW = settings(max_examples=15, stateful_step_count=20, suppress_health_check=[HealthCheck.too_slow])
+_FEW = settings(max_examples=examples(15), stateful_step_count=20, suppress_health_check=[HealthCheck.too_slow])
 TestEdits = UndoStack.TestCase
 TestEdits.settings = _FEW
 TestEditsAmongOthers = EditsAmongOthers.TestCase

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from skiros2_live.ros.tree_progress import QuickTreeProgress
 from skiros2_msgs import msg as msgs
+from support.fuzz import examples
 
 texts = st.text(max_size=5)
 shorts = st.integers(-5, 5)
@@ -39,7 +40,7 @@ def written(progress: list[msgs.SkillProgress]) -> bytes:
     return buffer.getvalue()
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.lists(st.lists(nodes, max_size=6), min_size=1, max_size=4))
 def test_deserialised_progress_equals_serialised_progress(trees: list[list[msgs.SkillProgress]]) -> None:
     for tree in trees:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from skiros2_common.core.errors import Refused
 from skiros2_sim.core.drive_path import Floor, Footprint, Leg, Obstacle, Pose2D, heading
+from support.fuzz import examples
 
 HUSKY = Footprint(front=0.5, back=0.5, side=0.35)
 TABLE = Obstacle("table", 2.0, 0.0, 0.0, 0.4, 0.6)
@@ -109,7 +110,7 @@ things = st.lists(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(start=poses, goal=poses, obstacles=things)
 def test_paths_reach_the_goal_without_collision(start: Pose2D, goal: Pose2D, obstacles: list[Obstacle]) -> None:
     floor = Floor(HUSKY, obstacles)

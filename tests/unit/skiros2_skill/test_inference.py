@@ -15,6 +15,7 @@ from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from support.fuzz import examples
 
 make = SkillDescription()
 CLASSES = ["skiros:LargeBox", "skiros:Product"]
@@ -79,7 +80,7 @@ conditions = st.one_of(
     fixed=st.sets(keys, max_size=1),
     some=st.lists(conditions, min_size=1, max_size=4),
 )
-@settings(max_examples=400, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(400), suppress_health_check=[HealthCheck.too_slow])
 def test_inference_equals_an_exhaustive_search(wmi, kinds, related, states, wanted, fixed, some):
     for element in [e for etype in CLASSES for e in wmi.resolve_elements(Element(etype))]:
         if wmi.is_scene_element(element.id):

@@ -21,6 +21,7 @@ from skiros2_skill.core.skill import (
     SkillBase,
 )
 from skiros2_skill.testing import SkillBench
+from support.fuzz import examples
 from unit.skiros2_skill.skills import REQUIRED, describe
 
 PROCESSORS = [
@@ -106,7 +107,7 @@ def compound(bench, processor, nodes):
     return bench.node("Group", label)
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(shape=tree, preempted_at=st.integers(0, 12))
 def test_ended_tree_has_no_running_nodes_and_no_locks(shape, preempted_at):
     act.balance = Balance()

@@ -3,7 +3,6 @@ seen by each skill at each look, and the same is in the world model at the end."
 
 from __future__ import annotations
 
-import os
 import random
 from itertools import count, zip_longest
 from typing import Any
@@ -17,6 +16,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_skill.core.skill import ParallelFf, RetryOnFail, Sequential, SkillBase
 from skiros2_skill.testing import SkillBench
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from support.fuzz import FUZZ, examples
 from support.value_model import PARALLEL, RETRY, SEQUENCE, Item, Model, Node, World, random_program
 
 WEIGHT, NOTE = "skiros:Weight", "skiros:CadModel"
@@ -183,7 +183,6 @@ def _compare(seed: int, tasks: int) -> int:
 
 @pytest.mark.parametrize("tasks", [1, 2])
 def test_engine_and_reference_model_agree(tasks):
-    first = 0 if "FUZZ" not in os.environ else random.randrange(10**6)
-    runs = 50 * int(os.environ.get("FUZZ", 1))
+    first, runs = random.randrange(10**6) if FUZZ else 0, examples(50)
     looks = sum(_compare(seed, tasks) for seed in range(first, first + runs))
     assert looks > 8 * runs

@@ -19,6 +19,7 @@ from skiros2_std_reasoners.ros.transforms import transform_message
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.world_model import WorldModel
+from support.fuzz import examples
 
 SCENE = "skiros:Scene-0"
 QUARTER = from_euler(0, 0, math.pi / 2)
@@ -147,7 +148,7 @@ POSITIONS = st.tuples(*[st.integers(-3, 3)] * 3)
 TURNS = st.sampled_from([(0, 0, 0, 1), QUARTER, from_euler(math.pi / 2, 0, 0)])
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.data())
 def test_published_frames_are_connected_to_the_root(data):
     world, elements = World(), []

@@ -17,6 +17,7 @@ from skiros2_std_reasoners.aau_spatial_reasoner import AauSpatialReasoner
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.world_model import WorldModel
+from support.fuzz import examples
 
 SCENE = "skiros:Scene-0"
 AXES = [f"skiros:{name}{axis}" for name in ("Position", "Orientation", "Size", "Velocity") for axis in "XYZ"]
@@ -124,7 +125,7 @@ class Poses(RuleBasedStateMachine):
 
 
 def test_arbitrary_poses_are_stored_or_rejected() -> None:
-    run_state_machine_as_test(Poses, settings=settings(max_examples=60, stateful_step_count=20))
+    run_state_machine_as_test(Poses, settings=settings(max_examples=examples(60), stateful_step_count=20))
 
 
 def test_time_out_of_message_range_is_zero() -> None:

@@ -12,6 +12,7 @@ from skiros2_task.core.execution import ROBOT_TIMEOUT, ExecutionStateMachine, Ph
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.step_record import RestoredState, StepState
+from support.fuzz import examples
 from support.transport_cell import PLANNING_TIME, STEP_TIME, TransportCell
 
 
@@ -289,7 +290,7 @@ SIZES = st.tuples(st.integers(1, 3), st.integers(2, 4), st.integers(1, 4))
 
 
 @given(size=SIZES, failing=st.sets(st.integers(1, 40), max_size=5))
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_goal_is_reached_despite_failures(size: tuple[int, int, int], failing: set[int]) -> None:
     cell = TransportCell(*size, max_replans=5, fails=lambda step: step.number in failing)
     cell.run()
@@ -311,7 +312,7 @@ EVENTS = st.lists(
 
 
 @given(size=SIZES, failing=st.sets(st.integers(1, 40), max_size=5), events=EVENTS, max_replans=st.integers(0, 4))
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_execution_ends_with_true_verdict(
     size: tuple[int, int, int], failing: set[int], events: list[tuple[str, float, int, int]], max_replans: int
 ) -> None:

@@ -13,6 +13,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.endpoint_store import EndpointStore
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
+from support.fuzz import examples
 from support.sparql_endpoint import SparqlEndpoint
 from unit.skiros2_world_model.test_graph_sync import OPERATIONS, graph, graph_of_the_text
 
@@ -78,7 +79,7 @@ def test_only_changes_are_sent(connect, endpoint):
 
 
 @given(requests=st.lists(st.lists(OPERATIONS, max_size=4), max_size=6), asked=st.lists(st.booleans(), min_size=6))
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 def test_endpoint_graph_equals_the_saved_file(tmp_path_factory, requests, asked):
     folder = tmp_path_factory.mktemp("ws")
     with SparqlEndpoint() as endpoint:

@@ -12,6 +12,7 @@ from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
+from support.fuzz import examples
 
 
 def graph(model, context="scene"):
@@ -45,7 +46,7 @@ OPERATIONS = st.one_of(
 
 
 @given(st.lists(st.lists(OPERATIONS, max_size=4), max_size=8), st.data())
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_synced_graph_equals_the_saved_file(tmp_path_factory, requests, data):
     folder = tmp_path_factory.mktemp("ws")
     model = WorldModel(source_ontologies(), folder)

@@ -17,6 +17,7 @@ from skiros2_world_model.core.local_world_model import LocalWorldModel, source_o
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
+from support.fuzz import examples
 from support.lab import LAB
 
 SCENE = "skiros:Scene-0"
@@ -70,7 +71,7 @@ def test_names_invalid_in_rdf_are_refused_in_every_position(wm, model, name):
     wm.query_ontology("ASK {}", context="scene")
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(
     st.text(st.characters(exclude_categories=[]), max_size=12),
     st.sampled_from(["", ":", "skiros:", "lab:", "SUMO:", "http://x.org/a#"]),

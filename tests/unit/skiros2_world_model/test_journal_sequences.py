@@ -19,6 +19,7 @@ from skiros2_world_model.core.history import HistoryEntry
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
+from support.fuzz import examples
 
 TYPES = ["skiros:LargeBox", "skiros:Starter"]
 IDS = ["skiros:Scene-0", *(f"{etype}-{number}" for etype in TYPES for number in range(1, 5))]
@@ -154,7 +155,7 @@ def replayed(entries: list[HistoryEntry]) -> dict[str, Any]:
 
 
 @pytest.mark.filterwarnings("ignore")
-@settings(max_examples=60, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(60), suppress_health_check=list(HealthCheck))
 @example(  # a relation of another context is refused, after the context of the request was created
     sequence=[("transact", [Relate(IDS[0], "skiros:contain", IDS[0]), Add(Element(TYPES[0]))], "memory")]
 )

@@ -13,6 +13,7 @@ from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.queries import containment_cycle, is_like, matching_ids
 from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.world_model import WorldModel
+from support.fuzz import examples
 
 ONTOLOGY = WorldModel(source_ontologies()).ontology
 
@@ -42,7 +43,7 @@ ELEMENTS = st.lists(st.tuples(st.integers(0, 12), TYPES, LABELS, PROPERTIES), ma
 
 
 @given(ELEMENTS, ELEMENTS, st.sampled_from(["", "Unknown", "sumo:Object", "skiros:Product"]), LABELS, PROPERTIES)
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_matches_equal_those_of_a_linear_search(before, after, etype, label, values):
     scene = Scene()
     wanted = Element(etype, label)
@@ -66,7 +67,7 @@ NAMES = st.sampled_from("abcdef")
 
 
 @given(st.sets(st.tuples(NAMES, st.sampled_from(["in", "on", "beside"]), NAMES)), st.sets(NAMES))
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_a_cycle_is_found_where_one_is_above(relations, below):
     scene = Scene()
     for name in "abcdef":

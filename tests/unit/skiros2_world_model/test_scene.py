@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.scene import ChangeInfo, ChangeSet, ElementRecord, Scene, apply
+from support.fuzz import examples
 
 
 def node(eid, etype="a:T", label="", **values):
@@ -219,7 +220,7 @@ class Model:
 
 
 @given(STEPS, STEPS, st.sampled_from(["commit", "roll back", "invert", "read and invert", "nested"]), st.booleans())
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_index_matches_a_model_after_random_changes_and_roll_backs(first, second, ending, by_value):
     scene, model = Scene(), Model()
     if by_value:

@@ -18,7 +18,6 @@ from fastapi import APIRouter
 from pydantic import ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.access import Access
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.bags import Bags
@@ -36,7 +35,6 @@ from skiros2_gateway.http.app import create_app
 from skiros2_gateway.http.live import live_router, page_router
 from skiros2_gateway.http.server import GRACE, HttpServer, Limits
 from skiros2_gateway.mqtt.bridge import MqttBridge
-from skiros2_gateway.opcua.server import OpcuaServer
 from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_gateway.ros.stop_process import StopProcess
@@ -105,12 +103,16 @@ async def _serve(settings: Settings) -> None:
             stop_port = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)
             routers = _live_view(service, cell, settings, stop_port, stack)
             if settings.agents != "off":
+                from skiros2_gateway.agents.server import AgentServer  # imports for a second
+
                 hosts = [settings.host, *filter(None, settings.hosts.replace(" ", "").split(","))]
                 agents = AgentServer(service, settings.max_body, hosts)
                 await stack.enter_async_context(agents.running())
                 routers.append(agents.router())
             await _start_http(service, settings, sock, routers, stack)
         if settings.opcua_port >= 0:
+            from skiros2_gateway.opcua.server import OpcuaServer  # imports for a second
+
             opcua = OpcuaServer(service, settings)
             await opcua.start()
             stack.push_async_callback(opcua.stop)

@@ -2,7 +2,9 @@
 
 A node's start takes half a second of the processor, nine tenths of it for imports, and the tests start hundreds. A fork
 runs the installed script as the interpreter does: as `__main__`, with its arguments, environment, folder and output, in
-a session of its own. What differs is tested with roslaunch and by the tests of the installation.
+a session of its own. roslaunch is forked too, and its nodes and checks are forks of the same process; so no process has
+roslaunch as its parent, and the reason of a failed launch is not repeated as its last line. What differs is tested with
+the real roslaunch (`Ros.launch(forked=False)`) and by the tests of the installation.
 """
 
 from __future__ import annotations
@@ -26,6 +28,11 @@ from typing import Any
 
 #: Whose programs may be forked.
 PACKAGES = ("skiros2_world_model", "skiros2_skill", "skiros2_task")
+ROSLAUNCH = Path("/usr/bin/roslaunch")
+#: The variable in which launch/node.sh names the process of roslaunch.
+_LAUNCHED_BY = "SKIROS2_LAUNCHED_BY"
+#: The environment in which the server imports.
+_STARTED_WITH = dict(os.environ)
 #: Variables that the interpreter or a library reads when it starts; with others than the server's it is not a fork.
 _AT_START = ("LANG", "LC_ALL", "PYTHONHASHSEED", "PYTHONWARNINGS")
 
@@ -34,20 +41,22 @@ class ForkServer:
     """Forks programs.
 
     :param env: the environment in which modules are imported.
+    :param connection: to a server that runs already.
     """
 
-    def __init__(self, python: Path, env: Mapping[str, str]) -> None:
+    def __init__(self, python: Path, env: Mapping[str, str], connection: socket.socket | None = None) -> None:
         self.env = {**env, "PYTHONUNBUFFERED": "1"}
         self._python = python
-        self._socket: socket.socket | None = None
+        self._socket = connection
         self._server: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
 
     def suits(self, script: Path, env: Mapping[str, str]) -> bool:
-        """Whether a program may start as a fork: it is one of `PACKAGES`, and its environment has the same modules."""
+        """Whether a program may start as a fork: one of `PACKAGES`, or roslaunch, in a like environment."""
         same = all(env.get(key) == self.env.get(key) for key in _AT_START)
         same_path = [entry for entry in _path(env) if entry in _path(self.env)] == _path(self.env)
-        return script.parent.name in PACKAGES and script.is_file() and same and same_path
+        known = script.parent.name in PACKAGES or script == ROSLAUNCH
+        return known and script.is_file() and same and same_path
 
     def start(self, command: Sequence[str], env: Mapping[str, str], cwd: Path | None, out: int, err: int) -> Fork:
         """Starts a program.
@@ -134,41 +143,54 @@ def _imports() -> set[str]:
     programs = Path(__file__).parents[2] / "install/lib"
     trees = [ast.parse(script.read_text()) for package in PACKAGES for script in (programs / package).iterdir()]
     nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    return {node.module for node in nodes if node.module}
+    return {"roslaunch", *(node.module for node in nodes if node.module)}
 
 
-def _serve(requests: socket.socket) -> dict[str, Any]:
-    """Forks until the connection ends. Returns only in a fork, with the request."""
+def _serve(requests: socket.socket) -> tuple[dict[str, Any], socket.socket]:
+    """Forks until the connection ends. Returns only in a fork: the request, and a connection for forks of its own.
+
+    What a fork has started so is killed at its end, if it still runs.
+    """
     wake, woken = os.pipe()
     os.set_blocking(woken, False)
     signal.set_wakeup_fd(woken)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     running: dict[int, int] = {}
+    clients: dict[socket.socket, list[int]] = {requests: []}
     while True:
-        ready, _, _ = select.select([requests, wake], [], [])
+        ready, _, _ = select.select([*clients, wake], [], [])
         if wake in ready:
             os.read(wake, 1000)
             _tell_ends(running)
-        if requests not in ready:
-            continue
-        text, descriptors, _, _ = socket.recv_fds(requests, 1 << 20, 3)
-        if not text:
-            os._exit(0)
-        out, err, ends = descriptors
-        pid = os.fork()
-        if pid == 0:
-            signal.set_wakeup_fd(-1)
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            os.setsid()
-            os.dup2(out, 1)
-            os.dup2(err, 2)
-            for descriptor in (wake, woken, requests.detach(), *descriptors, *running.values()):
+        for client in clients.keys() & set(ready):
+            text, descriptors, _, _ = socket.recv_fds(client, 1 << 20, 3)
+            if not text:
+                started = clients.pop(client)
+                for pid in running.keys() & set(running if client is requests else started):
+                    with contextlib.suppress(ProcessLookupError):
+                        os.killpg(pid, signal.SIGKILL)
+                if client is requests:
+                    os._exit(0)
+                client.close()
+                continue
+            out, err, ends = descriptors
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            pid = os.fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                os.setsid()
+                os.dup2(out, 1)
+                os.dup2(err, 2)
+                connections = [connection.detach() for connection in (ours, *clients)]
+                for descriptor in (wake, woken, *descriptors, *running.values(), *connections):
+                    os.close(descriptor)
+                return dict(json.loads(text)), theirs
+            for descriptor in (theirs.detach(), out, err):
                 os.close(descriptor)
-            return dict(json.loads(text))
-        running[pid] = ends
-        os.close(out)
-        os.close(err)
-        requests.send(str(pid).encode())
+            running[pid], clients[ours] = ends, []
+            clients[client].append(pid)
+            client.send(str(pid).encode())
 
 
 def _tell_ends(running: dict[int, int]) -> None:
@@ -182,25 +204,69 @@ def _tell_ends(running: dict[int, int]) -> None:
             os.close(ends)
 
 
-def _become(request: dict[str, Any]) -> str:
+def _become(request: dict[str, Any], connection: socket.socket) -> str:
     """Prepares this process for a program. Returns the script."""
     import rospy.names
 
     os.chdir(request["cwd"])
     os.environ.clear()
     os.environ.update(request["env"])
-    sys.argv = request["argv"]
+    sys.argv[:] = request["argv"]  # in place: it is the default argument of roslaunch.main
     sys.path[0] = os.path.dirname(sys.argv[0])
     sys.path[1:1] = request["path"]
     for file in (Path(entry, "sitecustomize.py") for entry in request["path"]):
         if file.is_file():  # as Python does when it starts
             runpy.run_path(str(file))
     importlib.reload(rospy.names)  # it reads the arguments and the namespace when it is imported
+    if Path(sys.argv[0]) == ROSLAUNCH:
+        _fork_nodes(ForkServer(Path(sys.executable), _STARTED_WITH, connection))
+    else:
+        connection.close()
+        if launcher := os.environ.get(_LAUNCHED_BY):
+            os.getppid = lambda: int(launcher)
     return sys.argv[0]
+
+
+# -- roslaunch ---------------------------------------------------------------------------------------------------------
+
+
+def _fork_nodes(forks: ForkServer) -> None:
+    """Lets roslaunch in this process start its nodes and checks as forks, if they can be."""
+    popen = subprocess.Popen
+
+    def start(command: Any, *args: Any, env: Any = None, cwd: Any = None, stdout: Any = None, **options: Any) -> Any:
+        words, variables = [str(word) for word in command], dict(env or os.environ)
+        if Path(words[0]).name == "node.sh" and (words[1] == "true" or not variables.get("DISPLAY")):
+            words = words[2:]  # the script does no more
+            variables |= {"PYTHONUNBUFFERED": "1", _LAUNCHED_BY: str(os.getpid())}
+        if isinstance(command, str) or not forks.suits(Path(words[0]), variables):
+            return popen(command, *args, env=env, cwd=cwd, stdout=stdout, **options)
+        if stdout == subprocess.PIPE:
+            return _Check(forks, words, variables)
+        return forks.start(words, variables, cwd, 1 if stdout is None else stdout.fileno(), 2)
+
+    subprocess.Popen = start  # type: ignore[assignment, misc]
+
+
+class _Check:
+    """A forked program whose output roslaunch reads."""
+
+    def __init__(self, forks: ForkServer, command: Sequence[str], env: Mapping[str, str]) -> None:
+        self._output, write = os.pipe()
+        self._fork = forks.start(command, env, None, write, 2)
+        os.close(write)
+
+    def communicate(self) -> tuple[bytes, None]:
+        with open(self._output, "rb") as output:
+            return output.read(), None
+
+    @property
+    def returncode(self) -> int:
+        return self._fork.wait()
 
 
 if __name__ == "__main__":
     for module in _imports():
         importlib.import_module(module)
     gc.freeze()
-    runpy.run_path(_become(_serve(socket.socket(fileno=int(sys.argv[1])))), run_name="__main__")
+    runpy.run_path(_become(*_serve(socket.socket(fileno=int(sys.argv[1])))), run_name="__main__")

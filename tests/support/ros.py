@@ -31,7 +31,7 @@ from types import TracebackType
 from typing import Any
 
 from skiros2_common.core.processes import free_port
-from support.forks import ForkServer
+from support.forks import ROSLAUNCH, ForkServer
 from support.programs import PATIENCE, ProcessId, Program, descendants
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,14 +67,18 @@ def _forks() -> ForkServer:
 
 def _forked(command: Sequence[str], env: Mapping[str, str]) -> list[str]:
     """The script and the arguments of a program that can be forked; of others nothing."""
+    if command[0] == ROSLAUNCH.name:
+        return [str(ROSLAUNCH), *command[1:]] if _forks().suits(ROSLAUNCH, env) else []
     package, *rest = command[1:] if command[0] == "rosrun" else (Path(command[0]).parent.name, *command)
     script = INSTALL / "lib" / package / rest[0]
     return [str(script), *rest[1:]] if _forks().suits(script, env) else []
 
 
-def start_program(command: Sequence[str], env: Mapping[str, str], cwd: Path | None = None) -> Program:
-    """Starts a program; what `rosrun` would start is forked if it can be (see support/forks.py)."""
-    if forked := _forked(command, env):
+def start_program(
+    command: Sequence[str], env: Mapping[str, str], cwd: Path | None = None, *, may_fork: bool = True
+) -> Program:
+    """Starts a program; roslaunch, and what `rosrun` would start, is forked if it can be (see support/forks.py)."""
+    if may_fork and (forked := _forked(command, env)):
         return Program(forked, env, cwd, _forks())
     return Program(command, env, cwd)
 
@@ -254,21 +258,29 @@ class Ros:
     # -- starting -------------------------------------------------------------------------------------------------
 
     def launch(
-        self, package: str, file: str, *, namespace: str = "", env: Mapping[str, str] | None = None, **arguments: Any
+        self,
+        package: str,
+        file: str,
+        *,
+        namespace: str = "",
+        env: Mapping[str, str] | None = None,
+        forked: bool = True,
+        **arguments: Any,
     ) -> Program:
         """`roslaunch package file name:=value ...`; does not wait for the nodes.
 
         :param namespace: put all of it below this name.
         :param env: another environment than this master's, `RosMaster.env` for example.
+        :param forked: False for tests of the launch itself: the real roslaunch, not a fork (see support/forks.py).
         :param arguments: launch arguments; bool and list are written as YAML.
         """
-        return self._start([*_ROSLAUNCH, package, file, *_launch_arguments(arguments)], namespace, env)
+        return self._start([*_ROSLAUNCH, package, file, *_launch_arguments(arguments)], namespace, env, forked)
 
     def launch_file(
         self, path: Path, *, namespace: str = "", env: Mapping[str, str] | None = None, **arguments: Any
     ) -> Program:
-        """Starts a launch file by its path."""
-        return self._start([*_ROSLAUNCH, str(path), *_launch_arguments(arguments)], namespace, env)
+        """Starts a launch file by its path, with the real roslaunch."""
+        return self._start([*_ROSLAUNCH, str(path), *_launch_arguments(arguments)], namespace, env, may_fork=False)
 
     def run(
         self,
@@ -348,11 +360,13 @@ class Ros:
         elif left:
             subprocess.run(["rosnode", "cleanup"], env=self.master.env, input=b"y\n", capture_output=True, check=True)
 
-    def _start(self, command: list[str], namespace: str, env: Mapping[str, str] | None) -> Program:
+    def _start(
+        self, command: list[str], namespace: str, env: Mapping[str, str] | None, may_fork: bool = True
+    ) -> Program:
         environment = dict(env or self.master.env)
         if namespace:
             environment["ROS_NAMESPACE"] = namespace
-        program = start_program(command, environment, self.master.home)
+        program = start_program(command, environment, self.master.home, may_fork=may_fork)
         self.programs.append(program)
         return program
 

@@ -64,6 +64,11 @@ def launch(ros: Ros, package: Path, deploy: bool = True, env: dict[str, str] | N
     return ros.launch_file(file, env=environment)
 
 
+def roslaunch(ros: Ros, package: str, file: str, **arguments: Any) -> Program:
+    """Launches with the real roslaunch, not a fork."""
+    return ros.launch(package, file, forked=False, **arguments)
+
+
 def test_configuration_error_of_a_node_ends_the_launch(ros: Ros, package: Path) -> None:
     program = launch(ros, package, good="exec sleep 100", bad=BAD)
     program.wait()
@@ -95,7 +100,7 @@ def test_process_that_roslaunch_names_is_the_node(
 
 
 def test_kill_of_the_named_process_loses_no_acknowledged_edit(ros: Ros) -> None:
-    program = ros.launch("skiros2", "world_model_server.launch", gui=False, deploy=True)
+    program = roslaunch(ros, "skiros2", "world_model_server.launch", gui=False, deploy=True)
     pid = pid_of(program, "wm")
     ros.wait_for_node("/wm")
     wm = WorldModelInterface("tester")
@@ -113,18 +118,18 @@ def test_launch_is_not_stopped_by_another_node_at_the_address_of_a_killed_one(ro
     host, port = ros.master.service_address("/other/get_loggers")
     address = rosgraph.Master("/tests").lookupNode("/other")
     rosgraph.Master("/wm").registerService("/wm/get_loggers", f"rosrpc://{host}:{port}", address)
-    program = ros.launch("skiros2", "world_model_server.launch", gui=False)
+    program = roslaunch(ros, "skiros2", "world_model_server.launch", gui=False)
     program.wait_for_line("the world model is ready")
     assert "is already running" not in program.output
 
 
 def test_second_launch_ends_with_one_sentence_and_disturbs_nothing(ros: Ros) -> None:
-    first = ros.launch("skiros2", "skiros.launch", gui=False, deploy=True)
+    first = roslaunch(ros, "skiros2", "skiros.launch", gui=False, deploy=True)
     nodes = {"/wm", "/tm", "/test_robot"}
     for node in nodes:
         ros.wait_for_node(node)
     pids = {node: ros.master.node_pid(node) for node in nodes}
-    second = ros.launch("skiros2", "skiros.launch", gui=False, deploy=True)
+    second = roslaunch(ros, "skiros2", "skiros.launch", gui=False, deploy=True)
     second.wait()
     runs = [line for line in second.output.splitlines() if "is already running" in line]
     assert len(runs) == 1
@@ -141,7 +146,7 @@ def test_launch_ends_with_one_sentence_if_a_port_is_taken(ros: Ros, setting: str
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         ports = {"http_port": 0, setting: port}
-        program = ros.launch("skiros2_gateway", "gateway.launch", folder=tmp_path, **ports)
+        program = roslaunch(ros, "skiros2_gateway", "gateway.launch", folder=tmp_path, **ports)
         program.wait()
     lines = program.output.splitlines()
     assert lines[-1] == f"/gateway: {setting} {port} on 127.0.0.1: Address already in use"
@@ -152,7 +157,8 @@ def test_launch_ends_with_one_sentence_if_a_port_is_taken(ros: Ros, setting: str
 
 def test_launch_of_a_robot_with_a_broken_scene_ends_with_file_line_and_column(ros: Ros, tmp_path: Path) -> None:
     (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
-    program = ros.launch(
+    program = roslaunch(
+        ros,
         "skiros2",
         "skiros.launch",
         gui=False,
@@ -228,7 +234,7 @@ def test_without_deploy_and_without_display_the_output_stays_on_the_screen(ros: 
 def test_launch_with_unknown_names_fails_before_any_node_starts(
     ros: Ros, arguments: dict[str, Any], culprit: str
 ) -> None:
-    program = ros.launch("skiros2", "skiros.launch", gui=False, **arguments)
+    program = roslaunch(ros, "skiros2", "skiros.launch", gui=False, **arguments)
     assert program.wait() == 1
     assert "process[" not in program.output
     lines = program.output.splitlines()
@@ -246,8 +252,8 @@ def test_launch_with_unknown_names_fails_before_any_node_starts(
 )
 def test_launch_with_an_unreadable_scene_warns_and_starts(ros: Ros, tmp_path: Path, scene: str, culprit: str) -> None:
     (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
-    program = ros.launch(
-        "skiros2", "world_model_server.launch", gui=False, deploy=True, workspace_dir=tmp_path, init_scene=scene
+    program = roslaunch(
+        ros, "skiros2", "world_model_server.launch", gui=False, deploy=True, workspace_dir=tmp_path, init_scene=scene
     )
     program.wait_for_line(f"WARNING: .*{culprit}")
     program.wait_for_line(f"ERROR.*{culprit}")
@@ -255,7 +261,7 @@ def test_launch_with_an_unreadable_scene_warns_and_starts(ros: Ros, tmp_path: Pa
 
 
 def test_reason_of_a_failed_launch_is_its_last_line(ros: Ros) -> None:
-    program = ros.launch("skiros2", "task_mgr.launch", deploy=True, max_replans="many")
+    program = roslaunch(ros, "skiros2", "task_mgr.launch", deploy=True, max_replans="many")
     program.wait()
     reason = "/tm: parameter /tm/max_replans is 'many', expected an integer from 0"
     lines = program.output.splitlines()
@@ -293,7 +299,7 @@ def test_without_deploy_each_node_has_an_xterm(
     logs = tmp_path / "logs"
     with Display() as display:
         env = {**ros.master.env, **display.env, "ROS_LOG_DIR": str(logs)}
-        program = ros.launch("skiros2", file, deploy=False, env=env, **arguments)
+        program = roslaunch(ros, "skiros2", file, deploy=False, env=env, **arguments)
 
         def windows() -> set[str]:
             return {line.split()[2] for line in processes("xterm -T ", str(logs))}

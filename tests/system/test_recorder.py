@@ -41,10 +41,12 @@ class _System(Ros):
         return _ended(self.run(package, program, *arguments))
 
     def launch_robot(self, record: Path) -> Program:
-        """Waits until it can be given goals."""
+        """Waits until it can be given goals, and its recorder hears of them."""
         program = self.launch("skiros2_demo_skills", "demo.launch", gui=False, record=str(record))
         wait_until(lambda: f"{ROBOT}/get_skills" in self.master.services(), WAIT, "the skill manager")
         wait_until(lambda: "/tm/achieve/status" in self.master.topics(), WAIT, "the task manager")
+        for node, topic in (("/tm", "/tm/achieve/feedback"), (ROBOT, f"{ROBOT}/monitor")):
+            wait_until(lambda n=node, t=topic: ("/recorder", t) in self.master.readers(n), WAIT, f"a record of {topic}")
         return program
 
 

@@ -264,7 +264,7 @@ def test_ended_manager_is_gone_for_clients(ros, alone):
     ],
 )
 def test_configuration_error_is_the_last_line_of_the_launch(ros, alone, arguments, named):
-    launch = ros.launch("skiros2", "skiros.launch", gui=False, task_mgr_on=False, **arguments)
+    launch = ros.launch("skiros2", "skiros.launch", forked=False, gui=False, task_mgr_on=False, **arguments)
     launch.wait_for_line(named.replace("[", r"\["))
     launch.wait()
     assert 1 <= launch.output.count(named) <= 2

@@ -11,6 +11,7 @@ from skiros2_motion.core.geometry import (
     IDENTITY,
     Pose,
     angle_between,
+    between,
     composed,
     from_euler,
     half_extents,
@@ -97,3 +98,12 @@ def test_half_extents_contain_the_rotated_box():
     assert half_extents(IDENTITY.orientation, (2, 4, 6)) == pytest.approx((1, 2, 3))
     assert half_extents(from_euler(0, 0, math.pi / 2), (2, 4, 6)) == pytest.approx((2, 1, 3))
     assert half_extents(from_euler(0, 0, math.pi / 4), (2, 2, 2)) == pytest.approx((math.sqrt(2), math.sqrt(2), 1))
+
+
+@given(POSES, POSES, st.floats(0.0, 1.0))
+def test_pose_between_two_is_on_the_line_and_the_shorter_turn(start: Pose, end: Pose, part: float) -> None:
+    pose = between(start, end, part)
+    way, turn = math.dist(start.position, end.position), angle_between(start.orientation, end.orientation)
+    assert math.dist(start.position, pose.position) == pytest.approx(part * way, abs=1e-9)
+    assert angle_between(start.orientation, pose.orientation) == pytest.approx(part * turn, abs=1e-6)
+    assert angle_between(pose.orientation, end.orientation) == pytest.approx((1.0 - part) * turn, abs=1e-6)

@@ -60,3 +60,22 @@ def test_block_with_bores_rests_on_the_ground(peg: str) -> None:
     with world(peg, -0.05, movable=True) as made:
         made.step(1000)
         assert made.pose_of(BLOCK).position == pytest.approx((0.0, 0.0, TOP / 2), abs=0.001)
+
+
+def test_seated_peg_has_few_contacts(peg: str) -> None:
+    with world(peg, 0.04) as made:
+        made.step(1500)
+        assert len(made.physics.contacts(made.bodies[PEG].body)) <= 8
+
+
+def test_world_with_longer_steps_in_the_same_process_changes_nothing(peg: str) -> None:
+    def run(beside: World | None) -> list[object]:
+        with world(peg, 0.04) as made:
+            for _ in range(30):
+                made.step(10)
+                if beside is not None:
+                    beside.step()
+            return [made.pose_of(PEG), made.physics.contacts()]
+
+    with World(SceneSpec(), rate=240) as slow:
+        assert run(slow) == run(None)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_motion.core.arm_kinematics import between, distances
-from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler, multiplied
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.geometry import IDENTITY, Pose, between, from_euler, multiplied
 from skiros2_motion.core.motion import State
 from skiros2_sim.core import cartesian_motion as codes
 from skiros2_sim.core.arm_controller import ArmController

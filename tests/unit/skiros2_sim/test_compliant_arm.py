@@ -145,7 +145,7 @@ def test_zeroed_sensor_measures_no_bias() -> None:
         arm = world.arms[ARM]
         assert np.linalg.norm(arm.measured_wrench()[:3]) > 3.0
         assert arm.sensor is not None
-        arm.sensor.zero()
+        arm.zero_sensor()
         world.step(10)
         assert np.linalg.norm(arm.measured_wrench()) < 0.05
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_motion.core import wrench_guard as guard
 from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.geometry import Pose
+from skiros2_sim.core.physics import JointState
 from skiros2_sim.core.world import World
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
 from support.moved_robot import DOWN, MovedRobot
@@ -124,18 +125,24 @@ def test_carried_object_is_no_disagreement(arm: MovedRobot) -> None:
     assert arm.controller.stop is None, str(arm.controller.stop)
 
 
-@pytest.mark.parametrize("quantity", ["positions", "velocities"])
+@pytest.mark.parametrize("quantity", ["position", "velocity"])
 @pytest.mark.parametrize("joint", [0, 6])
 def test_joint_state_that_is_not_finite_stops_the_arm_where_it_is(
     arm: MovedRobot, monkeypatch: pytest.MonkeyPatch, quantity: str, joint: int
 ) -> None:
     arm.controller.set_limits(0.0, 0.0)
-    working = getattr(arm.arm, quantity)
+    physics, index = arm.world.physics, arm.arm.joints[joint].index
+    working = physics.joint_states
+
+    def broken(body: int, joints: Sequence[int]) -> list[JointState]:
+        states = zip(joints, working(body, joints), strict=True)
+        return [state._replace(**{quantity: math.nan}) if each == index else state for each, state in states]
+
     before = arm.controller.tool_pose()
     arm.controller.set_reference(Pose((0.5, 0.2, 0.6), before.orientation))
     arm.world.step(100)
     at_fault = arm.controller.tool_pose()
-    monkeypatch.setattr(arm.arm, quantity, lambda: [math.nan if i == joint else v for i, v in enumerate(working())])
+    monkeypatch.setattr(physics, "joint_states", broken)
     arm.world.step(200)
     assert arm.controller.stop is not None
     assert arm.controller.stop.quantity == guard.NOT_FINITE

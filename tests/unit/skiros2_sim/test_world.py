@@ -294,11 +294,11 @@ def test_arm_keeps_its_posture_while_driving(world: World) -> None:
 def test_motor_efforts_compensate_gravity(world: World) -> None:
     world.step(240)
     arm = world.arms[ARM]
-    assert arm.bias() == pytest.approx(arm.efforts(), abs=0.05)
-    arm.drive_torques(arm.bias())
+    assert arm.dynamics(False).bias == pytest.approx(arm.efforts(), abs=0.05)
+    arm.drive_torques(arm.dynamics(False).bias)
     world.step(1)
     for _ in range(120):
-        arm.drive_torques(arm.bias())
+        arm.drive_torques(arm.dynamics(False).bias)
         world.step()
     assert arm.positions() == pytest.approx(arm.rest, abs=0.02), "it floats"
     world.step(60)

@@ -8,9 +8,9 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills.contact_primitive import NOT_REACHED, RETRACTED, ContactPrimitive, difference, forces
 from skiros2_contact_skills.core.part_poses import aligned_tool, held_frame, pose_on_arm
 from skiros2_contact_skills.descriptions import ApproachGrasp, ApproachTarget, RetractAfterFailure, RetractTool
-from skiros2_motion.core.arm_kinematics import between, distances
+from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.compliant_arm import ArmState
-from skiros2_motion.core.geometry import IDENTITY, Pose, composed
+from skiros2_motion.core.geometry import IDENTITY, Pose, between, composed
 from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
 
 #: Ratio of angular and linear speed of a motion (rad/m), and time to settle at its end (s).

@@ -112,6 +112,19 @@ def angle_between(a: Sequence[float], b: Sequence[float]) -> float:
     return 2 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
+def between(start: Pose, end: Pose, part: float) -> Pose:
+    """Returns the pose at a part (0 to 1) of a straight line with an even rotation in the shorter direction."""
+    x, y, z, w = multiplied(conjugated(start.orientation), end.orientation)
+    if w < 0.0:
+        x, y, z, w = -x, -y, -z, -w
+    sine = math.sqrt(x * x + y * y + z * z)
+    half = part * math.atan2(sine, w)
+    scale = math.sin(half) / sine if sine > 1e-12 else part
+    turn = multiplied(start.orientation, (scale * x, scale * y, scale * z, math.cos(half)))
+    (ax, ay, az), (bx, by, bz) = start.position, end.position
+    return Pose((ax + part * (bx - ax), ay + part * (by - ay), az + part * (bz - az)), normalized(turn))
+
+
 def half_extents(orientation: Sequence[float], size: Sequence[float]) -> Vector:
     """Returns the half edge lengths of the axis-aligned bounding box of a rotated box."""
     columns = [rotated(orientation, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]

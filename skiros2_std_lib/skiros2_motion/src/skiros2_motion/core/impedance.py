@@ -31,8 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_motion.core.arm_kinematics import between
-from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, rotated
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, between, conjugated, multiplied, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.wrench_guard import is_finite, limited_wrench
 
@@ -223,23 +222,22 @@ class Impedance:
             self.posture, self.velocities = state.positions.copy(), np.zeros_like(state.positions)
         self._filter(dt)
         into = rotation_matrix(state.tool.orientation).T
-        jacobian = state.jacobian
-        in_tool = np.empty_like(jacobian)
-        in_tool[:3], in_tool[3:] = into @ jacobian[:3], into @ jacobian[3:]
+        jacobian = (into @ state.jacobian.reshape(2, 3, -1)).reshape(6, -1)  # in the tool frame
         if self.needs_masses or self._gains is None:
             free = np.where(self._stiffness == 0.0, FREE_DAMPING, 0.0)
-            self._gains = stable_gains(self.stiffness, self._damping, free, in_tool, state.masses, dt)
+            self._gains = stable_gains(self.stiffness, self._damping, free, jacobian, state.masses, dt)
         self._updates += 1
         stiffness, damping, posture_damping = self._gains
-        self.error = self._offset(state.tool, into)
+        self.error = self._offset(state.tool)
         too_fast = state.velocities - self.velocities
-        wrench = limited_wrench(self.wrench - stiffness @ self.error, self.limits) - damping @ (in_tool @ too_fast)
+        wrench = limited_wrench(self.wrench - stiffness @ self.error, self.limits) - damping @ (jacobian @ too_fast)
         self.exerted = wrench.copy()
         if load is not None:
             wrench[:3] += into @ load
         posture = _POSTURE_STIFFNESS * (self.posture - state.positions) - posture_damping * too_fast
-        posture -= jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
-        wanted = in_tool.T @ wrench + posture + state.bias
+        # both act along the tool's axes: the wrench, and the part of the posture that would move the tool
+        wrench -= np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
+        wanted = jacobian.T @ wrench + posture + state.bias
         if self.is_braking:
             wanted = self._braking_torques(state, dt, load)
         if not np.isfinite(wanted).all():
@@ -265,20 +263,27 @@ class Impedance:
         if self.reference != self._reference:
             self.reference = between(self.reference, self._reference, 1.0 - math.exp(-dt / _REFERENCE_FILTER))
 
-    def _offset(self, tool: Pose, into: Array) -> Array:
+    def _offset(self, tool: Pose) -> Array:
         """Returns the offset of the tool from the reference, in the tool frame, limited in length and rotation."""
         reference = self.reference
-        position = np.array(reference.position)
+        x, y, z = reference.position
         if self.overlay.any():
-            position += rotated(reference.orientation, self.overlay.tolist())
-        turn = rotation_vector(multiplied(tool.orientation, conjugated(reference.orientation)))
-        way = np.empty(6)
-        way[:3], way[3:] = into @ (np.array(tool.position) - position), into @ turn
-        for part, most in ((slice(0, 3), _MAX_DISTANCE), (slice(3, 6), _MAX_TURN)):
-            length = math.sqrt(float(way[part] @ way[part]))
-            if length > most:
-                way[part] *= most / length
-        return way
+            dx, dy, dz = rotated(reference.orientation, self.overlay.tolist())
+            x, y, z = x + dx, y + dy, z + dz
+        back = conjugated(tool.orientation)
+        tx, ty, tz = tool.position
+        way = rotated(back, (tx - x, ty - y, tz - z))
+        # of the rotation from the reference to the tool, which has the same axis in both frames
+        turn = rotation_vector(multiplied(conjugated(reference.orientation), tool.orientation))
+        return np.array([*_limited(way, _MAX_DISTANCE), *_limited(turn, _MAX_TURN)])
+
+
+def _limited(vector: Vector, most: float) -> Vector:
+    length = math.hypot(*vector)
+    if length <= most:
+        return vector
+    x, y, z = vector
+    return x * most / length, y * most / length, z * most / length
 
 
 def check_state(state: ArmState) -> None:
@@ -307,12 +312,12 @@ def rotation_matrix(q: Sequence[float]) -> Array:
     )
 
 
-def rotation_vector(q: Sequence[float]) -> Array:
+def rotation_vector(q: Sequence[float]) -> Vector:
     """Returns the rotation vector of a unit quaternion, of the shorter rotation (rad)."""
     x, y, z, w = q if q[3] >= 0.0 else [-value for value in q]
     sine = math.sqrt(x * x + y * y + z * z)
     factor = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
-    return np.array([factor * x, factor * y, factor * z])
+    return factor * x, factor * y, factor * z
 
 
 def stable_gains(stiffness: Array, factors: Array, damping: Array, jacobian: Array, masses: Array, dt: float) -> Gains:
@@ -329,19 +334,22 @@ def stable_gains(stiffness: Array, factors: Array, damping: Array, jacobian: Arr
     :param dt: length of an update (s).
     """
     mobility = jacobian @ np.linalg.solve(masses, jacobian.T) + _SINGULAR * np.eye(6)
-    root = np.linalg.cholesky(mobility)
-    back = np.linalg.inv(root)
+    mobilities = np.diag(mobility)
     limited = []
     for gain, most in (
         (stiffness, _STABLE_STIFFNESS / dt**2),
         (np.maximum(2.0 * factors * np.sqrt(stiffness), damping), _STABLE_DAMPING / dt),
     ):
+        if gain @ mobilities <= most:  # the sum of the modes: none of them is larger
+            limited.append(np.diag(gain))
+            continue
+        root = np.linalg.cholesky(mobility)
         modes, vectors = np.linalg.eigh(root.T @ (gain[:, None] * root))
         if modes[-1] <= most:
             limited.append(np.diag(gain))
             continue
-        q = back.T @ vectors
-        limited.append((q * np.clip(modes, 0.0, most)) @ q.T)
+        q = np.linalg.inv(root).T @ vectors
+        limited.append((q * np.minimum(np.maximum(modes, 0.0), most)) @ q.T)
     posture = 2.0 * _POSTURE_DAMPING * np.sqrt(_POSTURE_STIFFNESS * np.diag(masses))
     return Gains(limited[0], limited[1], posture)
 

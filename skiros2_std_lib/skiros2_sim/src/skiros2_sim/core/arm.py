@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from skiros2_common.core.errors import Refused
 from skiros2_motion.core.geometry import Pose, Vector, conjugated, cross, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.physics import Joint, Part, Physics
 from skiros2_sim.core.robot_model import ArmModel
-from skiros2_sim.core.wrist_sensor import MountedSensor, SensorModel
+from skiros2_sim.core.wrist_sensor import MountedSensor, SensorModel, Wrench
 
-Wrench = tuple[float, float, float, float, float, float]
+class Dynamics(NamedTuple):
+    """The dynamics of an arm's joints at their current state.
+
+    :param positions: rad or m.
+    :param velocities: rad/s or m/s.
+    :param bias: torques of gravity, Coriolis and centrifugal forces (Nm, or N).
+    :param masses: the mass matrix (kg m2, or kg); None if it was not requested.
+    """
+
+    positions: list[float]
+    velocities: list[float]
+    bias: list[float]
+    masses: list[list[float]] | None
 
 
 class Arm:
@@ -50,6 +64,8 @@ class Arm:
         self._is_torque_driven = False
         #: The wrench of the last step, once it is read.
         self._wrench: Wrench | None = None
+        #: The measured wrench of the last step, once it is read.
+        self._measured: Wrench | None = None
         #: The last measured wrench of a silent sensor, and the number of steps since.
         self._last_wrench: Wrench | None = None
         self._silent_steps = 0
@@ -138,7 +154,7 @@ class Arm:
 
     def after_step(self) -> None:
         """Called by the world after each step."""
-        self._wrench = None
+        self._wrench = self._measured = None
         if self.sensor is not None:
             self.sensor.after_step()
         if self.gripper is not None:
@@ -168,10 +184,22 @@ class Arm:
         sensor: any numbers, also some that are not finite."""
         if self._last_wrench is not None:
             return self._last_wrench
-        measured = self.wrench() if self.sensor is None else self.sensor.wrench(self.tool_pose())
+        if self._measured is None:
+            self._measured = self.wrench() if self.sensor is None else self.sensor.wrench(self.tool_pose())
+        measured = self._measured
         for distortion in self._distortions.values():
             measured = distortion(measured)
         return measured
+
+    def zero_sensor(self) -> None:
+        """Makes the current measured wrench the zero of the following ones.
+
+        :raises Refused: there is no sensor.
+        """
+        if self.sensor is None:
+            raise Refused(f"arm {self.name} has no force/torque sensor: no fixed joint is before its hand")
+        self.sensor.zero()
+        self._measured = None
 
     # -- motors -----------------------------------------------------------------------------------------------
 
@@ -200,18 +228,16 @@ class Arm:
         limited = [min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)]
         self._physics.drive_torques(self.body, self._indices, limited)
 
-    def masses(self) -> list[list[float]]:
-        """Mass matrix at the current joint positions (kg m2, or kg)."""
-        positions = [state.position for state in self._physics.joint_states(self.body, self._dofs)]
-        masses = self._physics.mass_matrix(self.body, positions)
-        return [[masses[row][column] for column in self._columns] for row in self._columns]
-
-    def bias(self) -> list[float]:
-        """Torques of gravity, Coriolis and centrifugal forces at the current state (Nm, or N)."""
+    def dynamics(self, with_masses: bool) -> Dynamics:
+        """Returns the current state of the joints with the bias, and the mass matrix, of the arm's dynamics."""
         states = self._physics.joint_states(self.body, self._dofs)
         q, dq = [state.position for state in states], [state.velocity for state in states]
         bias = self._physics.bias(self.body, q, dq)
-        return [bias[column] for column in self._columns]
+        masses = None
+        if with_masses:
+            every = self._physics.mass_matrix(self.body, q)
+            masses = [[every[row][column] for column in self._columns] for row in self._columns]
+        return Dynamics(*([values[column] for column in self._columns] for values in (q, dq, bias)), masses)
 
 
 def links_after(physics: Physics, body: int, link: int) -> list[int]:

@@ -164,11 +164,9 @@ class ArmController:
 
         :raises Refused: the arm has no sensor.
         """
-        if self.arm.sensor is None:
-            raise Refused(f"arm {self.arm.name} has no force/torque sensor: no fixed joint is before its hand")
         if not is_finite(self.arm.measured_wrench()):
             raise Refused(f"arm {self.arm.name}: the measured wrench is not finite: {self.arm.measured_wrench()}")
-        self.arm.sensor.zero()
+        self.arm.zero_sensor()
         self.payload.zero()
         if self.compliant:
             self.payload.carry()
@@ -356,17 +354,11 @@ class ArmController:
         self.hold()
 
     def _state(self) -> ArmState:
-        q = np.array(self.arm.positions())
-        if self.impedance.needs_masses:
-            self._masses = np.array(self.arm.masses())
-        return ArmState(
-            q,
-            np.array(self.arm.velocities()),
-            self.kinematics.forward(q),
-            self.kinematics.jacobian(q),
-            self._masses,
-            np.array(self.arm.bias()),
-        )
+        positions, velocities, bias, masses = self.arm.dynamics(self.impedance.needs_masses)
+        if masses is not None:
+            self._masses = np.array(masses)
+        tool, jacobian = self.kinematics.tool_and_jacobian(positions)
+        return ArmState(np.array(positions), np.array(velocities), tool, jacobian, self._masses, np.array(bias))
 
     def cancel(self) -> None:
         """Switches back to the position controller."""

@@ -27,6 +27,12 @@ _GRAVITY = (0.0, 0.0, -9.81)
 _LIGHT, _LIGHT_DISTANCE = (1.0, 1.0, 2.0), 20.0
 #: PyBullet's defaults: the group of movable bodies, which collide with all groups.
 _GROUP_AND_MASK = (1, -1)
+#: Distance at which contacts end, in sizes of the smaller shape. By default, a peg has 40 contacts in a bore
+#: that it fits, nearly all of them with walls at a distance: half of the time of a step. In a short step, only near
+#: ones matter.
+_CONTACT_END, _NEAR_CONTACT_END = 0.02, 0.001
+#: Length of a short step (s).
+_SHORT_STEP = 0.001
 _KINDS = {pybullet.JOINT_REVOLUTE: "revolute", pybullet.JOINT_PRISMATIC: "prismatic", pybullet.JOINT_FIXED: "fixed"}
 #: Position and orientation, as PyBullet returns them.
 _Frame = tuple[Vector, Quaternion]
@@ -39,6 +45,9 @@ class Bullet:
     :raises Refused: no window can be opened, or there are too many worlds.
     """
 
+    #: The value of the engine, which is one for all worlds of the process.
+    _contact_end = _CONTACT_END
+
     def __init__(self, gui: bool = False) -> None:
         self._gui = gui
         self.id = _connect(gui)
@@ -46,6 +55,7 @@ class Bullet:
         self._world = {"physicsClientId": self.id}
         #: Of each body: the frame of its centre of mass in that of its first link, and the inverse. Both are constant.
         self._inner: dict[int, tuple[_Frame, _Frame]] = {}
+        self._own_contact_end = _CONTACT_END
 
     # -- time ------------------------------------------------------------------------------------------------------
 
@@ -53,9 +63,11 @@ class Bullet:
         pybullet.resetSimulation(**self._world)
         pybullet.setGravity(*_GRAVITY, **self._world)
         pybullet.setPhysicsEngineParameter(fixedTimeStep=dt, deterministicOverlappingPairs=1, **self._world)
+        self._own_contact_end = _CONTACT_END if dt > _SHORT_STEP else _NEAR_CONTACT_END
         self._inner.clear()
 
     def step(self) -> None:
+        self._use_own_contact_end()
         pybullet.stepSimulation(**self._world)
 
     def show(self, shown: bool) -> None:
@@ -299,7 +311,13 @@ class Bullet:
         return list(map(ContactPoint._make, found))
 
     def detect_contacts(self) -> None:
+        self._use_own_contact_end()
         pybullet.performCollisionDetection(**self._world)
+
+    def _use_own_contact_end(self) -> None:
+        if Bullet._contact_end != self._own_contact_end:
+            Bullet._contact_end = self._own_contact_end
+            pybullet.setPhysicsEngineParameter(contactBreakingThreshold=self._own_contact_end, **self._world)
 
     def forget_contacts(self, body: int, link: int) -> None:
         # with a new proxy in the broad phase they are made again

@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
-from skiros2_motion.core.arm_kinematics import between, distances
-from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.geometry import Pose, between
 from skiros2_motion.core.motion import Outcome, State
 from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
 from skiros2_motion.core.wrench_guard import FORCE, TORQUE

@@ -20,6 +20,8 @@ from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.physics import Part, Physics
 
 Array = npt.NDArray[np.float64]
+#: Force (N) and torque (Nm).
+Wrench = tuple[float, float, float, float, float, float]
 
 _GRAVITY = -9.81
 
@@ -102,7 +104,8 @@ class MountedSensor:
         physics.add_force_sensor(*part)
         masses = [physics.mass(Part(part.body, link)) for link in links]
         centres = [physics.mass_pose(Part(part.body, link)).position for link in links]
-        pose = self._frame()
+        #: Pose of the sensor in the map at its last measurement.
+        self._pose = pose = self._frame()
         #: Mass of the hand (kg).
         self.mass = sum(masses)
         centre = np.average(centres, axis=0, weights=masses) if self.mass > 0.0 else pose.position
@@ -124,12 +127,13 @@ class MountedSensor:
         self._sensor.zero()
         self._measured = None
 
-    def wrench(self, tool: Pose) -> tuple[float, float, float, float, float, float]:
+    def wrench(self, tool: Pose) -> Wrench:
         """Returns the measured external wrench on the hand: force (N), torque (Nm) about the tool, in its frame.
 
         :param tool: pose of the tool in the map.
         """
-        measured, pose = self._measure().tolist(), self._frame()
+        measured = self._measure().tolist()
+        pose = self._pose
         force, torque = rotated(pose.orientation, measured[:3]), rotated(pose.orientation, measured[3:])
         arm = [a - b for a, b in zip(pose.position, tool.position, strict=True)]
         about_tool = [a + b for a, b in zip(torque, cross(arm, force), strict=True)]
@@ -139,7 +143,8 @@ class MountedSensor:
     def _measure(self) -> Array:
         if self._measured is None:
             reaction = np.array(self._physics.joint_states(self._part.body, (self._part.link,))[0].reaction)
-            self._measured = self._sensor.measure(-reaction, self._frame().orientation)
+            self._pose = self._frame()
+            self._measured = self._sensor.measure(-reaction, self._pose.orientation)
         return self._measured
 
     def _frame(self) -> Pose:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_motion.core.arm_kinematics import between, distances
-from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.arm_kinematics import distances
+from skiros2_motion.core.geometry import Pose, between
 from skiros2_motion.core.gripper import GripperEvent
 from skiros2_motion.core.time_scaling import PEAK_ACCELERATION, PEAK_SPEED, fastest_speeds, minimum_jerk
 from skiros2_teaching.core.taught_path import TaughtPath

@@ -282,6 +282,34 @@ class CartesianControllers(StandIn):
         return TriggerResponse(True, "")
 
 
+class CartesianImpedance(CartesianControllers):
+    """Mayr's Cartesian impedance controller beside a driver with the same sensor: topics only, stiffness and damping along
+    the axes of the base."""
+
+    controller_name = "CartesianImpedance_trajectory_controller"
+
+    def connect(self) -> None:
+        self.stiffnesses: list[WrenchStamped] = []
+        self.dampings: list[Wrench] = []
+        space = f"/{self.controller_name}"
+        self._measured = self.topic("/wrench", WrenchStamped)
+        self._tf = self.topic("/tf", TFMessage)
+        self.subscribe(f"{space}/reference_pose", PoseStamped, self.on_reference)
+        self.subscribe(f"{space}/set_cartesian_stiffness", WrenchStamped, self._on_stiffness)
+        self.subscribe(f"{space}/set_damping_factors", Wrench, self.dampings.append)
+        self.subscribe(f"{space}/set_cartesian_wrench", WrenchStamped, self._on_wrench)
+
+    def on_reference(self, message: PoseStamped) -> None:
+        if message.header.frame_id == "base_link":  # another frame is refused
+            super().on_reference(message)
+
+    def _on_stiffness(self, message: WrenchStamped) -> None:
+        """The tool points down: its axes are those of the base."""
+        self.stiffnesses.append(message)
+        f, t = message.wrench.force, message.wrench.torque
+        self.arm.stiffness = (f.x, f.y, f.z, t.x, t.y, t.z)
+
+
 class JointDriver(StandIn):
     """A driver of joints with a force/torque sensor at the tool."""
 

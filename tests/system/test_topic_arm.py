@@ -1,4 +1,4 @@
-"""Adapters of `CompliantArm` to the controllers of franka_ros and FZI, with stand-ins of these drivers."""
+"""Adapters of `CompliantArm` to the controllers of franka_ros, FZI and Mayr, with stand-ins of these drivers."""
 
 from __future__ import annotations
 
@@ -9,16 +9,28 @@ import pytest
 
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
+from skiros2_motion.core.arm_abilities import Described
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose
 from skiros2_motion.core.spiral import SpiralGoal
 from support.ros import Ros, RosMaster, wait_until
-from support.stand_in_controllers import REFLEX, CartesianControllers, FrankaRos, StandIn, other_packages
+from support.stand_in_controllers import (
+    REFLEX,
+    CartesianControllers,
+    CartesianImpedance,
+    FrankaRos,
+    StandIn,
+    other_packages,
+)
 
 pytestmark = pytest.mark.timeout(120)
 
 WAIT = 30.0
-DRIVERS = {"franka_ros": FrankaRos, "cartesian_controllers": CartesianControllers}
+DRIVERS = {
+    "franka_ros": FrankaRos,
+    "cartesian_controllers": CartesianControllers,
+    "cartesian_impedance_controller": CartesianImpedance,
+}
 
 
 class Rig:
@@ -76,6 +88,11 @@ def franka(ros: Ros) -> Iterator[Rig]:
 @pytest.fixture
 def fzi(ros: Ros) -> Iterator[Rig]:
     yield from begun("cartesian_controllers")
+
+
+@pytest.fixture
+def mayr(ros: Ros) -> Iterator[Rig]:
+    yield from begun("cartesian_impedance_controller")
 
 
 def begun(profile: str) -> Iterator[Rig]:
@@ -187,6 +204,29 @@ def test_wrench_is_sent_again_to_a_controller_that_takes_one(fzi: Rig) -> None:
     fzi.wait_for(lambda s: len(fzi.driver.wrenches) >= 3)
     assert {message.wrench.force.z for message in fzi.driver.wrenches} == {3.0}
     assert fzi.driver.wrenches[-1].header.frame_id == "tool0"
+
+
+def test_stiffness_and_damping_of_a_controller_with_topics_are_sent_in_its_messages_and_limits(mayr: Rig) -> None:
+    mayr.at_rest()
+    driver = mayr.driver
+    assert isinstance(driver, CartesianImpedance)
+    mayr.arm.set_stiffness((300.0, 300.0, 2000.0), (20.0, 20.0, 300.0))
+    mayr.arm.set_damping((1.5,) * 6)
+    wait_until(lambda: driver.dampings, WAIT, "damping factors")
+    assert driver.dampings[-1].force.z == pytest.approx(1.5)
+    sent = driver.stiffnesses[-1].wrench
+    assert (sent.force.z, sent.torque.z) == pytest.approx((1500.0, 100.0), rel=0.02), "its maxima, along the base"
+
+
+def test_abilities_have_the_measured_period_of_the_state_and_what_the_driver_lacks(rig: Rig) -> None:
+    assert isinstance(rig.arm, Described)
+    rig.wait_for(lambda s: True)
+    abilities = rig.arm.abilities()
+    assert 0.02 < abilities.state_period < 0.2, "30 Hz, on a busy machine"
+    assert abilities.reaction_time == abilities.state_period, "the adapter checks the limits at each state"
+    assert abilities.added_force(0.1, 800.0) == pytest.approx(80.0 * abilities.state_period)
+    assert abilities.wrench == (not isinstance(rig.driver, FrankaRos))
+    assert abilities.damping == isinstance(rig.driver, CartesianImpedance)
 
 
 def test_sensor_without_a_transform_is_reported(ros: Ros) -> None:

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_contact_skills.ros.driver_calls import message_class
 from skiros2_contact_skills.ros.profiled_arms import checked_settings
-from skiros2_contact_skills.ros.profiles import PROFILES
+from skiros2_contact_skills.ros.profiles import PROFILES, along_base
 from skiros2_motion.core.geometry import Pose, from_euler
 
 FRANKA, FZI = PROFILES["franka_ros"], PROFILES["cartesian_controllers"]
@@ -86,6 +86,13 @@ def test_one_parameter_for_several_axes_is_their_least_stiffness() -> None:
 
 def test_stiffness_is_at_most_that_of_the_driver() -> None:
     assert FRANKA.stiffness.effective((2000.0,) * 3 + (300.0,) * 3) == [400.0] * 3 + [30.0] * 3
+
+
+def test_stiffness_of_a_tool_is_turned_to_a_driver_that_takes_it_along_the_axes_of_its_base() -> None:
+    wanted = (300.0, 200.0, 1000.0, 10.0, 20.0, 30.0)
+    assert along_base(from_euler(math.pi, 0.0, 0.0), wanted) == pytest.approx(wanted)
+    quarter = from_euler(0.0, math.pi / 2, 0.0)  # z of the tool is along x of the base
+    assert along_base(quarter, wanted) == pytest.approx((1000.0, 200.0, 300.0, 30.0, 20.0, 10.0))
 
 
 def test_missing_package_of_a_message_is_named() -> None:

@@ -8,6 +8,7 @@ However a primitive ends, it leaves the arm at rest and compliant.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -18,10 +19,14 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
+from skiros2_motion.core.arm_abilities import Abilities, abilities_of
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak
 from skiros2_motion.core.geometry import Vector, rotated
 from skiros2_motion.core.impact import DEFAULT_MASS, DEFAULT_STIFFNESS, permitted_speed
+from skiros2_motion.core.impedance import MAX_STIFFNESS
 from skiros2_motion.core.time_scaling import MAX_PERIOD
+
+log = logging.getLogger(__name__)
 
 #: Progress codes of failures.
 NOT_READY = -120
@@ -49,11 +54,13 @@ class ContactPrimitive(PrimitiveBase):
 
     :ivar arm: the arm, between start and end.
     :ivar start: state of the arm at the first tick of `move`.
+    :ivar abilities: what the driver does itself, and the measured period of its state; from `begin` on.
     """
 
     replays_progress = True
     arm: CompliantArm
     start: ArmState
+    abilities: Abilities
     #: Damping factors along and about the axes of the tool.
     damping: tuple[float, ...] = (2.0,) * 6
 
@@ -72,7 +79,7 @@ class ContactPrimitive(PrimitiveBase):
     def onStart(self) -> bool:
         self._waits_since: float | None = None  # for the arm; None: it is ready
         self._last = self._peak = 0.0
-        self._slowed = ""
+        self._slowed, self._along = "", MAX_STIFFNESS[2]
         self._begun = self._has_arm = False
         try:
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
@@ -101,6 +108,9 @@ class ContactPrimitive(PrimitiveBase):
         self._waits_since = None
         if not self._begun:
             self._begun, self.start, self._last = True, state, state.stamp
+            self.abilities = abilities_of(self.arm)
+            if not self.abilities.limits:
+                log.info("%s of %s: %s", self.label_of("Arm"), self.label, self.abilities)
             self.arm.set_damping(self.damping)
             self.begin(state)
         dt, self._last = min(max(0.0, state.stamp - self._last), MAX_PERIOD), state.stamp
@@ -194,8 +204,8 @@ class ContactPrimitive(PrimitiveBase):
         return self.number("MaxForce", MAX_FORCE)
 
     def permitted(self, speed: float, direction: Vector, preload: float = 0.0) -> float:
-        """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`):
-        the given one, or a lower one, which the result of the motion reports.
+        """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`),
+        also while the limit is not noticed: the given one, or a lower one, which the result of the motion reports.
 
         :param speed: that is asked for (m/s).
         :param direction: of the motion, a unit vector in the base frame.
@@ -207,15 +217,19 @@ class ContactPrimitive(PrimitiveBase):
         else:
             mass = float(element.value_of(APPARENT_MASS) or DEFAULT_MASS)
         stiffness = float(element.value_of(CONTACT_STIFFNESS) or DEFAULT_STIFFNESS)
-        permitted = permitted_speed(self.limit - preload, mass, stiffness)
+        late = self.abilities.added_force(1.0, self._along)
+        permitted = permitted_speed(self.limit - preload, mass, stiffness, late)
         if speed <= permitted:
             return speed
         to = f"slowed from {1000 * speed:.0f} to {1000 * permitted:.0f} mm/s"
         self._slowed = f"{to}: {mass:.1f} kg that meet {stiffness:.2g} N/m stay below {self.limit:g} N"
+        if late:
+            self._slowed += f", noticed within {1000 * self.abilities.reaction_time:.0f} ms"
         return permitted
 
     def set_stiffness(self, along: float) -> None:
         """Sets the stiffness of the parameters, and that along the tool axis (N/m)."""
+        self._along = along
         across, about = self.value("Stiffness"), self.value("RotationalStiffness")
         self.arm.set_stiffness((across, across, along), (about, about, max(about, 30.0)))
 

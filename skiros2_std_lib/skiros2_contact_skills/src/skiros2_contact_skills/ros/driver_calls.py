@@ -72,9 +72,9 @@ class DriverCalls:
             self.problem = self.problem or str(error)
 
 
-def connected(condition: Callable[[], bool]) -> bool:
-    """Waits for a condition; returns whether it holds within the time for connections."""
-    deadline, pause = time.monotonic() + CONNECT_TIME, threading.Event()
+def connected(condition: Callable[[], bool], timeout: float = CONNECT_TIME) -> bool:
+    """Waits for a condition; returns whether it holds within a time (s)."""
+    deadline, pause = time.monotonic() + timeout, threading.Event()
     while not condition():
         if time.monotonic() > deadline or rospy.is_shutdown():
             return False

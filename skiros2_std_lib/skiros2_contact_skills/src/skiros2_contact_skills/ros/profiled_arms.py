@@ -1,18 +1,26 @@
-"""Arms with the controllers of other projects: the profile is chosen in the world model or by a parameter."""
+"""Arms whose interface is a profile: chosen in the world model or by a parameter, or the standard one."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName
 from skiros2_common.core.world_element import Element
-from skiros2_contact_skills.ros.profiles import PROFILES
+from skiros2_contact_skills.ros.profiles import PROFILES, STANDARD
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_contact_skills.ros.trajectory_arm import TrajectoryArm
-from skiros2_motion.core.compliant_arm import CompliantArm
-from skiros2_std_skills.core.driver_names import COMPLIANT_CONTROLLER, POSITION_CONTROLLER, part_name, robot_name
+from skiros2_motion.core.geometry import IDENTITY
+from skiros2_std_reasoners.core.spatial_data import LINKED_TO, pose_of
+from skiros2_std_skills.core.driver_names import (
+    COMPLIANT_CONTROLLER,
+    POSITION_CONTROLLER,
+    controller_topics,
+    part_name,
+    robot_name,
+)
 
 #: Of an arm: the name of a profile.
 INTERFACE = "skiros:CompliantInterface"
@@ -22,25 +30,44 @@ _KEYS = ("profile", "compliant", "position", "base_frame", "tool_frame", "state"
 _KEYS += ("switch", "controllers", "action", "joint_states", "description")
 
 
-def profiled_arm(robot: Element, arm: Element) -> CompliantArm | None:
-    """Returns a new adapter of an arm; None if no profile is given for it. Does not block.
+def interface_of(arm: Element) -> tuple[str, dict[str, str]]:
+    """Returns the name of an arm's profile, "" if none is given, and the settings that replace its names.
 
     :raises UnknownName: there is no such profile.
-    :raises ConfigurationError: a setting is invalid, or messages of the driver are not installed.
+    :raises ConfigurationError: a setting is invalid.
     """
     name = f"{PARAMETER}/{part_name(arm)}"
     given = checked_settings(rospy.get_param(name, {}), rospy.resolve_name(name))
-    profile = given.get("profile") or str(arm.value_of(INTERFACE) or "")
-    if not profile:
-        return None
-    if profile not in PROFILES:
+    profile = given.pop("profile", "") or str(arm.value_of(INTERFACE) or "")
+    if profile and profile not in PROFILES:
         raise UnknownName(f"interface {profile!r} of {arm!r}: expected one of {', '.join(PROFILES)}")
-    controllers = {
-        key: address.of(arm, robot_name(robot), part_name(arm))
-        for key, address in (("compliant", COMPLIANT_CONTROLLER), ("position", POSITION_CONTROLLER))
-    }
+    return profile or (STANDARD if given else ""), given
+
+
+def profiled_arm(
+    profile: str, given: Mapping[str, str], robot: Element, arm: Element, gripper: Element | None
+) -> TopicArm:
+    """Returns a new adapter of an arm. Does not block.
+
+    Its frames are those given, or else `skiros:LinkedToFrameId` of the arm and of its gripper, or else those of the
+    profile.
+
+    :param profile: name of the profile.
+    :param given: settings of the arm.
+    :raises ConfigurationError: messages of the driver are not installed, or its URDF is invalid.
+    """
+    names = {"robot": robot_name(robot), "arm": part_name(arm)}
+    for key, address in (("compliant", COMPLIANT_CONTROLLER), ("position", POSITION_CONTROLLER)):
+        names[key] = address.of(arm, names["robot"], names["arm"])
+    for key, element in (("base_frame", arm), ("tool_frame", gripper)):
+        if element is not None and (frame := str(element.value_of(LINKED_TO) or "")):
+            names[key] = frame
+    names |= given
+    names["space"] = controller_topics(names["robot"], names["arm"], names["compliant"])
+    # the standard frame is that of the robot
+    mount = pose_of(arm) if profile == STANDARD and "base_frame" not in names else None
     kind = TopicArm if PROFILES[profile].reference else TrajectoryArm
-    return kind(PROFILES[profile], controllers | given)
+    return kind(PROFILES[profile], names, mount or IDENTITY)
 
 
 def checked_settings(given: Any, name: str) -> dict[str, str]:

@@ -1,7 +1,8 @@
 """The interfaces of compliant controllers of other projects, as data: one profile for each.
 
-Names are templates with the field `compliant`, the name of the controller. Messages are known by the name of their
-type, and their fields are read by name: the packages of a driver are needed only where it is used.
+Names are templates with the fields `compliant`, the name of the controller, `robot` and `arm`, and `space`, the
+namespace of the controller by the rules of this project. Messages are known by the name of their type, and their fields
+are read by name: the packages of a driver are needed only where it is used.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from typing import Any, NamedTuple
 from scipy.spatial.transform import Rotation
 
 from skiros2_motion.core.compliant_arm import Wrench, turned_wrench
-from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose, Quaternion
+from skiros2_std_skills.core.driver_names import LIST_CONTROLLERS, SWITCH_CONTROLLER, WRIST
 
 #: Returns the pose of a tf frame in the base frame.
 Lookup = Callable[[str], Pose]
@@ -35,14 +37,18 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Parameters that set the stiffness, by the service `dynamic_reconfigure/Reconfigure`.
+    """How the stiffness is set: by the service `dynamic_reconfigure/Reconfigure`, by a topic, or not at all ("").
 
     :param parameters: names, each with the axes (0 to 5: along, about x, y, z) that it sets, and its maximum. One for
         several axes is set to the minimum of their values: the arm is never stiffer than wanted.
+    :param topic: `geometry_msgs/WrenchStamped` with a value per axis.
+    :param along_base: whether stiffness and damping are along the axes of the base, not of the tool.
     """
 
     service: str
     parameters: Mapping[str, tuple[tuple[int, ...], float]]
+    topic: str = ""
+    along_base: bool = False
 
     def values(self, wanted: Sequence[float]) -> dict[str, float]:
         """Returns the values of the parameters for six wanted ones (N/m, Nm/rad)."""
@@ -58,12 +64,24 @@ class Stiffness:
         return found
 
 
-_EACH_AXIS = {
-    name: ((axis,), 2000.0 if axis < 3 else 300.0)
-    for axis, name in enumerate(("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z"))
-}
+def _each_axis(along: float, about: float) -> dict[str, tuple[tuple[int, ...], float]]:
+    """Returns a parameter for each axis, with its maximum along (N/m) and about (Nm/rad) it."""
+    names = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
+    return {name: ((axis,), along if axis < 3 else about) for axis, name in enumerate(names)}
+
+
+def along_base(orientation: Quaternion, values: Sequence[float]) -> list[float]:
+    """Returns values along and about the axes of the tool as those of the base: the diagonal of R K R'. What couples
+    the axes of a tool that is not aligned with the base is lost.
+
+    :param orientation: of the tool in the base frame.
+    """
+    squares = Rotation.from_quat(orientation).as_matrix() ** 2
+    return [*(squares @ list(values[:3])).tolist(), *(squares @ list(values[3:])).tolist()]
+
+
 #: For drivers without stiffness: that of `TrajectoryArm`.
-_OWN_STIFFNESS = Stiffness("", _EACH_AXIS)
+_OWN_STIFFNESS = Stiffness("", _each_axis(2000.0, 300.0))
 
 
 @dataclass(frozen=True)
@@ -76,6 +94,7 @@ class Profile:
     :param tool_frame: tf frame between the fingertips, z pointing out of the hand.
     :param reference: topic `geometry_msgs/PoseStamped`, in `base_frame`.
     :param wrench: topic `geometry_msgs/WrenchStamped`: wrench that the tool exerts, in the tool frame.
+    :param damping: topic and type (`geometry_msgs/Wrench` or `WrenchStamped`) of the six damping factors.
     :param zero: service `std_srvs/Trigger`, called before the wrench in the state is zeroed.
     :param recovery: topic and type of the goal of an action that recovers from a stop; the goal is empty.
     :param switch: service `controller_manager_msgs/SwitchController`.
@@ -92,6 +111,7 @@ class Profile:
     reference: str = ""
     stiffness: Stiffness = _OWN_STIFFNESS
     wrench: str = ""
+    damping: tuple[str, str] = ("", "")
     zero: str = ""
     recovery: tuple[str, str] = ("", "")
     switch: str = "/controller_manager/switch_controller"
@@ -136,8 +156,35 @@ def wrench_from(message: Any) -> Wrench:
     return f.x, f.y, f.z, t.x, t.y, t.z
 
 
+#: The profile of arms without one.
+STANDARD = "standard"
 #: The profiles by name.
 PROFILES = {
+    # standard messages only, with the names of this project; for arms without a profile
+    STANDARD: Profile(
+        state=(f"{WRIST.format(robot='{robot}', part='{arm}')}/wrench", "geometry_msgs/WrenchStamped"),
+        read=read_sensor,
+        reference="{space}/reference_pose",
+        base_frame="{robot}/base_link",
+        tool_frame="{robot}/{arm}/tool",
+        stiffness=Stiffness("", _each_axis(2000.0, 300.0), "{space}/set_cartesian_stiffness"),
+        wrench="{space}/set_cartesian_wrench",
+        damping=("{space}/set_damping_factors", "geometry_msgs/WrenchStamped"),
+        switch=SWITCH_CONTROLLER,
+        controllers=LIST_CONTROLLERS,
+    ),
+    # Mayr: cartesian_impedance_controller/CartesianImpedanceController. Its state has no measured wrench, and is off by
+    # default: tf and a sensor are read.
+    "cartesian_impedance_controller": Profile(
+        state=("/wrench", "geometry_msgs/WrenchStamped"),
+        read=read_sensor,
+        reference="/{compliant}/reference_pose",
+        base_frame="base_link",
+        tool_frame="tool0",
+        stiffness=Stiffness("", _each_axis(1500.0, 100.0), "/{compliant}/set_cartesian_stiffness", along_base=True),
+        wrench="/{compliant}/set_cartesian_wrench",
+        damping=("/{compliant}/set_damping_factors", "geometry_msgs/Wrench"),
+    ),
     # franka_ros: franka_example_controllers/CartesianImpedanceExampleController
     "franka_ros": Profile(
         state=("/franka_state_controller/franka_states", "franka_msgs/FrankaState"),
@@ -168,7 +215,7 @@ PROFILES = {
         reference="/{compliant}/target_frame",
         base_frame="base_link",
         tool_frame="tool0",
-        stiffness=Stiffness("/{compliant}/stiffness/set_parameters", _EACH_AXIS),
+        stiffness=Stiffness("/{compliant}/stiffness/set_parameters", _each_axis(2000.0, 300.0)),
         wrench="/{compliant}/target_wrench",
         zero="/{compliant}/signal_taring",
     ),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import logging
 import math
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMessage
@@ -20,7 +22,8 @@ from controller_manager_msgs.srv import ListControllers, SwitchController, Switc
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, connected, message_class, reconfigure
-from skiros2_contact_skills.ros.profiles import Profile, Reading
+from skiros2_contact_skills.ros.profiles import Profile, Reading, along_base
+from skiros2_motion.core.arm_abilities import Abilities, StatePeriod
 from skiros2_motion.core.compliant_arm import (
     ArmState,
     Wrench,
@@ -28,7 +31,7 @@ from skiros2_motion.core.compliant_arm import (
     checked_reference,
     turned_wrench,
 )
-from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
 from skiros2_motion.core.spiral import Spiral, SpiralGoal
 from skiros2_motion.core.state_age import StateAge
@@ -38,6 +41,10 @@ log = logging.getLogger(__name__)
 
 #: Period with which `state` sends a commanded wrench again (s): drivers may let it expire.
 REFRESH = 0.2
+#: Number of states by which their period is measured when the arm is taken.
+MEASURED_STATES = 5
+#: Time in which a driver that listens to references also listens to what it need not have (s of wall time).
+OPTIONAL_TIME = 1.0
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
 _LEAST_STIFFNESS, _MAX_OFFSET = (50.0,) * 3 + (5.0,) * 3, 0.15
 _ZERO: Wrench = (0.0,) * 6
@@ -49,14 +56,16 @@ class TopicArm:
     A thread of its own sends commands and calls services, in their order. What the driver lacks is done here: a spiral
     is added to the reference at each `state`; without a topic for it, a wrench becomes an offset of the reference, by
     the stiffness; the limits are checked at each message of the state, and above one the arm holds its current pose.
-    Damping factors have no effect: these drivers have none.
+    Damping factors have no effect on a driver without them.
 
-    :param names: names of the controllers (`compliant`, `position`), and any name of the profile that differs.
+    :param names: names of the controllers (`compliant`, `position`), values of the other fields of the templates, and
+        any name of the profile that differs.
+    :param mount: pose of the arm in the profile's `base_frame`, if that is not the frame of the arm.
     :raises ConfigurationError: a message or a service of the driver is not installed.
     """
 
-    def __init__(self, profile: Profile, names: Mapping[str, str]) -> None:
-        self._profile, self._names = profile, names
+    def __init__(self, profile: Profile, names: Mapping[str, str], mount: Pose = IDENTITY) -> None:
+        self._profile, self._names, self._mount = profile, names, mount
         self._controller = names["compliant"]
         self._base, self._tool = self._name("base_frame"), self._name("tool_frame")
         self._lock = threading.RLock()
@@ -65,24 +74,26 @@ class TopicArm:
         self._reading: Reading | None = None
         self._age, self._messages, self._stamp = StateAge(self.now), 0, 0.0
         self._problem = self._stop = ""
-        self._needed = 0
+        self._needed, self._period = 0, StatePeriod()
         self._limits = (0.0, 0.0)
         self._zero = _ZERO
         self._stiffness: Sequence[float] = STIFFNESS
+        self._stiffness_sent: Sequence[float] = ()
         self._wrench, self._wrench_sent = _ZERO, 0.0
         self._reference: Pose | None = None
         self._spiral: Spiral | None = None
         self._spiral_at = 0.0
         kind = message_class(profile.state[1])
-        recovery, goal = profile.recovery
-        recovery_kind = message_class(goal) if recovery else None
-        self._publishers = {
-            key: rospy.Publisher(self._name(key), command, queue_size=10)
-            for key, command in (("reference", PoseStamped), ("wrench", WrenchStamped))
-            if getattr(profile, key)
+        topics: dict[str, tuple[str, Any]] = {
+            "reference": (self._name("reference"), PoseStamped),
+            "wrench": (self._name("wrench"), WrenchStamped),
+            "stiffness": (self._format(profile.stiffness.topic), WrenchStamped),
         }
-        if recovery:
-            self._publishers["recovery"] = rospy.Publisher(self._format(recovery), recovery_kind, queue_size=1)
+        for key, (topic, type_name) in (("damping", profile.damping), ("recovery", profile.recovery)):
+            topics[key] = self._format(topic), message_class(type_name) if topic else None
+        self._publishers = {
+            key: rospy.Publisher(topic, command, queue_size=10) for key, (topic, command) in topics.items() if topic
+        }
         self._topic = names.get("state", self._format(profile.state[0]))
         self._subscriber = rospy.Subscriber(self._topic, kind, self._on_state, queue_size=1, tcp_nodelay=True)
         self._calls = DriverCalls(self._controller)
@@ -127,7 +138,7 @@ class TopicArm:
         with self._lock:
             self._calls.problem = self._stop = ""
             self._reference = self._spiral = None
-            self._wrench = _ZERO
+            self._wrench, self._stiffness_sent = _ZERO, ()
         self._calls.request(self._activate)
 
     def end(self) -> None:
@@ -155,9 +166,12 @@ class TopicArm:
             before, self._stiffness = self._stiffness, kind.effective(values)
         if kind.service and before != self._stiffness:
             self._calls.later(lambda: reconfigure(self._format(kind.service), kind.values(values)))
+        self._calls.later(self._send_stiffness)
 
     def set_damping(self, factors: Sequence[float]) -> None:
-        checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
+        values = checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
+        if self._takes("damping"):
+            self._calls.later(lambda: self._send_damping(values))
 
     def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
         fx, fy, fz, tx, ty, tz = checked("wrench", (*force, *torque), MAX_WRENCH)
@@ -185,6 +199,21 @@ class TopicArm:
     def zero_sensor(self) -> None:
         self._calls.request(self._zero_sensor)
 
+    def abilities(self) -> Abilities:
+        with self._lock:
+            period = self._period.longest
+        takes_wrench, takes_damping = self._takes("wrench"), self._takes("damping")
+        return Abilities(False, takes_wrench, overlay=False, damping=takes_damping, state_period=period)
+
+    @property
+    def has_state(self) -> bool:
+        """Whether the driver has sent a state."""
+        return self._reading is not None
+
+    def _takes(self, key: str) -> bool:
+        """Whether the driver listens to a topic."""
+        return key in self._publishers and self._publishers[key].get_num_connections() > 0
+
     # -- what is measured -------------------------------------------------------------------------------------------
 
     def _on_state(self, message: Any) -> None:
@@ -202,6 +231,7 @@ class TopicArm:
         with self._lock:
             self._reading, self._problem = reading, ""
             self._age.receive()
+            self._period.add(time.monotonic())
             self._stamp = message.header.stamp.to_sec() or self.now()
             self._messages += 1
             exceeded = "" if self._stop else exceeded_limit(self._measured(reading)[1], self._limits)
@@ -222,15 +252,17 @@ class TopicArm:
         found = self._transforms.find(self._base, frame)
         if found is None:
             raise UnknownName(f"tf has no transform from {self._base} to {frame or 'an empty frame'} ({self._topic})")
-        return found
+        return composed(inverted(self._mount), found)
 
     # -- commands, by the thread of commands ------------------------------------------------------------------------
 
     def _activate(self) -> None:
         """Waits for the driver, recovers it from a stop and switches to the compliant controller."""
-        for key in ("reference", "wrench"):
+        for key in ("reference", "stiffness"):
             if key in self._publishers:
                 self._wait_for_subscriber(key)
+        others = [self._publishers[key] for key in ("wrench", "damping") if key in self._publishers]
+        connected(lambda: all(publisher.get_num_connections() for publisher in others), OPTIONAL_TIME)
         if "recovery" in self._publishers and self._reading is not None and self._reading.stopped:
             self._wait_for_subscriber("recovery")
             self._publishers["recovery"].publish(message_class(self._profile.recovery[1])())
@@ -241,8 +273,13 @@ class TopicArm:
         if not answer.ok or not any(c.name == names[0] and c.state == "running" for c in listed):
             known = ", ".join(f"{c.name} ({c.state})" for c in listed) or "none"
             raise Refused(f"controller {names[0]} does not run; {self._name('controllers')} lists: {known}")
+        self._await_states()
+
+    def _await_states(self) -> None:
+        """Has `state` wait for new states: the next one may have been on its way, and the period is measured."""
         with self._lock:
-            self._needed = self._messages + 2  # the next one may have been on its way
+            self._needed = self._messages + MEASURED_STATES
+            self._period.restart()
 
     def _wait_for_subscriber(self, key: str) -> None:
         publisher = self._publishers[key]
@@ -250,7 +287,7 @@ class TopicArm:
             raise Refused(f"nothing subscribes to {publisher.resolved_name}: the controller is not loaded")
 
     def _zero_sensor(self) -> None:
-        if self._profile.zero:
+        if self._name("zero"):
             call(self._name("zero"), Trigger)
         with self._lock:
             if self._reading is not None:
@@ -271,14 +308,14 @@ class TopicArm:
                 if self._spiral.has_ended:
                     self._spiral = None
             turn = [0.0, 0.0, 0.0]
-            if "wrench" not in self._publishers:
+            if not self._takes("wrench"):
                 shift = [
                     min(max(f / max(k, least), -_MAX_OFFSET), _MAX_OFFSET)
                     for f, k, least in zip(self._wrench, self._stiffness, _LEAST_STIFFNESS, strict=True)
                 ]
                 offset, turn = [a + b for a, b in zip(offset, shift[:3], strict=True)], shift[3:]
         x, y, z = offset
-        self._move_to(composed(reference, Pose((x, y, z), small_rotation(turn))))
+        self._move_to(composed(self._mount, composed(reference, Pose((x, y, z), small_rotation(turn)))))
 
     def _move_to(self, pose: Pose) -> None:
         """Sends a reference to the driver."""
@@ -288,15 +325,38 @@ class TopicArm:
     def _send_wrench(self) -> None:
         with self._lock:
             wrench, self._wrench_sent = self._wrench, self.now()
-        if "wrench" not in self._publishers:
+        if not self._takes("wrench"):
             self._send_reference()
             return
-        message = WrenchMessage(Vector3(*wrench[:3]), Vector3(*wrench[3:]))
         header = Header(stamp=rospy.Time.now(), frame_id=self._tool)
-        self._publishers["wrench"].publish(WrenchStamped(header, message))
+        self._publishers["wrench"].publish(WrenchStamped(header, _wrench_message(wrench)))
+
+    def _send_stiffness(self) -> None:
+        """Sends the stiffness, unless the driver has it."""
+        with self._lock:
+            values = self._on_driver_axes(self._stiffness)
+            before, has_topic = self._stiffness_sent, "stiffness" in self._publishers
+            if not has_topic or (before and np.allclose(values, before, rtol=0.02, atol=0.5)):
+                return
+            self._stiffness_sent = values
+        self._publishers["stiffness"].publish(WrenchStamped(wrench=_wrench_message(values)))
+
+    def _send_damping(self, factors: Sequence[float]) -> None:
+        values = _wrench_message(self._on_driver_axes(factors))
+        is_stamped = self._profile.damping[1] == "geometry_msgs/WrenchStamped"
+        self._publishers["damping"].publish(WrenchStamped(wrench=values) if is_stamped else values)
+
+    def _on_driver_axes(self, values: Sequence[float]) -> Sequence[float]:
+        """Returns values along the axes of the tool as the driver takes them."""
+        reading = self._reading
+        if not self._profile.stiffness.along_base or reading is None:
+            return values
+        return along_base(composed(self._mount, reading.pose).orientation, values)
 
     def _refresh(self, now: float) -> None:
         """Sends again what would expire, and what moves."""
+        if self._profile.stiffness.along_base:  # the tool may have turned
+            self._send_stiffness()
         with self._lock:
             resend = any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH
             is_moving = self._spiral is not None
@@ -322,6 +382,10 @@ def exceeded_limit(wrench: Wrench, limits: tuple[float, float]) -> str:
         if 0.0 < limit < value:
             return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
     return ""
+
+
+def _wrench_message(values: Sequence[float]) -> WrenchMessage:
+    return WrenchMessage(Vector3(*values[:3]), Vector3(*values[3:]))
 
 
 def small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:

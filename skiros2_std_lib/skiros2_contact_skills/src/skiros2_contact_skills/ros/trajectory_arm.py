@@ -13,6 +13,7 @@ per second: it is slow, and an impact is not softened.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import actionlib
@@ -26,9 +27,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_contact_skills.ros.driver_calls import CONNECT_TIME, connected
+from skiros2_contact_skills.ros.profiles import Profile
 from skiros2_contact_skills.ros.topic_arm import TopicArm, small_rotation
 from skiros2_motion.core.arm_kinematics import difference
-from skiros2_motion.core.geometry import Pose, conjugated, multiplied, normalized, rotated
+from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, normalized, rotated
 from skiros2_motion.core.urdf_chain import read_chain
 
 Array = npt.NDArray[np.float64]
@@ -51,8 +53,8 @@ class TrajectoryArm(TopicArm):
     :raises ConfigurationError: there is no URDF with the links `base_frame` and `tool_frame`.
     """
 
-    def __init__(self, profile: Any, names: Any) -> None:
-        super().__init__(profile, names)
+    def __init__(self, profile: Profile, names: Mapping[str, str], mount: Pose = IDENTITY) -> None:
+        super().__init__(profile, names, mount)
         parameter = self._name("description")
         try:
             self._chain = read_chain(str(rospy.get_param(parameter, "")), self._base, self._tool)
@@ -86,8 +88,8 @@ class TrajectoryArm(TopicArm):
             self._solution = np.array([self._positions[name] for name in self._chain.joints])
             self._commanded = self._target = self._chain.kinematics.forward(self._solution)
             self._reference = self._commanded
-            self._needed = self._messages + 2
             self._is_active = True
+        self._await_states()
 
     def set_wrench_limits(self, force: float, torque: float) -> None:
         has_stopped = bool(self._stop)

@@ -45,10 +45,12 @@ def peak_force(speed: float, mass: float, stiffness: float = DEFAULT_STIFFNESS) 
     return speed * math.sqrt(stiffness * mass)
 
 
-def permitted_speed(force: float, mass: float, stiffness: float = DEFAULT_STIFFNESS) -> float:
+def permitted_speed(force: float, mass: float, stiffness: float = DEFAULT_STIFFNESS, late: float = 0.0) -> float:
     """Returns the speed (m/s) at which a contact has a peak force (N), at least `MIN_SPEED`.
 
     :param mass: apparent mass (kg).
     :param stiffness: of the contact (N/m).
+    :param late: force that the controller adds before a limit is noticed, per speed of its reference (Ns/m): the time
+        until then x the controller's stiffness.
     """
-    return max(MIN_SPEED, force / math.sqrt(stiffness * mass))
+    return max(MIN_SPEED, force / (math.sqrt(stiffness * mass) + late))

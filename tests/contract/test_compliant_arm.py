@@ -13,6 +13,8 @@ from geometry_msgs.msg import Vector3, Wrench
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
+from skiros2_contact_skills.ros.profiles import PROFILES, STANDARD
+from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
 from skiros2_motion.core.geometry import Pose, Vector
 from skiros2_motion.core.spiral import SpiralGoal
@@ -83,6 +85,17 @@ class OverRos:
         assert self._sim.push(GRIPPER, Wrench(Vector3(*force), Vector3()), rospy.Duration.from_sec(duration)).ok
 
 
+class OverStandardMessages(OverRos):
+    """The same arm, by messages that other drivers have too."""
+
+    def __init__(self, sim: SimulatorClient) -> None:
+        self._sim = sim
+        names = {"robot": "mobile_manipulator", "arm": "arm", "space": "/mobile_manipulator/arm/compliant"}
+        names |= {"compliant": "compliant", "position": "position"}
+        mount = Pose((0.3, 0.0, 0.39), (0.0, 0.0, 0.0, 1.0))
+        self.arm: CompliantArm = TopicArm(PROFILES[STANDARD], names, mount)
+
+
 Rig = InProcess | OverRos
 
 
@@ -93,18 +106,29 @@ def simulated() -> Iterator[Callable[[], Rig]]:
 
 
 @pytest.fixture(scope="module")
-def ros(ros_master: RosMaster) -> Iterator[Callable[[], Rig]]:
+def sim(ros_master: RosMaster) -> Iterator[SimulatorClient]:
     system = Ros(ros_master)
     try:
         sim = SimulatorClient(system)
-        rig = OverRos(sim)
-        yield lambda: rig
+        yield sim
         sim.close()
     finally:
         system.stop()
 
 
-@pytest.fixture(params=["simulated", "ros"])
+@pytest.fixture(scope="module")
+def ros(sim: SimulatorClient) -> Callable[[], Rig]:
+    rig = OverRos(sim)
+    return lambda: rig
+
+
+@pytest.fixture(scope="module")
+def standard(sim: SimulatorClient) -> Callable[[], Rig]:
+    rig = OverStandardMessages(sim)
+    return lambda: rig
+
+
+@pytest.fixture(params=["simulated", "ros", "standard"])
 def still(request: pytest.FixtureRequest) -> Rig:
     """An arm whose compliant controller is not active."""
     rig: Rig = request.getfixturevalue(request.param)()

@@ -283,8 +283,8 @@ class CartesianControllers(StandIn):
 
 
 class CartesianImpedance(CartesianControllers):
-    """Mayr's Cartesian impedance controller beside a driver with the same sensor: topics only, stiffness and damping along
-    the axes of the base."""
+    """Mayr's Cartesian impedance controller, and the same sensor. It has topics only; stiffness and damping are along the
+    axes of the base."""
 
     controller_name = "CartesianImpedance_trajectory_controller"
 

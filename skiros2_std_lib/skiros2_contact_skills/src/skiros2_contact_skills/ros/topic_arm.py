@@ -72,8 +72,9 @@ class TopicArm:
         self._transforms = Transforms()
         self._transforms.listen()
         self._reading: Reading | None = None
-        self._age, self._messages, self._stamp = StateAge(self.now), 0, 0.0
+        self._age, self._messages, self._stamp = StateAge(rospy.get_time), 0, 0.0
         self._problem = self._stop = ""
+        self._is_active = False
         self._needed, self._period = 0, StatePeriod()
         self._limits = (0.0, 0.0)
         self._zero = _ZERO
@@ -108,7 +109,8 @@ class TopicArm:
     # -- the port ---------------------------------------------------------------------------------------------------
 
     def now(self) -> float:
-        return float(rospy.get_time())
+        with self._lock:  # the clock of the stamps, which is that of the driver
+            return float(self._stamp + self._age.seconds if self._messages else rospy.get_time())
 
     def state(self) -> ArmState | None:
         now = self.now()
@@ -119,6 +121,8 @@ class TopicArm:
             if reading is None:
                 return ArmState(IDENTITY, _ZERO, now, refused or self._problem) if refused or self._problem else None
             stopped = refused or self._stop or reading.stopped or self._problem
+            if not self._is_active:
+                stopped = stopped or f"controller {self._controller} is not active: no skill has switched to it"
             if late := self._age.overdue():
                 stopped = stopped or f"no {self._topic} for {late:.1f} s"
             kind = FailureKind.RETRYABLE
@@ -232,7 +236,7 @@ class TopicArm:
             self._reading, self._problem = reading, ""
             self._age.receive()
             self._period.add(time.monotonic())
-            self._stamp = message.header.stamp.to_sec() or self.now()
+            self._stamp = message.header.stamp.to_sec() or rospy.get_time()
             self._messages += 1
             exceeded = "" if self._stop else exceeded_limit(self._measured(reading)[1], self._limits)
             if exceeded:
@@ -278,6 +282,7 @@ class TopicArm:
     def _await_states(self) -> None:
         """Has `state` wait for new states: the next one may have been on its way, and the period is measured."""
         with self._lock:
+            self._is_active = True
             self._needed = self._messages + MEASURED_STATES
             self._period.restart()
 
@@ -296,9 +301,9 @@ class TopicArm:
     def _send_reference(self) -> None:
         """Sends the reference with the overlay motion and the offset of the wrench, if these are done here."""
         with self._lock:
-            reference, reading = self._reference, self._reading
-            if reference is None:
-                reference = reading.pose if reading is not None else None
+            if self._reference is None and self._reading is not None:
+                self._reference = self._reading.pose  # once: an offset of the current pose would drift
+            reference = self._reference
             if reference is None:
                 return
             now, offset = self.now(), [0.0, 0.0, 0.0]

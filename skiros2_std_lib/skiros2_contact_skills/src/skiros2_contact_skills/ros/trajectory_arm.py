@@ -63,7 +63,6 @@ class TrajectoryArm(TopicArm):
         self._client = actionlib.SimpleActionClient(self._name("action"), FollowJointTrajectoryAction)
         self._positions: dict[str, float] = {}
         self._joints = rospy.Subscriber(self._name("joint_states"), JointState, self._on_joints, queue_size=1)
-        self._is_active = False
         self._target: Pose | None = None
         self._commanded: Pose | None = None
         self._solution: Array | None = None
@@ -88,7 +87,6 @@ class TrajectoryArm(TopicArm):
             self._solution = np.array([self._positions[name] for name in self._chain.joints])
             self._commanded = self._target = self._chain.kinematics.forward(self._solution)
             self._reference = self._commanded
-            self._is_active = True
         self._await_states()
 
     def set_wrench_limits(self, force: float, torque: float) -> None:

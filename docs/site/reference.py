@@ -177,6 +177,7 @@ _FOR_AUTHORS: tuple[tuple[str, str, dict[str, str]], ...] = (
         "On `self`.",
         {
             f"{_COMMON}.abstract_skill.SkillCore": "setDescription step success fail startError wake",
+            f"{_COMMON}.failure_kind": "FailureKind",
             f"{_COMMON}.skill_description.SkillDescription": "params wmi",
         },
     ),

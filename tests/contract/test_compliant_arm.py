@@ -95,6 +95,12 @@ class OverStandardMessages(OverRos):
         mount = Pose((0.3, 0.0, 0.39), (0.0, 0.0, 0.0, 1.0))
         self.arm: CompliantArm = TopicArm(PROFILES[STANDARD], names, mount)
 
+    def advance(self, seconds: float) -> ArmState:
+        """Ticks as a skill does: spirals are added at ticks."""
+        for _ in range(max(1, round(seconds / 0.05)) - 1):
+            super().advance(0.05)
+        return super().advance(0.05)
+
 
 Rig = InProcess | OverRos
 

@@ -283,8 +283,7 @@ class CartesianControllers(StandIn):
 
 
 class CartesianImpedance(CartesianControllers):
-    """Mayr's Cartesian impedance controller, and the same sensor. It has topics only; stiffness and damping are along the
-    axes of the base."""
+    """Mayr's Cartesian impedance controller and the same sensor: topics only. Its axes are those of the base."""
 
     controller_name = "CartesianImpedance_trajectory_controller"
 

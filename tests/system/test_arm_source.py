@@ -14,6 +14,7 @@ from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_contact_skills.ros.trajectory_arm import TrajectoryArm
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
+from skiros2_sim_msgs.msg import ImpedanceState
 from skiros2_skill.testing import SkillBench
 from support.ros import Ros, RosMaster, wait_until
 from support.stand_in_controllers import CartesianControllers, FrankaRos, JointDriver, StandIn, other_packages
@@ -49,7 +50,9 @@ class Arms:
         self._bench = SkillBench()
         self._made: list[CompliantArm] = []
 
-    def arm(self, interface: str = "", controller: str = "", parameter: object = None) -> CompliantArm:
+    def arm(
+        self, interface: str = "", controller: str = "", parameter: object = None, tool_frame: str = ""
+    ) -> CompliantArm:
         """The arm of an element with these properties."""
         if parameter is not None:
             rospy.set_param(PARAMETER, parameter)
@@ -57,6 +60,11 @@ class Arms:
         for key, value in (("skiros:CompliantInterface", interface), ("skiros:CompliantController", controller)):
             if value:
                 element.setProperty(key, value, "xsd:string")
+        if tool_frame:
+            hand = self._bench.add(
+                "rparts:GripperEffector", "Hand", self._bench.robot, "skiros:hasA", LinkedToFrameId=tool_frame
+            )
+            element.addRelation("-1", "skiros:hasA", hand.id)
         self._made.append(self._source.arm(self._bench.wmi, ROBOT, element))
         return self._made[-1]
 
@@ -113,13 +121,35 @@ def test_parameter_of_the_manager_replaces_the_interface_of_the_element(arms: Ar
         driver.close()
 
 
-def test_arm_without_interface_has_that_of_the_simulator(ros: Ros, arms: Arms) -> None:
-    assert type(arms.arm()) is ImpedanceArm
-    wait_until(lambda: ros.master.subscribers("/cell/my_arm/compliant/state"), WAIT, "a subscriber of the state")
+def test_arm_without_interface_is_connected_by_standard_messages(ros: Ros, arms: Arms) -> None:
+    assert type(arms.arm()) is TopicArm
+    for topic in ("/cell/my_arm/wrist/wrench", "/tf"):
+        wait_until(lambda topic=topic: ros.master.subscribers(topic), WAIT, f"a subscriber of {topic}")
+
+
+def test_arm_without_interface_is_connected_to_the_driver_of_this_project_once_that_is_there(
+    ros: Ros, arms: Arms
+) -> None:
+    assert type(arms.arm()) is TopicArm, "the skill manager may start before the driver"
+    driver = rospy.Publisher("/cell/my_arm/compliant/state", ImpedanceState, queue_size=1)
+    try:
+        assert type(arms.arm()) is ImpedanceArm
+        wait_until(lambda: driver.get_num_connections(), WAIT, "a subscriber of the state")
+    finally:
+        driver.unregister()
+
+
+def test_tool_frame_is_that_of_the_gripper_in_the_world_model(arms: Arms) -> None:
+    driver = CartesianControllers()
+    try:
+        arm = arms.arm("cartesian_controllers", driver.controller_name, tool_frame="sensor")  # 0.1 m behind tool0
+        assert state_of(arm).pose.position[2] == pytest.approx(driver.tool().position[2] + 0.1, abs=0.02)
+    finally:
+        driver.close()
 
 
 def test_unknown_interface_and_invalid_settings_are_refused_with_all_problems(arms: Arms) -> None:
-    with pytest.raises(UnknownName, match=r"'franka'.*expected one of franka_ros, follow_joint_trajectory, cart"):
+    with pytest.raises(UnknownName, match=r"'franka'.*expected one of standard, cartesian_imp"):
         arms.arm("franka")
     with pytest.raises(ConfigurationError, match=r"my_arm: speed: expected one of profile.*; wrench is 3, expected a"):
         arms.arm("franka_ros", parameter={"speed": "high", "wrench": 3})

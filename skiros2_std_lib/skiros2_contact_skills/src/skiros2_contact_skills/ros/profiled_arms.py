@@ -27,7 +27,7 @@ INTERFACE = "skiros:CompliantInterface"
 #: Parameter of the skill manager: settings of its arms by name; they replace those of the world model.
 PARAMETER = "~compliant_arms"
 _KEYS = ("profile", "compliant", "position", "base_frame", "tool_frame", "state", "reference", "wrench", "zero")
-_KEYS += ("switch", "controllers", "action", "joint_states", "description")
+_KEYS += ("stiffness", "damping", "switch", "controllers", "action", "joint_states", "description")
 
 
 def interface_of(arm: Element) -> tuple[str, dict[str, str]]:

@@ -88,10 +88,10 @@ class TopicArm:
         topics: dict[str, tuple[str, Any]] = {
             "reference": (self._name("reference"), PoseStamped),
             "wrench": (self._name("wrench"), WrenchStamped),
-            "stiffness": (self._format(profile.stiffness.topic), WrenchStamped),
+            "stiffness": (names.get("stiffness") or self._format(profile.stiffness.topic), WrenchStamped),
         }
         for key, (topic, type_name) in (("damping", profile.damping), ("recovery", profile.recovery)):
-            topics[key] = self._format(topic), message_class(type_name) if topic else None
+            topics[key] = names.get(key) or self._format(topic), message_class(type_name) if topic else None
         self._publishers = {
             key: rospy.Publisher(topic, command, queue_size=10) for key, (topic, command) in topics.items() if topic
         }
@@ -121,8 +121,6 @@ class TopicArm:
             if reading is None:
                 return ArmState(IDENTITY, _ZERO, now, refused or self._problem) if refused or self._problem else None
             stopped = refused or self._stop or reading.stopped or self._problem
-            if not self._is_active:
-                stopped = stopped or f"controller {self._controller} is not active: no skill has switched to it"
             if late := self._age.overdue():
                 stopped = stopped or f"no {self._topic} for {late:.1f} s"
             kind = FailureKind.RETRYABLE
@@ -132,6 +130,9 @@ class TopicArm:
                 kind = FailureKind.SAFETY
             elif stopped and not refused:
                 kind = FailureKind.SENSOR
+            if not (stopped or self._is_active):
+                stopped = f"controller {self._controller} is not active: no skill has switched to it"
+                kind = FailureKind.CONTROLLER
             pose, wrench = self._measured(reading)
             stamp = self._stamp
         if not stopped:

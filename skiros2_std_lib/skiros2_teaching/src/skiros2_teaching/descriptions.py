@@ -40,6 +40,24 @@ class TeachRelease(TeachingSkill):
         self.add_number("MaxTorque", 20.0, "Nm", 0.1, 100.0, "The arm holds above it")
 
 
+class TeleoperateArm(TeachingSkill):
+    """Moves the tool by the twists of a hand-held device, until none comes any more, or `teach_end`; then the arm holds
+    its pose. Meanwhile poses and paths can be taught."""
+
+    def createDescription(self) -> None:
+        self.add_arm()
+        self.addParam("Topic", "", Optional, description="geometry_msgs/TwistStamped; empty: /ROBOT/ARM/teleoperation")
+        self.add_number("Speed", 0.1, "m/s", 0.001, 0.3, "Maximum of the reference")
+        self.add_number("AngularSpeed", 0.5, "rad/s", 0.01, 2.0, "Maximum of the reference")
+        self.add_number("Lead", 0.02, "m", 0.001, 0.1, "Maximum distance of the reference from the tool")
+        self.add_number("AngularLead", 0.2, "rad", 0.01, 0.5, "Maximum rotation of the reference from the tool")
+        self.add_number("WaitTime", 10.0, "s", 0.1, 600.0, "For the first twist, of wall time")
+        self.add_number("Stiffness", 600.0, "N/m", 50.0, 2000.0, "Along the axes of the tool")
+        self.add_number("RotationalStiffness", 40.0, "Nm/rad", 5.0, 300.0, "About the axes of the tool")
+        self.add_number("MaxForce", 40.0, "N", 1.0, 200.0, "The arm holds above it")
+        self.add_number("MaxTorque", 15.0, "Nm", 0.1, 100.0, "The arm holds above it")
+
+
 class TeachEnd(TeachingSkill):
     """Ends the recording of a path, which is stored, and holds a released arm."""
 

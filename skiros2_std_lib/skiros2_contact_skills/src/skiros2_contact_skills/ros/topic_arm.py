@@ -11,17 +11,13 @@ from typing import Any
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
-from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import Quaternion as QuaternionMessage
-from geometry_msgs.msg import Wrench as WrenchMessage
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.failure_kind import FailureKind
-from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, connected, message_class, reconfigure
+from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, message_class, reconfigure
+from skiros2_contact_skills.ros.driver_topics import DriverTopics
 from skiros2_contact_skills.ros.profiles import Profile, Reading, along_base
 from skiros2_motion.core.arm_abilities import Abilities, StatePeriod
 from skiros2_motion.core.compliant_arm import (
@@ -43,8 +39,6 @@ log = logging.getLogger(__name__)
 REFRESH = 0.2
 #: Number of states by which their period is measured when the arm is taken.
 MEASURED_STATES = 5
-#: Time in which a driver that listens to references also listens to what it need not have (s of wall time).
-OPTIONAL_TIME = 1.0
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
 _LEAST_STIFFNESS, _MAX_OFFSET = (50.0,) * 3 + (5.0,) * 3, 0.15
 _ZERO: Wrench = (0.0,) * 6
@@ -67,6 +61,8 @@ class TopicArm:
     def __init__(self, profile: Profile, names: Mapping[str, str], mount: Pose = IDENTITY) -> None:
         self._profile, self._names, self._mount = profile, names, mount
         self._controller = names["compliant"]
+        self._topics = DriverTopics(profile, names)
+        self._name, self._format = self._topics.name, self._topics.format
         self._base, self._tool = self._name("base_frame"), self._name("tool_frame")
         self._lock = threading.RLock()
         self._transforms = Transforms()
@@ -85,16 +81,6 @@ class TopicArm:
         self._spiral: Spiral | None = None
         self._spiral_at = 0.0
         kind = message_class(profile.state[1])
-        topics: dict[str, tuple[str, Any]] = {
-            "reference": (self._name("reference"), PoseStamped),
-            "wrench": (self._name("wrench"), WrenchStamped),
-            "stiffness": (names.get("stiffness") or self._format(profile.stiffness.topic), WrenchStamped),
-        }
-        for key, (topic, type_name) in (("damping", profile.damping), ("recovery", profile.recovery)):
-            topics[key] = names.get(key) or self._format(topic), message_class(type_name) if topic else None
-        self._publishers = {
-            key: rospy.Publisher(topic, command, queue_size=10) for key, (topic, command) in topics.items() if topic
-        }
         self._topic = names.get("state", self._format(profile.state[0]))
         self._subscriber = rospy.Subscriber(self._topic, kind, self._on_state, queue_size=1, tcp_nodelay=True)
         self._calls = DriverCalls(self._controller)
@@ -103,8 +89,7 @@ class TopicArm:
         """Closes the connections. The arm is not commanded."""
         self._calls.close()
         self._subscriber.unregister()
-        for publisher in self._publishers.values():
-            publisher.unregister()
+        self._topics.close()
 
     # -- the port ---------------------------------------------------------------------------------------------------
 
@@ -175,8 +160,7 @@ class TopicArm:
 
     def set_damping(self, factors: Sequence[float]) -> None:
         values = checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
-        if self._takes("damping"):
-            self._calls.later(lambda: self._send_damping(values))
+        self._calls.later(lambda: self._topics.send_damping(self._on_driver_axes(values)))
 
     def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
         fx, fy, fz, tx, ty, tz = checked("wrench", (*force, *torque), MAX_WRENCH)
@@ -207,17 +191,13 @@ class TopicArm:
     def abilities(self) -> Abilities:
         with self._lock:
             period = self._period.longest
-        takes_wrench, takes_damping = self._takes("wrench"), self._takes("damping")
+        takes_wrench, takes_damping = self._topics.takes("wrench"), self._topics.takes("damping")
         return Abilities(False, takes_wrench, overlay=False, damping=takes_damping, state_period=period)
 
     @property
     def has_state(self) -> bool:
         """Whether the driver has sent a state."""
         return self._reading is not None
-
-    def _takes(self, key: str) -> bool:
-        """Whether the driver listens to a topic."""
-        return key in self._publishers and self._publishers[key].get_num_connections() > 0
 
     # -- what is measured -------------------------------------------------------------------------------------------
 
@@ -263,14 +243,9 @@ class TopicArm:
 
     def _activate(self) -> None:
         """Waits for the driver, recovers it from a stop and switches to the compliant controller."""
-        for key in ("reference", "stiffness"):
-            if key in self._publishers:
-                self._wait_for_subscriber(key)
-        others = [self._publishers[key] for key in ("wrench", "damping") if key in self._publishers]
-        connected(lambda: all(publisher.get_num_connections() for publisher in others), OPTIONAL_TIME)
-        if "recovery" in self._publishers and self._reading is not None and self._reading.stopped:
-            self._wait_for_subscriber("recovery")
-            self._publishers["recovery"].publish(message_class(self._profile.recovery[1])())
+        self._topics.connect()
+        if self._reading is not None and self._reading.stopped:
+            self._topics.recover()
         names = self._names["compliant"], self._names["position"]
         strictness = SwitchControllerRequest.BEST_EFFORT
         answer = call(self._name("switch"), SwitchController, [names[0]], [names[1]], strictness, True, 0.0)
@@ -286,11 +261,6 @@ class TopicArm:
             self._is_active = True
             self._needed = self._messages + MEASURED_STATES
             self._period.restart()
-
-    def _wait_for_subscriber(self, key: str) -> None:
-        publisher = self._publishers[key]
-        if not connected(lambda: publisher.get_num_connections() > 0):
-            raise Refused(f"nothing subscribes to {publisher.resolved_name}: the controller is not loaded")
 
     def _zero_sensor(self) -> None:
         if self._name("zero"):
@@ -314,7 +284,7 @@ class TopicArm:
                 if self._spiral.has_ended:
                     self._spiral = None
             turn = [0.0, 0.0, 0.0]
-            if not self._takes("wrench"):
+            if not self._topics.takes("wrench"):
                 shift = [
                     min(max(f / max(k, least), -_MAX_OFFSET), _MAX_OFFSET)
                     for f, k, least in zip(self._wrench, self._stiffness, _LEAST_STIFFNESS, strict=True)
@@ -325,32 +295,24 @@ class TopicArm:
 
     def _move_to(self, pose: Pose) -> None:
         """Sends a reference to the driver."""
-        message = PoseMessage(Point(*pose.position), QuaternionMessage(*pose.orientation))
-        self._publishers["reference"].publish(PoseStamped(Header(stamp=rospy.Time.now(), frame_id=self._base), message))
+        self._topics.send_reference(pose)
 
     def _send_wrench(self) -> None:
         with self._lock:
             wrench, self._wrench_sent = self._wrench, self.now()
-        if not self._takes("wrench"):
+        if not self._topics.takes("wrench"):
             self._send_reference()
             return
-        header = Header(stamp=rospy.Time.now(), frame_id=self._tool)
-        self._publishers["wrench"].publish(WrenchStamped(header, _wrench_message(wrench)))
+        self._topics.send_wrench(wrench)
 
     def _send_stiffness(self) -> None:
         """Sends the stiffness, unless the driver has it."""
         with self._lock:
-            values = self._on_driver_axes(self._stiffness)
-            before, has_topic = self._stiffness_sent, "stiffness" in self._publishers
-            if not has_topic or (before and np.allclose(values, before, rtol=0.02, atol=0.5)):
+            values, before = self._on_driver_axes(self._stiffness), self._stiffness_sent
+            if before and np.allclose(values, before, rtol=0.02, atol=0.5):
                 return
             self._stiffness_sent = values
-        self._publishers["stiffness"].publish(WrenchStamped(wrench=_wrench_message(values)))
-
-    def _send_damping(self, factors: Sequence[float]) -> None:
-        values = _wrench_message(self._on_driver_axes(factors))
-        is_stamped = self._profile.damping[1] == "geometry_msgs/WrenchStamped"
-        self._publishers["damping"].publish(WrenchStamped(wrench=values) if is_stamped else values)
+        self._topics.send_stiffness(values)
 
     def _on_driver_axes(self, values: Sequence[float]) -> Sequence[float]:
         """Returns values along the axes of the tool as the driver takes them."""
@@ -371,15 +333,6 @@ class TopicArm:
         if is_moving:
             self._send_reference()
 
-    # -- names ------------------------------------------------------------------------------------------------------
-
-    def _format(self, template: str) -> str:
-        return template.format(**self._names)
-
-    def _name(self, key: str) -> str:
-        """Returns the name of a topic, service or frame: the given one, or that of the profile."""
-        return self._names.get(key) or self._format(getattr(self._profile, key))
-
 
 def exceeded_limit(wrench: Wrench, limits: tuple[float, float]) -> str:
     """Returns which limit of the force (N) and torque (Nm) a wrench exceeds; "" if none. A limit of 0 is none."""
@@ -388,10 +341,6 @@ def exceeded_limit(wrench: Wrench, limits: tuple[float, float]) -> str:
         if 0.0 < limit < value:
             return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
     return ""
-
-
-def _wrench_message(values: Sequence[float]) -> WrenchMessage:
-    return WrenchMessage(Vector3(*values[:3]), Vector3(*values[3:]))
 
 
 def small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:

@@ -15,6 +15,7 @@ from skiros2_sim.core.physics import Joint, Part, Physics
 from skiros2_sim.core.robot_model import ArmModel
 from skiros2_sim.core.wrist_sensor import MountedSensor, SensorModel, Wrench
 
+
 class Dynamics(NamedTuple):
     """The dynamics of an arm's joints at their current state.
 
@@ -237,7 +238,8 @@ class Arm:
         if with_masses:
             every = self._physics.mass_matrix(self.body, q)
             masses = [[every[row][column] for column in self._columns] for row in self._columns]
-        return Dynamics(*([values[column] for column in self._columns] for values in (q, dq, bias)), masses)
+        columns = self._columns
+        return Dynamics([q[i] for i in columns], [dq[i] for i in columns], [bias[i] for i in columns], masses)
 
 
 def links_after(physics: Physics, body: int, link: int) -> list[int]:

@@ -199,8 +199,8 @@ class ArmController:
 
     def apparent_mass(self, direction: Vector) -> float:
         """Returns the mass of the tool along a direction in the robot's frame (kg); inf at a singularity."""
-        q = np.array(self.arm.positions())
-        return apparent_mass(self.kinematics.jacobian(q), np.array(self.arm.masses()), direction)
+        joints = self.arm.dynamics(with_masses=True)
+        return apparent_mass(self.kinematics.jacobian(joints.positions), np.array(joints.masses), direction)
 
     # -- commands to the compliant controller -----------------------------------------------------------------
 

@@ -9,10 +9,11 @@ from typing import Protocol
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_motion.core.geometry import Pose, rotated
-from skiros2_sim.core.arm import Arm, Wrench
+from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec
+from skiros2_sim.core.wrist_sensor import Wrench
 
 SLIPPING_GRIPPER = "slipping_gripper"
 BLOCKED_PATH = "blocked_path"

@@ -23,14 +23,15 @@ workspace:  ## set up for packages of your own: what the demo needs, and a compi
 # The demos: the package and the program of each.
 pick-place := skiros2_demo pick_place_demo
 piston := skiros2_piston_demo piston_demo
+connector := skiros2_connector_demo connector_demo
 factory := skiros2_factory_demo factory_demo
 push := skiros2_learning_demo push_demo
 insertion-learning := skiros2_learning_demo insertion_learning_demo
-demos := pick-place piston factory push insertion-learning
+demos := pick-place piston connector factory push insertion-learning
 override DEMO := $(or $(DEMO),pick-place)
 gui := $(filter-out 0 false no,$(GUI))
 
-demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=factory: jobs from a MES; DEMO=push, DEMO=insertion-learning learn parameters
+demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" disturbs it; DEMO=piston: two arms insert a piston; DEMO=connector: two arms plug in a connector; DEMO=factory: jobs from a MES; DEMO=push, DEMO=insertion-learning learn parameters
 	@$(if $(filter $(demos),$(DEMO)),,echo "there is no demo $(DEMO): make demo DEMO=..., one of $(demos)" >&2; exit 2)
 	@.ci/setup run planner sim $(if $(filter push insertion-learning,$(DEMO)),learning) $(if $(filter factory,$(DEMO)),gateway page) $(if $(gui),window)
 	@exec .ci/in_ros rosrun $($(DEMO)) $(if $(gui),--gui) $(DEMO_ARGS)

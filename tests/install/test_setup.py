@@ -193,7 +193,7 @@ def make(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_unknown_demo_is_refused_with_those_that_there_are() -> None:
     done = make("demo", "DEMO=foo")
     assert done.returncode == 2
-    assert "there is no demo foo: make demo DEMO=..., one of pick-place piston factory push" in done.stderr
+    assert "there is no demo foo: make demo DEMO=..., one of pick-place piston connector factory push" in done.stderr
     assert "set-up" not in done.stderr + done.stdout
 
 

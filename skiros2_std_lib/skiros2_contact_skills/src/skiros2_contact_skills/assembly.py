@@ -19,9 +19,9 @@ LOCATED = "piston:Located"
 #: Height of transfers above targets (m), and their speed (m/s).
 _TRANSFER, _FAST = 0.12, 0.25
 #: A transfer: fast, and with a tolerance that need not be settled.
-_SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
+SWING = {"Height": _TRANSFER, "Speed": _FAST, "Tolerance": 0.01}
 #: A retreat: what has exceeded the usual limit of the force (N) may not be over yet.
-_RETREAT = {"MaxForce": 120.0, "Speed": _FAST}
+RETREAT = {"MaxForce": 120.0, "Speed": _FAST}
 #: Motion of the hand at which a held ring counts as slipping (m).
 _SLIP = 0.004
 #: Between the fingers that release the piston: they may be in the opening of the ring (m).
@@ -30,7 +30,7 @@ _RELEASED = 0.03
 _PUT_DOWN_TIME = 60.0
 
 
-class _Handling(SkillDescription):
+class Handling(SkillDescription):
     """Base: an arm, its gripper, a part and a stand."""
 
     def add_arm(self, arm: str = "Arm", gripper: str = "Gripper", lock: bool = True) -> None:
@@ -41,9 +41,11 @@ class _Handling(SkillDescription):
         self.addPreCondition(self.getRelationCond(f"RobotHas{arm}", "skiros:hasA", "Robot", arm, True))
         self.addPreCondition(self.getRelationCond(f"{arm}Has{gripper}", "skiros:hasA", arm, gripper, True))
 
-    def add_stand(self, stand: str = "Container", place: str = "Place", arm: str = "Arm") -> None:
+    def add_stand(
+        self, stand: str = "Container", place: str = "Place", arm: str = "Arm", kind: str = "piston:Stand"
+    ) -> None:
         """Declares an empty stand that the arm reaches, with its placing pose."""
-        self.addParam(stand, Element("piston:Stand"), Inferred, description="Where the part is put down")
+        self.addParam(stand, Element(kind), Inferred, description="Where the part is put down")
         self.addParam(place, Element("skiros:PlacingPose"), Inferred, description="Its placing pose")
         self.addPreCondition(self.getRelationCond(f"{arm}Reaches{stand}", "piston:reaches", arm, stand, True))
         self.addPreCondition(self.getRelationCond(f"{stand}Has{place}", "skiros:hasA", stand, place, True))
@@ -59,7 +61,7 @@ class _Handling(SkillDescription):
             self.addPostCondition(self.getPropCond(f"{container}Not{old}", CONTAINER_STATE, container, "=", old, False))
 
 
-class TakePart(_Handling):
+class TakePart(Handling):
     """Takes a part from its stand."""
 
     def createDescription(self) -> None:
@@ -76,7 +78,7 @@ class TakePart(_Handling):
         self.set_on_preempt("PutDownPart", condition=holds, seconds=_PUT_DOWN_TIME)
 
 
-class PutDownPart(_Handling):
+class PutDownPart(Handling):
     """Puts a held part down on an empty stand, until contact."""
 
     def createDescription(self) -> None:
@@ -88,7 +90,7 @@ class PutDownPart(_Handling):
         self.add_move("Part", "Gripper", "Container")
 
 
-class InsertPiston(_Handling):
+class InsertPiston(Handling):
     """Inserts a held piston into a bore, while the other arm holds the ring around it; puts the ring down."""
 
     def createDescription(self) -> None:
@@ -163,10 +165,10 @@ class take_part(SkillBase):
         skill.setProcessor(SerialStar())
         skill(
             self.skill("OpenGripper", ""),
-            self.skill("ApproachGrasp", "", specify=_SWING | {"ZeroSensor": True}),
+            self.skill("ApproachGrasp", "", specify=SWING | {"ZeroSensor": True}),
             self.skill("ApproachGrasp", "", specify={"Height": 0.0}),
             self.skill("GripPart", ""),
-            self.skill("RetractTool", "", specify=_SWING),
+            self.skill("RetractTool", "", specify=SWING),
         )
 
 
@@ -183,13 +185,13 @@ class put_down_part(SkillBase):
         skill(
             self.skill(SerialStar())(
                 self.skill("RetractTool", "", specify={"Height": _TRANSFER, "Tolerance": 0.03}),
-                self.skill("ApproachTarget", "", remap=there, specify=_SWING | {"ZeroSensor": True}),
+                self.skill("ApproachTarget", "", remap=there, specify=SWING | {"ZeroSensor": True}),
                 self.skill("ApproachTarget", "", remap=there, specify={"Height": 0.02, "Tolerance": 0.01}),
                 self.skill("MoveUntilContact", "", specify={"Speed": 0.01, "MaxDistance": 0.04, "NeedsContact": False}),
                 self.skill("ReleasePart", ""),
-                self.skill("RetractTool", "", specify=_SWING),
+                self.skill("RetractTool", "", specify=SWING),
             ),
-            self.skill("RetractAfterFailure", "", specify=_RETREAT | {"Height": _TRANSFER}),
+            self.skill("RetractAfterFailure", "", specify=RETREAT | {"Height": _TRANSFER}),
         )
 
 
@@ -250,7 +252,7 @@ class insert_piston(SkillBase):
         above = {"Target": "Bore"}
         skill.setProcessor(SerialStar())
         skill(
-            self.skill("ApproachTarget", "", remap=around, specify=_SWING | {"ZeroSensor": True}),
+            self.skill("ApproachTarget", "", remap=around, specify=SWING | {"ZeroSensor": True}),
             self.skill("ApproachTarget", "", remap=around, specify={"Height": 0.02}),
             self.skill(
                 "MoveUntilContact", "", remap=ring, specify={"Speed": 0.01, "MaxDistance": 0.03, "ContactForce": 3.0}
@@ -259,15 +261,15 @@ class insert_piston(SkillBase):
                 self.skill(ParallelFs())(
                     self.skill("GuardBore", ""),
                     self.skill(SerialStar())(
-                        self.skill("ApproachTarget", "", remap=above, specify=_SWING | {"ZeroSensor": True}),
+                        self.skill("ApproachTarget", "", remap=above, specify=SWING | {"ZeroSensor": True}),
                         self.skill("InsertIntoBore", ""),
                         self.skill("CheckGrip", ""),
                         self.skill("ReleasePart", "", remap={"Container": "Bore"}, specify={"Width": _RELEASED}),
-                        self.skill("RetractTool", "", specify=_SWING),
+                        self.skill("RetractTool", "", specify=SWING),
                     ),
                 ),
                 # the ring must pass below the piston afterwards
-                self.skill("RetractAfterFailure", "", specify=_RETREAT | {"Height": 0.2}),
+                self.skill("RetractAfterFailure", "", specify=RETREAT | {"Height": 0.2}),
             ),
             self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),
         )

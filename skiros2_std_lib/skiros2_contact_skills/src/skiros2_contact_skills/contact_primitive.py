@@ -38,6 +38,9 @@ NOT_REACHED = -125
 NOT_HELD = -126
 RETRACTED = -127
 OVERSHOT = -128
+NO_CLICK = -131
+WRONG_CLICK = -132
+WRONG_SOCKET = -133
 
 #: Default limits of the measured wrench (N, Nm).
 MAX_FORCE, MAX_TORQUE = 40.0, 15.0

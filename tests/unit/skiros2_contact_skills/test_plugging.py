@@ -117,4 +117,4 @@ def test_socket_without_a_latch_is_named(cell: MakeCell) -> None:
     made.wmi.update_element_properties(socket)
     task = made.run(made.command("PlugIn", Socket=socket), seconds=1.0)
     assert (task.state, code(task)) == (State.Failure, codes.WRONG_SOCKET)
-    assert "Socket has no latch: expected skiros:LatchForce" in task.why
+    assert "Power socket has no latch: expected skiros:LatchForce" in task.why

@@ -122,7 +122,7 @@ class plug_in(ContactPrimitive):
         if depth > self._best + _PROGRESS:
             self._best, self._best_at = depth, state.stamp
         if (clicked and force >= self.value("SeatForce")) or state.stamp - self._best_at > self.value("Patience"):
-            return self._judged(state)
+            return self._result(state)
         # the spring along the axis is stretched until it pushes with that force; behind the click it would hit the floor
         limit = 1.5 * self.value("SeatForce") if clicked else self.value("Force")
         self._target = min(self._target + self.value("Speed") * dt, depth + limit / _STIFFNESS)
@@ -131,7 +131,7 @@ class plug_in(ContactPrimitive):
         self.arm.set_reference(Pose(position, self.start.pose.orientation))
         return self.step(f"Plugging in: {1000 * depth:.1f} mm, {forces(state)}")
 
-    def _judged(self, state: ArmState) -> State:
+    def _result(self, state: ArmState) -> State:
         self.params["Signature"].values = self._signature.values()
         verdict = self._signature.verdict
         text = f"{verdict.value}: {self._signature} ({forces(state)})"

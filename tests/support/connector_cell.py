@@ -1,5 +1,5 @@
-"""The connector cell in physics in this process: one arm holds the housing on the work place, the other one the plug above
-its socket."""
+"""The connector cell in physics in this process: one arm holds the housing on the work place, the other one the plug
+above its socket."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills import contact_motions, force_motions, free_motions, plugging
 from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt
-from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler, inverted
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
 from skiros2_sim.core.scene_reader import load_scene
@@ -34,10 +34,7 @@ _ABOVE, _OPEN = 0.02, 0.06
 
 
 class ConnectorCell:
-    """World, world model and skills. The world is reset; what is gripped is gripped in the world model, too.
-
-    :param latch: the number of `Latch` that the true latch has in place of those in the world model.
-    """
+    """World, world model and skills. The world is reset; what is gripped is gripped in the world model, too."""
 
     def __init__(self, world: World, bench: SkillBench) -> None:
         world.reset(0)
@@ -97,7 +94,7 @@ class ConnectorCell:
         self.wmi.update_element_properties(housing)
 
     def _on_place(self) -> Pose:
-        return composed(self.world.pose_of(PLACE), Pose((0.0, 0.0, 0.045), from_euler(0.0, 0.0, 0.0)))
+        return composed(self.world.pose_of(PLACE), Pose((0.0, 0.0, 0.045), IDENTITY.orientation))
 
     def _grip(self, part: str, arm: str, grasp: str, at: Pose) -> None:
         """Puts a part somewhere and grips it there."""

@@ -10,8 +10,8 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills import contact_primitive as codes
 from skiros2_contact_skills.arms import provided_arms
-from skiros2_skill.testing import SkillBench
 from skiros2_sim.core.world import World
+from skiros2_skill.testing import SkillBench
 from support.connector_cell import HOUSING, LEFT, RATE, RIGHT, SCENE, ConnectorCell, connector_scene
 
 pytestmark = pytest.mark.timeout(180)
@@ -72,7 +72,7 @@ def test_stiff_latch_is_not_passed(cell: MakeCell) -> None:
     made = cell(force=40.0)
     task = made.run(made.plug_into_socket(), made.hold())
     assert (task.state, code(task)) == (State.Failure, codes.NO_CLICK)
-    peak, at, low, end = signature(task)
+    peak, _, low, end = signature(task)
     assert 18.0 < peak < LIMIT
     assert low > 0.9 * peak, "no drop"
     assert end < LATCH_DEPTH

@@ -123,7 +123,7 @@ class plug_in(ContactPrimitive):
             self._best, self._best_at = depth, state.stamp
         if (clicked and force >= self.value("SeatForce")) or state.stamp - self._best_at > self.value("Patience"):
             return self._result(state)
-        # the spring along the axis is stretched until it pushes with that force; behind the click it would hit the floor
+        # the spring along the axis pushes with that force; a stretched one would hit the floor behind the click
         limit = 1.5 * self.value("SeatForce") if clicked else self.value("Force")
         self._target = min(self._target + self.value("Speed") * dt, depth + limit / _STIFFNESS)
         ahead = self._target - self.depth(self.start)
@@ -179,7 +179,9 @@ class connect_plug(SkillBase):
                 self.skill(ParallelFs())(
                     self.skill("HoldPose", "", remap={"Arm": "HousingArm"}, specify=HOLD),
                     self.skill(SerialStar())(
-                        self.skill("ApproachTarget", "", remap={"Target": "Socket"}, specify=SWING | {"ZeroSensor": True}),
+                        self.skill(
+                            "ApproachTarget", "", remap={"Target": "Socket"}, specify=SWING | {"ZeroSensor": True}
+                        ),
                         self.skill("PlugIntoSocket", ""),
                         self.skill("CheckGrip", ""),
                         self.skill("ReleasePart", "", remap={"Container": "Socket"}),

@@ -153,7 +153,7 @@ def test_engine_assigns_nothing_to_nodes() -> None:
     assert not [
         f"{file}:{target.lineno}: node.{target.attr}"
         for file in engine
-        for target in ast.walk(file.tree)
+        for target in file.nodes
         if isinstance(target, ast.Attribute) and isinstance(target.ctx, ast.Store)
         if isinstance(target.value, ast.Name | ast.Attribute) and ast.unparse(target.value).split(".")[-1] == "node"
     ]

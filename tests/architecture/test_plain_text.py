@@ -13,12 +13,7 @@ CONTROLS = "app/widgets/controls.py"
 def _calls() -> list[tuple[str, ast.Call]]:
     files = [file for file in source_files() if GUI in str(file.path) and not str(file.path).endswith(CONTROLS)]
     assert len(files) > 50
-    return [
-        (f"{file.path}:{node.lineno}", node)
-        for file in files
-        for node in ast.walk(ast.parse(file.text))
-        if isinstance(node, ast.Call)
-    ]
+    return [(f"{file.path}:{node.lineno}", node) for file in files for node in file.nodes if isinstance(node, ast.Call)]
 
 
 def _is_constant(node: ast.expr) -> bool:

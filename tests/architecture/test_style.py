@@ -96,14 +96,21 @@ def test_each_folder_with_private_access_has_some() -> None:
 def _private_accesses(files: Iterable[SourceFile]) -> Iterator[str]:
     """The accesses to private attributes that no class of the file defines or uses as its own."""
     for file in files:
-        names = [node for node in ast.walk(file.tree) if isinstance(node, ast.Attribute)]
-        own = {node.attr for node in names if ast.unparse(node.value) in ("self", "cls", "super()")}
-        own |= {getattr(node, "name", "") for node in ast.walk(file.tree)}
-        own |= {node.id for node in ast.walk(file.tree) if isinstance(node, ast.Name)}
+        names = [node for node in file.nodes if isinstance(node, ast.Attribute)]
+        own = {node.attr for node in names if _is_own(node.value)}
+        own |= {getattr(node, "name", "") for node in file.nodes}
+        own |= {node.id for node in file.nodes if isinstance(node, ast.Name)}
         for node in names:
             is_private = node.attr.startswith("_") and not node.attr.startswith("__")
             if is_private and node.attr not in own | CONTRACT_NAMES | FOREIGN_NAMES:
                 yield f"{file}:{node.lineno}: {ast.unparse(node)}"
+
+
+def _is_own(node: ast.expr) -> bool:
+    """Whether it is `self`, `cls` or `super()`."""
+    return (isinstance(node, ast.Name) and node.id in ("self", "cls")) or (
+        isinstance(node, ast.Call) and "super" in _names(node.func)
+    )
 
 
 def _wildcard_imports(files: Iterable[SourceFile]) -> Iterator[str]:
@@ -113,21 +120,21 @@ def _wildcard_imports(files: Iterable[SourceFile]) -> Iterator[str]:
 
 def _broad_excepts(files: Iterable[SourceFile]) -> Iterator[str]:
     for file in files:
-        for node in ast.walk(file.tree):
+        for node in file.nodes:
             if isinstance(node, ast.ExceptHandler) and (node.type is None or "BaseException" in _names(node.type)):
                 yield f"{file}:{node.lineno}"
 
 
 def _prints(files: Iterable[SourceFile]) -> Iterator[str]:
     for file in files:
-        for node in ast.walk(file.tree):
+        for node in file.nodes:
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "print" and not file.is_program:
                 yield f"{file}:{node.lineno}"
 
 
 def _yaml_parsers(files: Iterable[SourceFile]) -> Iterator[str]:
     for file in files:
-        for node in ast.walk(file.tree):
+        for node in file.nodes:
             if isinstance(node, ast.Attribute) and re.fullmatch(r"yaml\.\w*load\w*", ast.unparse(node)):
                 yield f"{file}:{node.lineno}"
 
@@ -145,7 +152,7 @@ def _mutable_defaults(files: Iterable[SourceFile]) -> Iterator[str]:
 
 
 def _class_lengths(file: SourceFile) -> dict[str, int]:
-    classes = [node for node in ast.walk(file.tree) if isinstance(node, ast.ClassDef)]
+    classes = [node for node in file.nodes if isinstance(node, ast.ClassDef)]
     return {f"{file}:{node.name}": node.end_lineno - node.lineno for node in classes}
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_learning.local.insertion_study import InsertionStudy
+from skiros2_learning.local.insertion_study import InsertionRun, InsertionStudy
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -19,17 +19,24 @@ def study() -> Iterator[InsertionStudy]:
         yield study
 
 
-def test_piston_is_inserted_in_spite_of_an_error_of_the_estimated_pose(study: InsertionStudy) -> None:
-    run = study.run(seed=8, position_error=0.002, angle_error=math.radians(1.0))
+def run_with_error(study: InsertionStudy) -> InsertionRun:
+    return study.run(seed=8, position_error=0.002, angle_error=math.radians(1.0))
+
+
+@pytest.fixture(scope="module")
+def run(study: InsertionStudy) -> InsertionRun:
+    return run_with_error(study)
+
+
+def test_piston_is_inserted_in_spite_of_an_error_of_the_estimated_pose(run: InsertionRun) -> None:
     assert run.success, run.why
     assert run.depth == pytest.approx(0.06, abs=0.001)
     assert run.tilt < math.radians(1.0)
     assert run.max_force < 48.0
 
 
-def test_run_is_the_same_bit_by_bit_each_time(study: InsertionStudy) -> None:
-    first, second = (study.run(seed=4) for _ in range(2))
-    assert first == second
+def test_run_is_the_same_bit_by_bit_each_time(study: InsertionStudy, run: InsertionRun) -> None:
+    assert run_with_error(study) == run
 
 
 def test_blind_insertion_fails_with_an_error_of_two_millimetres(study: InsertionStudy) -> None:

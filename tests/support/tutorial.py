@@ -35,6 +35,8 @@ from support.programs import Program
 
 _BLOCK = re.compile(r"^```(\w+)(?: +title=\"([^\"]+)\")?\n(.*?)^```$", re.M | re.S)
 _STATUS = re.compile(r"\s+# status (\d+)$")
+#: For a command, which may build a workspace (s).
+_TIMEOUT = 300.0
 _ANY_LINES, _ADDED = "...", " (added)"
 _NEEDS = re.compile(r"^> Needs `([^`]+)`, and (.+)\.$", re.M)
 _LINK = re.compile(r"\]\((\w+\.md)\)")
@@ -196,7 +198,8 @@ class Reader:
                 elif block.title:
                     self._write(block)
             except AssertionError as error:
-                raise Wrong(f"{page.name}, line {block.line}: {error}") from None
+                shown = [f"\n{name}:\n{program.output_tail(40)}" for name, (_, program) in self._terminals.items()]
+                raise Wrong(f"{page.name}, line {block.line}: {error}{''.join(shown)}") from None
 
     def check_package(self, folder: Path) -> None:
         """Runs the tests of a package of skills in a new terminal, if it is there.
@@ -260,10 +263,13 @@ class Reader:
             return self.run(shlex.split(command), self._shell_env, self._cwd)
         state = self.folder / ".terminal"
         script = f"{command}\nstatus=$?\n{{ pwd; env -0; }} >{shlex.quote(str(state))}\nexit $status"
-        done = subprocess.run(
-            ["bash", "-c", script], env=self._shell_env, cwd=self._cwd, stdin=subprocess.DEVNULL,
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+        try:
+            done = subprocess.run(
+                ["bash", "-c", script], env=self._shell_env, cwd=self._cwd, stdin=subprocess.DEVNULL,
+                capture_output=True, text=True, check=False, timeout=_TIMEOUT,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise Wrong(f"$ {command}\nhas not ended in {_TIMEOUT:g} s") from None
         if state.exists():
             folder, _, variables = state.read_text().partition("\n")
             self._cwd = Path(folder)

@@ -70,39 +70,44 @@ def runs(client, clock):
 
 
 def test_goal_that_is_not_accepted_times_out(runs, clock):
-    clock.now += skill_goal.SILENCE + 0.1
+    clock.now += skill_goal.ACCEPT_TIMEOUT + 0.1
     with pytest.raises(TimedOut, match="/robot/execute did not accept the goal"):
         runs[0].wait(0.0)
 
 
+def test_goal_waits_for_a_busy_manager_that_publishes_its_status(runs, clock):
+    clock.now += 2 * skill_goal.SILENCE
+    assert not runs[0].wait(0.0)
+
+
 def test_goal_waits_while_status_messages_arrive_late(runs, client, clock):
-    client.delay = skill_goal.SILENCE
-    clock.now += skill_goal.SILENCE + 0.1
+    client.delay = skill_goal.ACCEPT_TIMEOUT
+    clock.now += skill_goal.ACCEPT_TIMEOUT + 0.1
     assert not runs[0].wait(0.0)
 
 
 @pytest.mark.parametrize("days", [-1, 1])
-@pytest.mark.parametrize("delay", [0.0, skill_goal.SILENCE])
+@pytest.mark.parametrize("delay", [0.0, skill_goal.ACCEPT_TIMEOUT])
 def test_wall_clock_that_is_set_changes_nothing(runs, client, clock, days, delay):
     client.delay = delay
     clock.wall += days * 86_400.0
-    clock.now += skill_goal.SILENCE + 0.1
+    clock.now += skill_goal.ACCEPT_TIMEOUT + 0.1
     with nullcontext() if delay else pytest.raises(TimedOut, match="did not accept"):
         assert not runs[0].wait(0.0)
 
 
 def test_goal_waits_while_earlier_goals_are_accepted(runs, client, clock):
     for number in range(2):
-        clock.now += skill_goal.SILENCE - 1.0
+        clock.now += skill_goal.ACCEPT_TIMEOUT - 1.0
         client.accept(number)
         assert not runs[2].wait(0.0)
-    clock.now += skill_goal.SILENCE + 0.1
+    clock.now += skill_goal.ACCEPT_TIMEOUT + 0.1
     with pytest.raises(TimedOut, match="did not accept"):
         runs[2].wait(0.0)
 
 
 def test_goal_that_was_passed_over_times_out(runs, client, clock):
-    clock.now += skill_goal.SILENCE + 0.1
+    clock.now += skill_goal.ACCEPT_TIMEOUT + 0.1
     client.accept(2)
     assert not runs[2].wait(0.0)
     with pytest.raises(TimedOut, match="did not accept"):

@@ -24,6 +24,10 @@ from skiros2_msgs import msg as msgs
 #: A manager without a message for this time counts as dead (s); it sends five a second.
 SILENCE = 5.0
 
+#: The time that a manager has to accept a goal when it is its turn (s): with hundreds of tasks on a busy machine, it
+#: takes seconds.
+ACCEPT_TIMEOUT = 30.0
+
 #: Queue size for goals, cancellations and results.
 QUEUE_SIZE = 10_000
 
@@ -151,7 +155,7 @@ class SkillGoal:
                 return True
             if self._watch.time_since_status() > SILENCE:
                 raise TimedOut(f"{self._watch.name} sent no status for {SILENCE:g} s")
-            if self._is_unknown() and self._unaccepted_time() > SILENCE:
+            if self._is_unknown() and self._unaccepted_time() > ACCEPT_TIMEOUT:
                 raise TimedOut(f"{self._watch.name} did not accept the goal")
             if self._watch.time_without_result(self._handle) > SILENCE:
                 raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")

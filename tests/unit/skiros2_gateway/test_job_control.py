@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.errors import Conflict, Refused, UnknownName
+from skiros2_gateway.core import job_control
 from skiros2_gateway.core.job import ALLOWED, FOLLOWING, Method, State, Substate, read_order
 from skiros2_gateway.core.problems import Rejected
 from support.stand_in_cell import ROBOT
@@ -105,6 +106,23 @@ def test_job_waits_until_the_cell_is_ready(in_gateway: Run) -> None:
         gateway.cell.is_ready = True
         gateway.control.cell_changed()
         assert gateway.state("a") == "AllowedToStart/Loaded"
+
+    in_gateway(test)
+
+
+def test_job_starts_although_nobody_reports_that_the_cell_is_ready_again(
+    in_gateway: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A status that was late at the moment of the order, and in time at the next look, is no change."""
+    monkeypatch.setattr(job_control, "_RETRY", 0.01)
+
+    async def test(gateway: Any) -> None:
+        gateway.cell.is_ready = False
+        await gateway.put("a")
+        gateway.cell.is_ready = True
+        async with asyncio.timeout(10.0):
+            while not gateway.cell.sent:
+                await asyncio.sleep(0.005)
 
     in_gateway(test)
 

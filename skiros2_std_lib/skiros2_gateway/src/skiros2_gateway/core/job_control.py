@@ -28,7 +28,7 @@ GATEWAY = "gateway"
 #: How often jobs with an earliest start are compared with the clock, which may be set (s).
 _CLOCK_CHECK_PERIOD = 1.0
 
-#: How long a store that refuses changes is left alone (s).
+#: How long a store that refuses changes, and a cell that is not ready, are left alone (s).
 _RETRY = 1.0
 
 
@@ -284,6 +284,8 @@ class JobControl:
             delay = min(_CLOCK_CHECK_PERIOD, max(0.01, min(later) - now))
             self._timer = asyncio.get_running_loop().call_later(delay, self._dispatch)
         if not self._cell.is_ready:
+            if allowed:  # the cell reports changes between its looks only, and may be ready at the next one
+                self._retry()
             return
         running = sum(job.is_in_cell for job in self._jobs)
         for job in sorted(allowed, key=lambda job: job.rank):

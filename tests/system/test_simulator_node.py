@@ -63,6 +63,15 @@ def test_the_clock_ticks_at_least_50_times_a_simulated_second_and_never_goes_bac
     assert end > begin + rospy.Duration(1)
 
 
+def test_node_knows_its_own_time_without_its_messages(ros: Ros, ros_master: RosMaster, sim: SimulatorClient) -> None:
+    assert "/sim" not in ros_master.subscribers("/clock")
+    status = ros.messages("/mobile_manipulator/move_base/status", GoalStatusArray)
+    now = sim.step(240).stamp
+    status.wait_for(lambda message: now - message.header.stamp < rospy.Duration(0, 20_000_000))
+
+
+
+
 def test_joints_odometry_wrench_and_frames_are_published(ros: Ros, sim: SimulatorClient) -> None:
     topics = (("joint_states", JointState), ("odom", Odometry), ("arm/wrench", WrenchStamped))
     joints, odometry, wrench = (ros.messages(f"/mobile_manipulator/{name}", kind) for name, kind in topics)

@@ -31,13 +31,19 @@ _CLOCK, _STATE, _CONTACTS = 60, 30, 20
 
 
 class SimulatedClock:
-    """The ROS time of the simulated world. Not reset with the world.
+    """The ROS time of the simulated world, also of this node. Not reset with the world.
 
     :param stepper: counts the steps.
     """
 
     def __init__(self, stepper: Stepper) -> None:
         self._stepper = stepper
+        # latched for nodes that start while the world is paused
+        self._topic = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
+        self._is_used = not rospy.rostime.is_wallclock()
+        if self._is_used:
+            # its own messages would wake two threads in this node, for which the stepping thread waits
+            rospy.impl.simtime._clock_sub.unregister()
 
     @property
     def now(self) -> rospy.Time:
@@ -48,6 +54,13 @@ class SimulatedClock:
     @property
     def seconds(self) -> float:
         return (self._stepper.count + 1) / self._stepper.step_rate
+
+    def publish(self) -> None:
+        """Publishes the current time. Called in the stepping thread."""
+        now = self.now
+        if self._is_used:
+            rospy.rostime._set_rostime(now)
+        self._topic.publish(now)
 
 
 class LateTopic:
@@ -86,8 +99,6 @@ class StatePublisher:
         self._stepper = stepper
         self._clock = clock
         self._frames = frames
-        # latched for nodes that start while the world is paused
-        self._clock_topic = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._packed = PackedTransforms()
         self._contacts = rospy.Publisher("~contacts", Contacts, queue_size=10, latch=True)
@@ -101,7 +112,7 @@ class StatePublisher:
     def after_step(self) -> None:
         """Publishes what is due."""
         if self._is_due(_CLOCK):
-            self._clock_topic.publish(self._clock.now)
+            self._clock.publish()
         if self._is_due(_STATE):
             self._publish_state()
         if self._is_due(_CONTACTS):
@@ -109,7 +120,7 @@ class StatePublisher:
 
     def publish_all(self) -> None:
         """Publishes everything now: after a change of the world, or before a pause."""
-        self._clock_topic.publish(self._clock.now)
+        self._clock.publish()
         self._publish_state()
         self._publish_contacts()
 

@@ -14,8 +14,11 @@ from actionlib_msgs.msg import GoalStatus
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_msgs.msg import AchieveResult
+from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_task.core.goal_store import GoalStore
+from skiros2_task.core.store import Durations
+from skiros2_task.ros.step_runner import ManagerStepRunner
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld
 from support.ros import Ros, wait_until
@@ -129,6 +132,19 @@ def test_killed_task_manager_continues_with_the_step_that_runs(ros: Ros, tmp_pat
     assert states(result) == ["succeeded", "succeeded"]
     assert cell.content(cell.store) == cell.moves() == sorted(cell.products)
     porter.shutdown()
+
+
+def test_manager_that_ran_before_the_subscription_is_reported(ros: Ros, tmp_path: Path) -> None:
+    """Else it is not stored among the managers for which the next task manager waits."""
+    porter = DiscoverableNode()
+    porter.init_discovery("/skill_managers", "/porter")
+    runner = ManagerStepRunner("tests", Durations(tmp_path / "durations.json"))
+    wait_until(lambda: runner.agents, WAIT, "the manager")
+    found: list[str] = []
+    runner.subscribe(found.append, lambda _: None)
+    assert found == ["/porter"]
+    runner.shutdown()
+    porter.stop_discovery()
 
 
 def test_power_failure_while_the_robot_holds_something_asks(ros: Ros, tmp_path: Path) -> None:

@@ -50,9 +50,11 @@ class ManagerStepRunner(SkillLayerInterface):
         super().__init__(author)
 
     def subscribe(self, on_found: Callable[[str], None], on_lost: Callable[[str], None]) -> None:
-        """Reports the names of managers that appear or disappear from now on, from a ROS thread."""
+        """Reports the names of the managers that run, then of those that appear or disappear, from a ROS thread."""
         with self._discovery_lock:
             self._callbacks = on_found, on_lost
+            for name in self.agents:
+                on_found(name)
 
     def robots(self, named: Collection[str]) -> dict[str, str]:
         """Returns the ids of the robots that the running managers have registered, by manager; "" if unknown.

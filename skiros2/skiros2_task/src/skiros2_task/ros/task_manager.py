@@ -63,8 +63,6 @@ def main() -> None:
         restart = system.restart()
         on_found, on_lost = (system.watch(each, step_runner) for each in (executor.robot_found, executor.robot_lost))
         step_runner.subscribe(on_found, on_lost)
-        for name in step_runner.agents:
-            executor.robot_found(name)
         wm.add_listener(executor.world_changed)
         options = PlanningOptions(processes)
         achieve = AchieveAction(executor, options, max_replans, interrupt_priority, store, replans_after_limit)

@@ -91,7 +91,7 @@ class OverStandardMessages(OverRos):
     def __init__(self, sim: SimulatorClient) -> None:
         self._sim = sim
         names = {"robot": "mobile_manipulator", "arm": "arm", "space": "/mobile_manipulator/arm/compliant"}
-        names |= {"compliant": "compliant", "position": "position"}
+        names |= {"compliant": "compliant", "position": "position", "sensor": "exact"}
         mount = Pose((0.3, 0.0, 0.39), (0.0, 0.0, 0.0, 1.0))
         self.arm: CompliantArm = TopicArm(PROFILES[STANDARD], names, mount)
 

@@ -18,6 +18,7 @@ from skiros2_motion.core.geometry import IDENTITY, Pose
 from skiros2_sim.core.scene_spec import SceneSpec
 from skiros2_sim.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.world import World
+from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
 from support.moved_robot import DOWN, MovedRobot
@@ -88,9 +89,9 @@ class ContactCell:
 
 
 @contextmanager
-def contact_cell(scene: SceneSpec, *skills: type) -> Iterator[ContactCell]:
+def contact_cell(scene: SceneSpec, *skills: type, sensor: SensorModel = EXACT) -> Iterator[ContactCell]:
     """A cell with these skills, inside the `with` block."""
-    with World(scene, rate=RATE) as world, SkillBench() as bench:
+    with World(scene, rate=RATE, sensor=sensor) as world, SkillBench() as bench:
         bench.load(*skills)
         cell = ContactCell(world, bench)
         with provided_arms(cell):

@@ -41,6 +41,7 @@ from skiros2_motion.core.motion import State
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.joint_motion import JointGoal, JointMotion, JointPoint
 from skiros2_sim.core.world import World
+from skiros2_sim.core.wrist_sensor import SensorModel
 from support.simulated_cell import ARM, GRIPPER, ROBOT, bench
 
 PERIOD = 1.0 / 30.0
@@ -114,11 +115,14 @@ class StandIn:
     controller_name = "controller"
 
     def __init__(self) -> None:
-        self.world = World(bench())
+        self.world = World(bench(), sensor=SensorModel(force_noise=0.02, torque_noise=0.001))
         self.arm = ArmController(self.world, self.world.robots[ROBOT], self.world.arms[ARM])
         self.running = ""  # the active controller
         self.can_switch = True
         self.is_silent = False
+        #: Changes the measured wrench, or the pose of the tool: a fault of the sensors.
+        self.distort: Callable[[Any], Any] = lambda wrench: wrench
+        self.distort_pose: Callable[[Pose], Pose] = lambda pose: pose
         self.wrenches: list[WrenchStamped] = []
         self.references: list[PoseStamped] = []
         self._mount = self.arm.arm.spec.pose
@@ -172,7 +176,11 @@ class StandIn:
 
     def tool(self) -> Pose:
         """Pose of the tool on the arm's base."""
-        return composed(inverted(self._mount), self.arm.tool_pose())
+        return self.distort_pose(composed(inverted(self._mount), self.arm.tool_pose()))
+
+    def measured(self) -> Any:
+        """The measured wrench of the hand, along the axes of the tool."""
+        return self.distort(self.arm.arm.measured_wrench())
 
     def stiffness(self, names: dict[str, tuple[int, ...]], request: Any) -> Any:
         """Sets the axes of each parameter."""
@@ -229,7 +237,7 @@ class FrankaRos(StandIn):
         tool = self.tool()
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(tool.orientation).as_matrix(), tool.position
-        wrench = self.arm.arm.measured_wrench()
+        wrench = self.measured()
         in_base = (*rotated(tool.orientation, wrench[:3]), *rotated(tool.orientation, wrench[3:]))
         message = self._message()
         message.header.stamp = rospy.Time.now()
@@ -264,7 +272,7 @@ class CartesianControllers(StandIn):
         tool, now = self.tool(), rospy.Time.now()
         self._tf.publish(TFMessage([_transform(now, "tool0", tool), _transform(now, "sensor", self.sensor, "tool0")]))
         back = inverted(self.sensor)
-        wrench = self.arm.arm.measured_wrench()
+        wrench = self.measured()
         force, torque = np.array(wrench[:3]), np.array(wrench[3:])
         about_sensor = torque + np.cross(-np.array(self.sensor.position), force)
         turned = [rotated(back.orientation, part.tolist()) for part in (force, about_sensor)]
@@ -335,7 +343,7 @@ class JointDriver(StandIn):
         names = [joint.name.removeprefix("arm/") for joint in arm.joints]
         self._joints.publish(JointState(header=Header(stamp=now), name=names, position=arm.positions()))
         self._tf.publish(TFMessage([_transform(now, "panda_grasptarget", self.tool(), "panda_link0")]))
-        wrench = arm.measured_wrench()
+        wrench = self.measured()
         message = Wrench(Vector3(*wrench[:3]), Vector3(*wrench[3:]))
         self._measured.publish(WrenchStamped(Header(stamp=now, frame_id="panda_grasptarget"), message))
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_motion.core.arm_abilities import Described
@@ -159,6 +160,58 @@ def test_exceeded_limit_holds_the_arm_until_limits_are_set_again(rig: Rig) -> No
     assert math.dist(held.pose.position, stopped.pose.position) < 0.06
     rig.arm.set_wrench_limits(60.0, 20.0)
     rig.wait_for(lambda s: not s.stopped)
+
+
+def limited_at_rest(rig: Rig) -> ArmState:
+    rig.at_rest()
+    rig.arm.zero_sensor()
+    rig.arm.set_wrench_limits(40.0, 15.0)
+    rig.arm.set_reference(rig.at_rest().pose)
+    return rig.at_rest()
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_wrench_with_a_number_that_is_not_finite_stops_the_arm_at_its_last_pose(rig: Rig, number: int) -> None:
+    start = limited_at_rest(rig)
+    rig.driver.distort = lambda wrench: [math.nan if i == number else value for i, value in enumerate(wrench)]
+    stopped = rig.wait_for(lambda s: s.stopped)
+    assert stopped.kind is FailureKind.SENSOR
+    assert "not finite" in stopped.stopped
+    rig.driver.distort = lambda wrench: wrench
+    rig.arm.set_reference(moved(start.pose, x=-0.1))
+    held = rig.at_rest()
+    assert held.stopped, "until limits are set again"
+    assert math.dist(held.pose.position, start.pose.position) < 0.01
+
+
+def test_pose_with_a_number_that_is_not_finite_stops_the_arm_at_its_last_pose(franka: Rig) -> None:
+    limited_at_rest(franka)
+    franka.driver.distort_pose = lambda pose: Pose((pose.position[0], math.nan, pose.position[2]), pose.orientation)
+    stopped = franka.wait_for(lambda s: s.stopped)
+    assert stopped.kind is FailureKind.SENSOR
+    assert all(map(math.isfinite, stopped.pose.position))
+    p = franka.driver.references[-1].pose.position
+    assert all(map(math.isfinite, (p.x, p.y, p.z)))
+
+
+@pytest.mark.parametrize("values", [(0.0,) * 6, (0.3, -0.1, 2.0, 0.0, 0.1, 0.0)])
+def test_frozen_sensor_stops_the_arm(rig: Rig, values: tuple[float, ...]) -> None:
+    limited_at_rest(rig)
+    rig.driver.distort = lambda wrench: values
+    stopped = rig.wait_for(lambda s: s.stopped)
+    assert stopped.kind is FailureKind.SENSOR
+    assert "without a change" in stopped.stopped
+
+
+def test_reference_that_is_sent_leads_by_the_limit_over_the_stiffness_only(rig: Rig) -> None:
+    start = limited_at_rest(rig)
+    rig.arm.set_wrench_limits(12.0, 5.0)
+    rig.arm.set_reference(moved(start.pose, x=-0.15))
+    sent = len(rig.driver.references)
+    rig.wait_for(lambda s: len(rig.driver.references) > sent)
+    p = rig.driver.references[sent].pose.position
+    assert math.dist((p.x, p.y, p.z), start.pose.position) == pytest.approx(12.0 / 400.0, abs=0.003)
+    rig.wait_for(lambda s: math.dist(s.pose.position, start.pose.position) > 0.12)
 
 
 def test_driver_that_stops_publishing_is_reported(rig: Rig) -> None:

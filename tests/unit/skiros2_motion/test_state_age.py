@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from skiros2_motion.core.compliant_arm import STALE
-from skiros2_motion.core.state_age import CONFIRMATION, StateAge
+from skiros2_motion.core.state_age import CONFIRMATION, SILENT, StateAge
 
 
 class Clocks:
@@ -41,6 +41,19 @@ def test_process_that_was_held_up_reads_the_waiting_states_first(clocks: Clocks)
     assert clocks.overdue_after(3.0, 3.0) == 0.0, "each time"
 
 
-def test_pause_of_the_simulation_does_not_count(clocks: Clocks) -> None:
-    for _ in range(5):
-        assert clocks.overdue_after(0.0, 1.0) == 0.0
+def test_paused_simulator_that_sends_its_state_again_is_not_dead(clocks: Clocks) -> None:
+    for _ in range(20):
+        clocks.age.receive()
+        assert clocks.overdue_after(0.0, 0.5) == 0.0
+
+
+def test_dead_simulator_is_found_by_wall_time_while_its_clock_stands(clocks: Clocks) -> None:
+    assert clocks.overdue_after(0.0, SILENT - 0.1) == 0.0
+    assert clocks.overdue_after(0.0, 0.2) == 0.0
+    assert clocks.overdue_after(0.0, CONFIRMATION + 0.01) == pytest.approx(SILENT + 0.31)
+
+
+def test_dead_simulator_is_found_after_its_clock_has_begun_again(clocks: Clocks) -> None:
+    clocks.arm = 0.1
+    assert clocks.overdue_after(0.0, SILENT + 0.1) == 0.0
+    assert clocks.overdue_after(0.1, CONFIRMATION + 0.01) > SILENT

@@ -54,6 +54,19 @@ def test_paused_world_makes_requested_steps(make: Make) -> None:
     assert stepper.call(lambda world: world.steps) == 12
 
 
+def test_paused_world_shows_that_it_lives() -> None:
+    with World(SceneSpec((CUBE,))) as world:
+        stepper, shown = Stepper(world, 0.0, paused=True), threading.Semaphore(0)
+        stepper.add_idle_hook(shown.release)
+        stepper.start()
+        try:
+            assert shown.acquire(timeout=10.0)
+            assert shown.acquire(timeout=10.0), "again"
+            assert stepper.count == 0
+        finally:
+            stepper.close()
+
+
 @pytest.mark.parametrize("rate", [0.0, 1.0])
 def test_world_steps_until_it_is_paused(rate: float) -> None:
     with World(SceneSpec((CUBE,))) as world:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,6 +26,7 @@ from skiros2_motion.core.geometry import Vector, rotated
 from skiros2_motion.core.impact import DEFAULT_MASS, DEFAULT_STIFFNESS, permitted_speed
 from skiros2_motion.core.impedance import MAX_STIFFNESS
 from skiros2_motion.core.time_scaling import MAX_PERIOD
+from skiros2_motion.core.wrench_guard import is_finite
 
 log = logging.getLogger(__name__)
 
@@ -48,8 +50,9 @@ MAX_FORCE, MAX_TORQUE = 40.0, 15.0
 OVERSHOOT = 1.2
 #: Of the element of an arm that does not know them: its apparent mass (kg), and the stiffness of its contacts (N/m).
 APPARENT_MASS, CONTACT_STIFFNESS = "skiros:ApparentMass", "skiros:ContactStiffness"
-#: Time in which the driver has to activate the controller and send a state (s).
-READY_TIME = 5.0
+#: Time in which the driver has to activate the controller and send a state (s), by the arm's clock, and by the wall
+#: clock, which shows that a simulator has died.
+READY_TIME, READY_WALL_TIME = 5.0, 15.0
 
 
 class ContactPrimitive(PrimitiveBase):
@@ -80,7 +83,7 @@ class ContactPrimitive(PrimitiveBase):
     # -- hooks -------------------------------------------------------------------------------------------------
 
     def onStart(self) -> bool:
-        self._waits_since: float | None = None  # for the arm; None: it is ready
+        self._waits_since: tuple[float, float] | None = None  # for the arm; None: it is ready
         self._last = self._peak = 0.0
         self._slowed, self._along = "", MAX_STIFFNESS[2]
         self._begun = self._has_arm = False
@@ -102,6 +105,8 @@ class ContactPrimitive(PrimitiveBase):
 
     def _tick(self) -> State:
         state = self.arm.state()
+        if state is not None and not state.stopped and not is_finite(*state.pose, state.wrench, (state.stamp,)):
+            state = state._replace(stopped="its state has numbers that are not finite", kind=FailureKind.SENSOR)
         if state is None or (state.stopped and not self._begun and state.kind is not FailureKind.LIMIT):
             return self._wait(state)
         self._note_peak(state)
@@ -123,10 +128,11 @@ class ContactPrimitive(PrimitiveBase):
     def _wait(self, state: ArmState | None) -> State:
         """Waits until the driver follows commands. Only refused requests are repeated: what has stopped the arm since
         `onStart` is not cleared."""
-        now = self.arm.now()
+        now, wall = self.arm.now(), time.monotonic()
         if self._waits_since is None:
-            self._waits_since = now
-        if now - self._waits_since < READY_TIME:
+            self._waits_since = now, wall
+        since, wall_since = self._waits_since
+        if now - since < READY_TIME and wall - wall_since < READY_WALL_TIME:
             if state is not None and state.kind is FailureKind.RETRYABLE:
                 self.arm.begin()
             return self.step("waiting for the compliant controller")

@@ -6,7 +6,6 @@ A thread per arm sends commands in their order: services are called there, so th
 from __future__ import annotations
 
 import logging
-import math
 import queue
 import threading
 import time
@@ -22,11 +21,13 @@ from std_srvs.srv import Trigger
 from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.failure_kind import FailureKind
+from skiros2_contact_skills.ros.profiles import wrench_from
 from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_motion.core.state_age import StateAge
+from skiros2_motion.core.wrench_guard import FORCE, SENSOR_AGE, TORQUE, is_finite, violation_text
 from skiros2_sim_msgs.msg import ImpedanceState
 from skiros2_sim_msgs.srv import OverlayMotion, OverlayMotionRequest, SetWrenchLimits, SetWrenchLimitsRequest
 
@@ -61,6 +62,8 @@ class ImpedanceArm:
         self._wrench_at = 0.0
         self._lock = threading.Lock()
         self._last: ImpedanceState | None = None
+        #: The last pose that is finite, which the arm holds at the end.
+        self._finite: PoseMessage | None = None
         self._received, self._age = 0, StateAge(rospy.get_time)
         #: Requests that are not answered, and the number of the state that will show the effect of the last answer.
         self._pending, self._effect = 0, 1
@@ -214,8 +217,9 @@ class ImpedanceArm:
         message = self._last
         if message is None or not message.active or message.stopped_by:
             return
-        p, q = message.pose.position, message.pose.orientation
-        self._publish_reference(Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
+        if self._finite is not None:
+            p, q = self._finite.position, self._finite.orientation
+            self._publish_reference(Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
         self._topics["set_cartesian_wrench"].publish(WrenchStamped())
         if message.overlay:
             self._call(f"{self._space}/overlay_motion", OverlayMotion, OverlayMotionRequest(), "keeps moving")
@@ -255,6 +259,8 @@ class ImpedanceArm:
     def _on_state(self, message: ImpedanceState) -> None:
         with self._lock:
             self._last = message
+            if _is_finite(message):
+                self._finite = message.pose
             self._age.receive()
             self._received += 1
 
@@ -264,15 +270,26 @@ class ImpedanceArm:
             return f"controller {self._controllers[0]} of arm {self._name} is not active"
         if message.stopped_by:
             value, limit = message.stop_value, message.stop_limit
-            if message.stopped_by == "sensor_age":
+            if message.stopped_by == SENSOR_AGE:
                 return f"the wrench is limited, but was not measured for {value:.3f} s"
-            unit = "N" if message.stopped_by == "force" else "Nm"
-            return f"{message.stopped_by} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
+            return violation_text(message.stopped_by, value, limit)
         if late:
             return f"no state on {self._space}/state for {late:.1f} s"
-        if not all(map(math.isfinite, (message.pose.position.x, message.measured_wrench.force.x))):
+        if not _is_finite(message):
             return f"the state on {self._space}/state is not finite"
+        if (message.force_limit, message.torque_limit) != self._limits:
+            limits = f"{message.force_limit:g} N and {message.torque_limit:g} Nm"
+            return (
+                f"the driver has the limits {limits}, not those that were set: it was restarted, or they were changed"
+            )
         return ""
+
+
+def _is_finite(message: ImpedanceState) -> bool:
+    """Whether all numbers of a state that skills use are finite."""
+    poses = [(p.position.x, p.position.y, p.position.z) for p in (message.pose, message.reference)]
+    turns = [(q.x, q.y, q.z, q.w) for q in (message.pose.orientation, message.reference.orientation)]
+    return is_finite(*poses, *turns, wrench_from(message.measured_wrench), (message.force_limit, message.torque_limit))
 
 
 def _kind_of(message: ImpedanceState, fault: str) -> FailureKind:
@@ -281,7 +298,7 @@ def _kind_of(message: ImpedanceState, fault: str) -> FailureKind:
     :param fault: of a request that was refused; "" if none was.
     """
     if message.stopped_by:
-        return FailureKind.LIMIT if message.stopped_by in ("force", "torque") else FailureKind.SENSOR
+        return FailureKind.LIMIT if message.stopped_by in (FORCE, TORQUE) else FailureKind.SENSOR
     if fault:
         return FailureKind.RETRYABLE
     return FailureKind.SENSOR if message.active else FailureKind.CONTROLLER

@@ -10,6 +10,7 @@ import rospy
 from skiros2_common.core.errors import ConfigurationError, UnknownName
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.ros.profiles import PROFILES, STANDARD
+from skiros2_contact_skills.ros.reading_guard import EXACT, NOISY
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_contact_skills.ros.trajectory_arm import TrajectoryArm
 from skiros2_motion.core.geometry import IDENTITY
@@ -27,7 +28,7 @@ INTERFACE = "skiros:CompliantInterface"
 #: Parameter of the skill manager: settings of its arms by name; they replace those of the world model.
 PARAMETER = "~compliant_arms"
 _KEYS = ("profile", "compliant", "position", "base_frame", "tool_frame", "state", "reference", "wrench", "zero")
-_KEYS += ("stiffness", "damping", "switch", "controllers", "action", "joint_states", "description")
+_KEYS += ("stiffness", "damping", "switch", "controllers", "action", "joint_states", "description", "sensor")
 
 
 def interface_of(arm: Element) -> tuple[str, dict[str, str]]:
@@ -79,6 +80,8 @@ def checked_settings(given: Any, name: str) -> dict[str, str]:
     if not isinstance(given, dict):
         raise ConfigurationError(f"parameter {name} is {given!r}, expected a table")
     problems = [f"{key}: expected one of {', '.join(_KEYS)}" for key in given if key not in _KEYS]
+    if given.get("sensor", NOISY) not in (NOISY, EXACT):
+        problems.append(f"sensor is {given['sensor']!r}, expected {NOISY} or {EXACT}")
     problems += [f"{key} is {value!r}, expected a name" for key, value in given.items() if not isinstance(value, str)]
     if problems:
         raise ConfigurationError(f"parameter {name}: {'; '.join(problems)}")

@@ -19,6 +19,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, message_class, reconfigure
 from skiros2_contact_skills.ros.driver_topics import DriverTopics
 from skiros2_contact_skills.ros.profiles import Profile, Reading, along_base
+from skiros2_contact_skills.ros.reading_guard import NOISY, ReadingGuard, Reason
 from skiros2_motion.core.arm_abilities import Abilities, StatePeriod
 from skiros2_motion.core.compliant_arm import (
     ArmState,
@@ -29,8 +30,10 @@ from skiros2_motion.core.compliant_arm import (
 )
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
+from skiros2_motion.core.reference_lead import bounded_reference
 from skiros2_motion.core.spiral import Spiral, SpiralGoal
 from skiros2_motion.core.state_age import StateAge
+from skiros2_motion.core.wrench_guard import is_finite, limited_wrench
 from skiros2_std_reasoners.ros.transforms import Transforms
 
 log = logging.getLogger(__name__)
@@ -49,8 +52,9 @@ class TopicArm:
 
     A thread of its own sends commands and calls services, in their order. What the driver lacks is done here: a spiral
     is added to the reference at each `state`; without a topic for it, a wrench becomes an offset of the reference, by
-    the stiffness; the limits are checked at each message of the state, and above one the arm holds its current pose.
-    Damping factors have no effect on a driver without them.
+    the stiffness; the limits are checked at each message of the state, and above one the arm holds its current pose;
+    so it does when a number of the state is not finite, or the noisy wrench no longer changes. With limits, the lead of
+    the reference is bounded (`reference_lead`). Damping factors have no effect on a driver without them.
 
     :param names: names of the controllers (`compliant`, `position`), values of the other fields of the templates, and
         any name of the profile that differs.
@@ -69,7 +73,10 @@ class TopicArm:
         self._transforms.listen()
         self._reading: Reading | None = None
         self._age, self._messages, self._stamp = StateAge(rospy.get_time), 0, 0.0
-        self._problem = self._stop = ""
+        self._problem = ""
+        self._stop: Reason | None = None
+        #: Whether the last reference that was sent was nearer than the wanted one.
+        self._is_bounded = False
         self._is_active = False
         self._needed, self._period = 0, StatePeriod()
         self._limits = (0.0, 0.0)
@@ -82,6 +89,7 @@ class TopicArm:
         self._spiral_at = 0.0
         kind = message_class(profile.state[1])
         self._topic = names.get("state", self._format(profile.state[0]))
+        self._guard = ReadingGuard(self._topic, names.get("sensor", NOISY) == NOISY)
         self._subscriber = rospy.Subscriber(self._topic, kind, self._on_state, queue_size=1, tcp_nodelay=True)
         self._calls = DriverCalls(self._controller)
 
@@ -104,13 +112,14 @@ class TopicArm:
             if self._calls.is_waiting or (not (refused or self._problem) and self._messages < self._needed):
                 return None
             if reading is None:
-                return ArmState(IDENTITY, _ZERO, now, refused or self._problem) if refused or self._problem else None
-            stopped = refused or self._stop or reading.stopped or self._problem
+                why = refused or (self._stop.text if self._stop else self._problem)
+                return ArmState(IDENTITY, _ZERO, now, why) if why else None
+            stopped = refused or (self._stop.text if self._stop else reading.stopped or self._problem)
             if late := self._age.overdue():
                 stopped = stopped or f"no {self._topic} for {late:.1f} s"
             kind = FailureKind.RETRYABLE
             if self._stop:
-                kind = FailureKind.LIMIT
+                kind = self._stop.kind
             elif reading.stopped:
                 kind = FailureKind.SAFETY
             elif stopped and not refused:
@@ -126,7 +135,7 @@ class TopicArm:
 
     def begin(self) -> None:
         with self._lock:
-            self._calls.problem = self._stop = ""
+            self._calls.problem, self._stop = "", None
             self._reference = self._spiral = None
             self._wrench, self._stiffness_sent = _ZERO, ()
         self._calls.request(self._activate)
@@ -183,7 +192,8 @@ class TopicArm:
     def set_wrench_limits(self, force: float, torque: float) -> None:
         limits = checked_limits(force, torque)
         with self._lock:
-            self._limits, self._stop = limits, ""
+            self._limits, self._stop = limits, None
+            self._guard.restart()
 
     def zero_sensor(self) -> None:
         self._calls.request(self._zero_sensor)
@@ -205,8 +215,6 @@ class TopicArm:
         """Called by the subscriber's thread with each message."""
         try:
             reading = self._profile.read(message, self._pose_of, self._tool)
-            if not all(map(math.isfinite, (*reading.pose.position, *reading.pose.orientation, *reading.wrench))):
-                raise Refused(f"{self._topic} has numbers that are not finite")
         except (SkirosError, AttributeError, ValueError) as error:
             with self._lock:
                 if self._problem != str(error):
@@ -214,16 +222,18 @@ class TopicArm:
                 self._problem = str(error)
             return
         with self._lock:
-            self._reading, self._problem = reading, ""
             self._age.receive()
             self._period.add(time.monotonic())
             self._stamp = message.header.stamp.to_sec() or rospy.get_time()
             self._messages += 1
-            exceeded = "" if self._stop else exceeded_limit(self._measured(reading)[1], self._limits)
-            if exceeded:
-                self._stop, self._reference, self._spiral = exceeded, reading.pose, None
-                self._wrench = _ZERO
-        if exceeded:  # at once, before what is queued
+            reason = self._guard.check(reading, self._zero, self._limits, float(rospy.get_time()))
+            if is_finite(*reading.pose, reading.wrench):  # the last pose that is known is held otherwise
+                self._reading, self._problem = reading, ""
+            stops = reason is not None and self._stop is None
+            if stops:
+                self._stop, self._spiral, self._wrench = reason, None, _ZERO
+                self._reference = self._reading.pose if self._reading is not None else None
+        if stops:  # at once, before what is queued
             self._send_wrench()
             self._send_reference()
 
@@ -274,7 +284,7 @@ class TopicArm:
         with self._lock:
             if self._reference is None and self._reading is not None:
                 self._reference = self._reading.pose  # once: an offset of the current pose would drift
-            reference = self._reference
+            reference, reading = self._reference, self._reading
             if reference is None:
                 return
             now, offset = self.now(), [0.0, 0.0, 0.0]
@@ -290,8 +300,13 @@ class TopicArm:
                     for f, k, least in zip(self._wrench, self._stiffness, _LEAST_STIFFNESS, strict=True)
                 ]
                 offset, turn = [a + b for a, b in zip(offset, shift[:3], strict=True)], shift[3:]
-        x, y, z = offset
-        self._move_to(composed(self._mount, composed(reference, Pose((x, y, z), small_rotation(turn)))))
+            x, y, z = offset
+            wanted = sent = composed(reference, Pose((x, y, z), small_rotation(turn)))
+            if reading is not None:
+                wrench = limited(self._wrench, self._limits) if self._topics.takes("wrench") else _ZERO
+                sent = bounded_reference(wanted, reading.pose, self._stiffness, wrench, self._limits)
+            self._is_bounded = sent != wanted
+        self._move_to(composed(self._mount, sent))
 
     def _move_to(self, pose: Pose) -> None:
         """Sends a reference to the driver."""
@@ -299,7 +314,7 @@ class TopicArm:
 
     def _send_wrench(self) -> None:
         with self._lock:
-            wrench, self._wrench_sent = self._wrench, self.now()
+            wrench, self._wrench_sent = limited(self._wrench, self._limits), self.now()
         if not self._topics.takes("wrench"):
             self._send_reference()
             return
@@ -327,20 +342,17 @@ class TopicArm:
             self._send_stiffness()
         with self._lock:
             resend = any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH
-            is_moving = self._spiral is not None
+            is_moving = self._spiral is not None or self._is_bounded
         if resend:
             self._send_wrench()
         if is_moving:
             self._send_reference()
 
 
-def exceeded_limit(wrench: Wrench, limits: tuple[float, float]) -> str:
-    """Returns which limit of the force (N) and torque (Nm) a wrench exceeds; "" if none. A limit of 0 is none."""
-    for name, part, limit, unit in (("force", wrench[:3], limits[0], "N"), ("torque", wrench[3:], limits[1], "Nm")):
-        value = math.hypot(*part)
-        if 0.0 < limit < value:
-            return f"{name} of {value:.1f} {unit} above the limit of {limit:g} {unit}"
-    return ""
+def limited(wrench: Wrench, limits: tuple[float, float]) -> Wrench:
+    """Returns a wrench whose force (N) and torque (Nm) are shortened to the limits; 0 for none."""
+    fx, fy, fz, tx, ty, tz = limited_wrench(np.array(wrench), limits).tolist()
+    return fx, fy, fz, tx, ty, tz
 
 
 def small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:

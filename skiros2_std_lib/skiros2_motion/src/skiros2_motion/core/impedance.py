@@ -17,8 +17,8 @@ With limits of force and torque, spring and wrench together stay within them: |-
 axes. So the reference leads the tool by at most (limit - |F|) / K, and a contact at rest is within the limit without
 any sensor.
 
-`brake` brings the arm to rest: with the masses M of its joints, the torques are -BRAKING M dq + bias, and reference and
-posture follow. At rest, or after BRAKING_TIME, it holds its pose again.
+`brake` brings the arm to rest: reference and posture follow, so that only the damping is left, and with the masses M of
+its joints, the torques -BRAKING M dq are added. At rest, or after BRAKING_TIME, it holds its pose again.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ FREE_DAMPING = (40.0, 40.0, 40.0, 3.0, 3.0, 3.0)
 TORQUE_RATE, BRAKING_RATE = 1000.0, 5000.0
 #: Rate with which a braking arm loses its speed (1/s), the longest time of that (s), and the speed of each joint at
 #: which it rests (rad/s).
-BRAKING, BRAKING_TIME, REST = 40.0, 0.2, 0.01
+BRAKING, BRAKING_TIME, REST = 40.0, 0.15, 0.01
 
 #: Time constants (s) of the filters of the reference, and of stiffness, damping and wrench.
 _REFERENCE_FILTER, _COMMAND_FILTER = 0.02, 0.1
@@ -239,7 +239,7 @@ class Impedance:
         wrench -= np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
         wanted = jacobian.T @ wrench + posture + state.bias
         if self.is_braking:
-            wanted = self._braking_torques(state, dt, load)
+            wanted += self._braking_torques(state, dt)
         if not np.isfinite(wanted).all():
             raise WrongValue(f"torques: expected finite numbers, got {wanted.tolist()}")
         step = (BRAKING_RATE if self.is_braking else TORQUE_RATE) * dt
@@ -248,13 +248,13 @@ class Impedance:
         self.commanded_torques = np.minimum(np.maximum(changed, -self._efforts), self._efforts)
         return self.commanded_torques
 
-    def _braking_torques(self, state: ArmState, dt: float, load: Array | None) -> Array:
-        """Returns the torques that slow the arm down."""
+    def _braking_torques(self, state: ArmState, dt: float) -> Array:
+        """Returns the torques that slow the arm down, beside the damping of the law."""
         self._braking_time -= dt
         if np.abs(state.velocities).max() <= REST:
             self._braking_time = 0.0
-        torques = state.bias - BRAKING * (state.masses @ state.velocities)
-        return torques if load is None else torques + state.jacobian[:3].T @ load
+        torques: Array = -BRAKING * (state.masses @ state.velocities)
+        return torques
 
     def _filter(self, dt: float) -> None:
         part = 1.0 - math.exp(-dt / _COMMAND_FILTER)

@@ -97,16 +97,15 @@ class WrenchGuard:
         time: float,
         age: float = 0.0,
         balance: Balance | None = None,
-        confirmed: bool = True,
     ) -> Violation | None:
-        """Returns why the arm must stop; None if it need not. Without limits only numbers are checked.
+        """Returns why the arm must stop; None if it need not. Without limits only numbers are checked. A limit must be
+        exceeded in two checks in a row.
 
         :param wrench: measured: force (N), torque (Nm).
         :param limits: of force (N) and torque (Nm), 0 for none.
         :param time: of the measurement, by a clock that does not jump (s).
         :param age: of the measurement (s).
         :param balance: for the comparison with the commanded force; None for none.
-        :param confirmed: whether a limit must be exceeded in two checks in a row.
         """
         if not is_finite(wrench):
             return Violation(NOT_FINITE, 1.0, 0.0)
@@ -118,13 +117,18 @@ class WrenchGuard:
             return Violation(SENSOR_AGE, age, SENSOR_TIMEOUT)
         exceeded = exceeded_limit(wrench, limits)
         was_exceeded, self.was_exceeded = self.was_exceeded, exceeded is not None
-        if exceeded is not None and (was_exceeded or not confirmed):
+        if exceeded is not None and was_exceeded:
             return exceeded
-        return self._frozen(tuple(wrench), time) or self._disagreement(wrench, limits[0], balance)
+        return self.frozen(wrench, time) or self._disagreement(wrench, limits[0], balance)
 
-    def _frozen(self, wrench: tuple[float, ...], time: float) -> Violation | None:
-        if wrench != self._last or not self.is_noisy:
-            self._last, self._changed_at, self._repeated = wrench, time, 0
+    def frozen(self, wrench: Sequence[float], time: float) -> Violation | None:
+        """Returns for how long a noisy wrench has not changed; None if it has, or the sensor is not noisy.
+
+        :param time: of the measurement, by a clock that does not jump (s).
+        """
+        measured = tuple(wrench)
+        if measured != self._last or not self.is_noisy:
+            self._last, self._changed_at, self._repeated = measured, time, 0
             return None
         self._repeated += 1
         passed = time - self._changed_at

@@ -23,6 +23,9 @@ MAX_TIME = 3600
 #: Maximum rate (times real time).
 MAX_RATE = 1000.0
 
+#: Period of the idle hooks (s of wall time).
+IDLE_PERIOD = 0.5
+
 #: With a larger delay (s of wall time), the schedule restarts, instead of catching up in a burst.
 _MAX_DELAY = 0.1
 
@@ -58,6 +61,8 @@ class Stepper:
         self._count = 0
         self._hooks: list[Callable[[], None]] = []
         self._failure_hooks: list[Callable[[str], None]] = []
+        self._idle_hooks: list[Callable[[], None]] = []
+        self._idle_at = 0.0
         self._requests: list[_StepRequest] = []
         self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._lock = threading.Lock()  # of: ended
@@ -89,6 +94,11 @@ class Stepper:
         self._hooks.append(hook)
         if on_failure is not None:
             self._failure_hooks.append(on_failure)
+
+    def add_idle_hook(self, hook: Callable[[], None]) -> None:
+        """Adds a function to call in the stepping thread each `IDLE_PERIOD` while the world is paused: it shows that
+        the world is not dead. Call before `start`."""
+        self._idle_hooks.append(hook)
 
     def start(self) -> None:
         """Starts stepping."""
@@ -196,6 +206,8 @@ class Stepper:
             self._process_calls(self._wait())
             if not self._ended and self._is_due():
                 self._step()
+            elif self._paused and not (self._ended or self._failure):
+                self._idle()
         self._fail_requests(_ENDED)
         while not self._calls.empty():
             self._calls.get()()
@@ -210,9 +222,9 @@ class Stepper:
             self._calls.get()()
 
     def _wait(self) -> float | None:
-        """Returns the time until the next step (s); None if the next step needs a request."""
+        """Returns the time until the next step (s), or until the idle hooks; None if there is nothing to wait for."""
         if self._failure or (self._paused and not self._requests):
-            return None
+            return IDLE_PERIOD if self._idle_hooks and not self._failure else None
         if self._paused or not self._rate:
             return 0.0
         return max(0.0, self._due() - time.monotonic())
@@ -253,6 +265,16 @@ class Stepper:
                 self._requests.pop(0).done.set_result(None)
         elif self._rate:
             self._check_delay()
+
+    def _idle(self) -> None:
+        if time.monotonic() < self._idle_at:
+            return
+        self._idle_at = time.monotonic() + IDLE_PERIOD
+        for hook in self._idle_hooks:
+            try:
+                hook()
+            except Exception:
+                log.exception("publishing the state of the paused world")
 
     def _check_delay(self) -> None:
         behind = time.monotonic() - self._due()

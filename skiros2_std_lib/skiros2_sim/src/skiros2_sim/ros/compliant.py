@@ -108,6 +108,9 @@ class CompliantArm:
         """Publishes what is due. Called in the stepping thread."""
         if self._stepper.count % (self._stepper.step_rate // _STATE_RATE):
             return
+        self._publish()
+
+    def _publish(self) -> None:
         controller = self._controllers[self._arm.id]
         for topic, message, is_measured in (
             (self._state, self._state_message, True),
@@ -116,6 +119,10 @@ class CompliantArm:
             if topic.has_subscribers and is_measured:
                 topic.put(controller.world, message(controller))
             topic.send(controller.world)
+
+    def while_paused(self) -> None:
+        """Publishes the last measurements again: the driver lives. Called in the stepping thread."""
+        self._publish()
 
     # -- commands ------------------------------------------------------------------------------------------------
 

@@ -89,6 +89,7 @@ class Simulator:
         stepper.add_hook(self._cameras.after_step)
         for arm in self._compliant_arms:
             stepper.add_hook(arm.after_step)
+            stepper.add_idle_hook(arm.while_paused)
         self._services = Services(
             stepper,
             self._clock,

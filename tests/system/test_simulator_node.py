@@ -70,8 +70,6 @@ def test_node_knows_its_own_time_without_its_messages(ros: Ros, ros_master: RosM
     status.wait_for(lambda message: now - message.header.stamp < rospy.Duration(0, 20_000_000))
 
 
-
-
 def test_joints_odometry_wrench_and_frames_are_published(ros: Ros, sim: SimulatorClient) -> None:
     topics = (("joint_states", JointState), ("odom", Odometry), ("arm/wrench", WrenchStamped))
     joints, odometry, wrench = (ros.messages(f"/mobile_manipulator/{name}", kind) for name, kind in topics)

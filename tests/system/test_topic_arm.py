@@ -229,6 +229,13 @@ def test_controller_that_does_not_run_is_reported_with_those_that_exist(rig: Rig
     assert f"{name} (stopped)" in state.stopped
 
 
+def test_controller_that_somebody_switches_off_is_reported(rig: Rig) -> None:
+    rig.driver.running = ""
+    state = rig.wait_for(lambda s: s.stopped)
+    assert state.stopped == f"controller {rig.driver.controller_name} is not active"
+    assert state.kind is FailureKind.CONTROLLER
+
+
 def test_end_leaves_the_arm_at_rest_without_a_wrench(rig: Rig) -> None:
     start = rig.at_rest().pose
     rig.arm.set_reference(moved(start, x=-0.1))

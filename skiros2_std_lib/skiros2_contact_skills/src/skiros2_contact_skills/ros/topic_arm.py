@@ -40,6 +40,8 @@ log = logging.getLogger(__name__)
 
 #: Period with which `state` sends a commanded wrench again (s): drivers may let it expire.
 REFRESH = 0.2
+#: Period with which the running controllers are listed (s of wall time): somebody else may have switched.
+_LIST_PERIOD = 1.0
 #: Number of states by which their period is measured when the arm is taken.
 MEASURED_STATES = 5
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
@@ -78,6 +80,8 @@ class TopicArm:
         #: Whether the last reference that was sent was nearer than the wanted one.
         self._is_bounded = False
         self._is_active = False
+        #: When the running controllers were last listed (s, monotonic); None: nothing is switched.
+        self._listed_at: float | None = None
         self._needed, self._period = 0, StatePeriod()
         self._limits = (0.0, 0.0)
         self._zero = _ZERO
@@ -125,7 +129,7 @@ class TopicArm:
             elif stopped and not refused:
                 kind = FailureKind.SENSOR
             if not (stopped or self._is_active):
-                stopped = f"controller {self._controller} is not active: no skill has switched to it"
+                stopped = f"controller {self._controller} is not active"
                 kind = FailureKind.CONTROLLER
             pose, wrench = self._measured(reading)
             stamp = self._stamp
@@ -259,11 +263,22 @@ class TopicArm:
         names = self._names["compliant"], self._names["position"]
         strictness = SwitchControllerRequest.BEST_EFFORT
         answer = call(self._name("switch"), SwitchController, [names[0]], [names[1]], strictness, True, 0.0)
-        listed = call(self._name("controllers"), ListControllers).controller
-        if not answer.ok or not any(c.name == names[0] and c.state == "running" for c in listed):
-            known = ", ".join(f"{c.name} ({c.state})" for c in listed) or "none"
+        listed = self._controllers()
+        if not answer.ok or listed.get(names[0]) != "running":
+            known = ", ".join(f"{name} ({state})" for name, state in listed.items()) or "none"
             raise Refused(f"controller {names[0]} does not run; {self._name('controllers')} lists: {known}")
         self._await_states()
+
+    def _controllers(self) -> dict[str, str]:
+        """Returns the state of each controller, by its name."""
+        self._listed_at = time.monotonic()
+        return {each.name: each.state for each in call(self._name("controllers"), ListControllers).controller}
+
+    def _check_active(self) -> None:
+        """Notices that somebody else has switched off the controller."""
+        if self._controllers().get(self._controller) != "running":
+            with self._lock:
+                self._is_active, self._listed_at = False, None
 
     def _await_states(self) -> None:
         """Has `state` wait for new states: the next one may have been on its way, and the period is measured."""
@@ -343,6 +358,11 @@ class TopicArm:
         with self._lock:
             resend = any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH
             is_moving = self._spiral is not None or self._is_bounded
+            is_due = self._listed_at is not None and time.monotonic() - self._listed_at > _LIST_PERIOD
+            if is_due:
+                self._listed_at = time.monotonic()
+        if is_due:
+            self._calls.later(self._check_active)
         if resend:
             self._send_wrench()
         if is_moving:

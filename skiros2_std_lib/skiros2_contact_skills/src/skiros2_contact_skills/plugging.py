@@ -36,11 +36,14 @@ _EARLY = 0.004
 _PROGRESS = 0.0003
 #: Height above the socket at which the search starts (m), and the motion from there on; see `insertion`.
 _ABOVE = 0.004
-_CONTACT = {"Speed": 0.008, "MaxDistance": 0.008, "NeedsContact": False}
+_CONTACT = {"Speed": 0.008, "MaxDistance": 0.010, "NeedsContact": False}
 #: Attempts to find the socket.
 _ATTEMPTS = 3
-#: The arm with the housing presses it on its place, and yields little.
-HOLD = {"Force": 20.0, "Stiffness": 2000.0, "RotationalStiffness": 300.0, "MaxDistance": 0.006}
+#: Height of a retreat above the socket (m).
+_TRANSFER = 0.12
+#: The arm with the housing presses it on its place against a pull at its end. How far the housing yields is judged by
+#: the pull test.
+HOLD = {"Force": 20.0, "Stiffness": 2000.0, "RotationalStiffness": 300.0, "MaxDistance": 0.05}
 #: Less than what pulls a latched plug out. It travels back from the floor to the latch, and the hands yield.
 _PULL = {"Force": 10.0, "Duration": 1.0, "MaxDistance": 0.007}
 _CODES = {Verdict.NO_CLICK: NO_CLICK, Verdict.WRONG_FORCE: WRONG_CLICK, Verdict.WRONG_DEPTH: WRONG_CLICK}
@@ -175,9 +178,10 @@ class connect_plug(SkillBase):
             self.skill("ApproachTarget", "", remap=there, specify=SWING | {"ZeroSensor": True}),
             self.skill("ApproachTarget", "", remap=there, specify={"Height": 0.02, "Tolerance": 0.01}),
             self.skill("MoveUntilContact", "", remap=housing, specify={"Speed": 0.01, "MaxDistance": 0.04}),
-            self.skill(SelectorStar())(
-                self.skill(ParallelFs())(
-                    self.skill("HoldPose", "", remap={"Arm": "HousingArm"}, specify=HOLD),
+            self.skill(ParallelFs())(
+                # also during a retreat: the plug may be latched
+                self.skill("HoldPose", "", remap={"Arm": "HousingArm"}, specify=HOLD),
+                self.skill(SelectorStar())(
                     self.skill(SerialStar())(
                         self.skill(
                             "ApproachTarget", "", remap={"Target": "Socket"}, specify=SWING | {"ZeroSensor": True}
@@ -187,8 +191,8 @@ class connect_plug(SkillBase):
                         self.skill("ReleasePart", "", remap={"Container": "Socket"}),
                         self.skill("RetractTool", "", specify=SWING),
                     ),
+                    self.skill("RetractAfterFailure", "", specify=RETREAT | {"Height": _TRANSFER}),
                 ),
-                self.skill("RetractAfterFailure", "", specify=RETREAT | {"Height": 0.12}),
             ),
             self.skill("ReleasePart", "", remap=housing | {"Container": "WorkPlace"}),
             self.skill("RetractTool", "", remap=housing, specify=SWING),

@@ -16,7 +16,7 @@ PROOF = (
     "at the end: Power plug is in Power socket",
     r"Power plug is (1[67]|18|19|20)\.\d mm deep in Power socket, after a pull: it is latched",
     "the largest force at the wrist was",
-    "something resists Power plug",
+    "something resists Right gripper",
     "replanned 1 times",
     r"because plug_in .* failed: Power socket: no click: peak of .* N at 1[4-6]\.\d mm",
 )

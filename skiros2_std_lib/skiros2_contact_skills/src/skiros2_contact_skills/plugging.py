@@ -33,7 +33,7 @@ _STIFFNESS = 2000.0
 #: Distance before the latch at which a peak of the force may be its click: the depth of the tool is not exact (m).
 _EARLY = 0.004
 #: Depth that counts as progress (m).
-_PROGRESS = 0.0003
+_PROGRESS = 0.0005
 #: Height above the socket at which the search starts (m), and the motion from there on; see `insertion`.
 _ABOVE = 0.004
 _CONTACT = {"Speed": 0.008, "MaxDistance": 0.010, "NeedsContact": False}

@@ -24,8 +24,8 @@ from skiros2_piston_demo.force_log import ForceLog
 from skiros2_std_reasoners.core import spatial_data as space
 
 DISTURBANCES = ("block",)
-_DISTURB = "what goes wrong: something resists the plug, which does not latch (block)"
-#: Force that resists the plug (N), and its duration (s): the push of the skill does not pass the latch then.
+_DISTURB = "what goes wrong: something resists the hand with the plug, which does not latch (block)"
+#: Force that resists the hand (N), and its duration (s): the push of the skill does not pass the latch then.
 _RESISTS, _RESISTS_TIME = (0.0, 0.0, 12.0), 6.0
 #: Maximum error of the housing's place on its stand (m).
 _FAR = 0.0015
@@ -65,7 +65,7 @@ class ConnectorDemo(Demo):
         length = grasp.position[2] + product.size[2] / 2.0
         self._forces = ForceLog(f"{self.robot}/right_arm/right_compliant/state", rim, length)
         if "block" in self._options.disturb:
-            self.add_disturbance(blocked_plug(simulation, product))
+            self.add_disturbance(blocked_plug(simulation, self._world.labelled("Right gripper")))
         self.prepare_pictures(simulation, scene)
 
     def is_midway(self, steps: list[Step]) -> bool:
@@ -96,12 +96,12 @@ class ConnectorDemo(Demo):
         ]
 
 
-def blocked_plug(simulation: Simulation, plug: Thing) -> WhileRunning:
-    """Something resists the plug while it is pushed in: it does not pass the latch, and there is no click."""
+def blocked_plug(simulation: Simulation, gripper: Thing) -> WhileRunning:
+    """Something resists the hand while it pushes the plug: it does not pass the latch, and there is no click."""
 
     def act() -> str:
-        simulation.push(plug.id, _RESISTS, _RESISTS_TIME)
-        return f"something resists {plug.name} with {max(_RESISTS):g} N"
+        simulation.push(gripper.id, _RESISTS, _RESISTS_TIME)
+        return f"something resists {gripper.name} with {max(_RESISTS):g} N"
 
     return WhileRunning(("plug_in",), act)
 

@@ -118,24 +118,16 @@ class TopicArm:
             if reading is None:
                 why = refused or (self._stop.text if self._stop else self._problem)
                 return ArmState(IDENTITY, _ZERO, now, why) if why else None
-            stopped = refused or (self._stop.text if self._stop else reading.stopped or self._problem)
-            if late := self._age.overdue():
-                stopped = stopped or f"no {self._topic} for {late:.1f} s"
-            kind = FailureKind.RETRYABLE
-            if self._stop:
-                kind = self._stop.kind
-            elif reading.stopped:
-                kind = FailureKind.SAFETY
-            elif stopped and not refused:
-                kind = FailureKind.SENSOR
-            if not (stopped or self._is_active):
-                stopped = f"controller {self._controller} is not active"
-                kind = FailureKind.CONTROLLER
-            pose, wrench = self._measured(reading)
+            late = f"no {self._topic} for {age:.1f} s" if (age := self._age.overdue()) else ""
+            reason = why_stopped(refused, self._stop, reading.stopped, self._problem or late)
+            if reason is None and not self._is_active:
+                reason = Reason(f"controller {self._controller} is not active", FailureKind.CONTROLLER)
+            wrench = without_zero(reading, self._zero)
             stamp = self._stamp
-        if not stopped:
-            self._refresh(now)
-        return ArmState(pose, wrench, stamp, stopped, kind)
+        if reason is not None:
+            return ArmState(reading.pose, wrench, stamp, reason.text, reason.kind)
+        self._refresh(now)
+        return ArmState(reading.pose, wrench, stamp)
 
     def begin(self) -> None:
         with self._lock:
@@ -241,12 +233,6 @@ class TopicArm:
             self._send_wrench()
             self._send_reference()
 
-    def _measured(self, reading: Reading) -> tuple[Pose, Wrench]:
-        """Returns pose and wrench without the zero of the sensor."""
-        zero = turned_wrench(reading.pose.orientation, self._zero)
-        fx, fy, fz, tx, ty, tz = (a - b for a, b in zip(reading.wrench, zero, strict=True))
-        return reading.pose, (fx, fy, fz, tx, ty, tz)
-
     def _pose_of(self, frame: str) -> Pose:
         found = self._transforms.find(self._base, frame)
         if found is None:
@@ -308,17 +294,10 @@ class TopicArm:
                 self._spiral_at = now
                 if self._spiral.has_ended:
                     self._spiral = None
-            turn = [0.0, 0.0, 0.0]
-            if not self._topics.takes("wrench"):
-                shift = [
-                    min(max(f / max(k, least), -_MAX_OFFSET), _MAX_OFFSET)
-                    for f, k, least in zip(self._wrench, self._stiffness, _LEAST_STIFFNESS, strict=True)
-                ]
-                offset, turn = [a + b for a, b in zip(offset, shift[:3], strict=True)], shift[3:]
-            x, y, z = offset
-            wanted = sent = composed(reference, Pose((x, y, z), small_rotation(turn)))
+            takes_wrench = self._topics.takes("wrench")
+            wanted = sent = shifted(reference, offset, _ZERO if takes_wrench else self._wrench, self._stiffness)
             if reading is not None:
-                wrench = limited(self._wrench, self._limits) if self._topics.takes("wrench") else _ZERO
+                wrench = limited(self._wrench, self._limits) if takes_wrench else _ZERO
                 sent = bounded_reference(wanted, reading.pose, self._stiffness, wrench, self._limits)
             self._is_bounded = sent != wanted
         self._move_to(composed(self._mount, sent))
@@ -367,6 +346,39 @@ class TopicArm:
             self._send_wrench()
         if is_moving:
             self._send_reference()
+
+
+def why_stopped(refused: str, stop: Reason | None, driver: str, problem: str) -> Reason | None:
+    """Returns why an arm does not follow commands; None if it does.
+
+    :param refused: reason of a refused request; "" without one.
+    :param stop: of the adapter.
+    :param driver: why the driver has stopped; "" if it has not.
+    :param problem: why the state is unknown; "" if it is known.
+    """
+    text = refused or (stop.text if stop else driver or problem)
+    if not text:
+        return None
+    if stop:
+        return Reason(text, stop.kind)
+    return Reason(text, FailureKind.SAFETY if driver else FailureKind.RETRYABLE if refused else FailureKind.SENSOR)
+
+
+def without_zero(reading: Reading, zero: Wrench) -> Wrench:
+    """Returns the wrench of a reading without the zero of the sensor, which is along the axes of the tool."""
+    turned = turned_wrench(reading.pose.orientation, zero)
+    fx, fy, fz, tx, ty, tz = (a - b for a, b in zip(reading.wrench, turned, strict=True))
+    return fx, fy, fz, tx, ty, tz
+
+
+def shifted(reference: Pose, offset: Sequence[float], wrench: Wrench, stiffness: Sequence[float]) -> Pose:
+    """Returns a reference with an offset (m, in its frame), and with that which exerts a wrench by the stiffness."""
+    shift = [
+        min(max(f / max(k, least), -_MAX_OFFSET), _MAX_OFFSET)
+        for f, k, least in zip(wrench, stiffness, _LEAST_STIFFNESS, strict=True)
+    ]
+    x, y, z = (a + b for a, b in zip(offset, shift[:3], strict=True))
+    return composed(reference, Pose((x, y, z), small_rotation(shift[3:])))
 
 
 def limited(wrench: Wrench, limits: tuple[float, float]) -> Wrench:

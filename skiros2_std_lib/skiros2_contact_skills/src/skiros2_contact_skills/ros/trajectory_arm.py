@@ -28,7 +28,7 @@ from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryG
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_contact_skills.ros.driver_calls import CONNECT_TIME, connected
 from skiros2_contact_skills.ros.profiles import Profile
-from skiros2_contact_skills.ros.topic_arm import TopicArm, small_rotation
+from skiros2_contact_skills.ros.topic_arm import TopicArm, small_rotation, without_zero
 from skiros2_motion.core.arm_kinematics import difference
 from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, normalized, rotated
 from skiros2_motion.core.urdf_chain import read_chain
@@ -116,7 +116,7 @@ class TrajectoryArm(TopicArm):
             target, commanded, reading, start = self._target, self._commanded, self._reading, self._solution
             if not self._is_active or target is None or commanded is None or reading is None or start is None:
                 return
-            wrench = np.array(self._measured(reading)[1])
+            wrench = np.array(without_zero(reading, self._zero))
             stiffness = np.maximum(np.array(self._stiffness), _LEAST)
         step = self._next_step(target, commanded, wrench, stiffness)
         if float(np.linalg.norm(step[:3])) < _AT_REST and float(np.linalg.norm(step[3:])) < _TURNED:

@@ -27,7 +27,7 @@ from support.packages import source_folders
 sys.path[:0] = [str(folder) for folder in source_folders()]
 
 from support.fuzz import FUZZ, examples  # noqa: E402
-from support.ros import Ros, RosMaster, SharedSystem  # noqa: E402
+from support.ros import Ros, RosMaster, SharedSystem, forks_cpu  # noqa: E402
 
 pytest_plugins = ["skiros2_skill.testing", "skiros2_bags.testing"]
 
@@ -48,7 +48,7 @@ FAILURES = TESTS.parent / "build" / "failures.txt"
 #: The tests that failed in a whole run and passed alone, a line for each time: date and test. `.ci/run` adds to it.
 SECOND_TRIES = TESTS / "second_tries.txt"
 
-_CPU = "cpu"  # the property of a report with the seconds of CPU since the report before
+_CPU = "cpu"  # the property of a test's last report with the seconds of CPU since the test before
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -110,9 +110,9 @@ def _folder(test: str) -> str:
 
 
 def _cpu_seconds() -> float:
-    """The CPU time of this process and of those that it has waited for (s)."""
+    """The CPU time of this process, and of programs that have ended (s)."""
     spent = os.times()
-    return spent.user + spent.system + spent.children_user + spent.children_system
+    return spent.user + spent.system + spent.children_user + spent.children_system + forks_cpu()
 
 
 @pytest.fixture(scope="session")
@@ -154,8 +154,10 @@ def ros(_closed_connections: None, ros_master: RosMaster, request: pytest.Fixtur
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     report = yield
     spent = _cpu_seconds()
-    report.user_properties = [(_CPU, spent - item.config.stash.get(_SPENT, spent))]
-    item.config.stash[_SPENT] = spent
+    before = item.config.stash.setdefault(_SPENT, spent)
+    if report.when == "teardown":  # the only report whose properties are in the file of --junitxml
+        report.user_properties = [(_CPU, spent - before)]
+        item.config.stash[_SPENT] = spent
     if report.failed:
         systems = [value for value in getattr(item, "funcargs", {}).values() if isinstance(value, SharedSystem)]
         systems += [ros] if (ros := item.stash.get(_ROS, None)) else []

@@ -73,6 +73,14 @@ class ForkServer:
             os.close(ends)
             return Fork(int(server.recv(32)), ended)
 
+    @property
+    def cpu(self) -> float:
+        """The CPU time of the server and of its programs that have ended (s)."""
+        if self._server is None:
+            return 0.0
+        fields = Path(f"/proc/{self._server.pid}/stat").read_text().rpartition(")")[2].split()
+        return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
     def _connection(self) -> socket.socket:
         if self._socket is None:
             self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -65,6 +65,11 @@ def _forks() -> ForkServer:
     return ForkServer(ROOT / ".venv/bin/python3", install_environment())
 
 
+def forks_cpu() -> float:
+    """The CPU time of forked programs that have ended, and of what forks them (s)."""
+    return _forks().cpu if _forks.cache_info().currsize else 0.0
+
+
 def _forked(command: Sequence[str], env: Mapping[str, str]) -> list[str]:
     """The script and the arguments of a program that can be forked; of others nothing."""
     if command[0] == ROSLAUNCH.name:
@@ -429,6 +434,9 @@ class SharedSystem:
         if self._ros is not None:
             self._ros.stop()
             self._ros = None
+        if self._wmi is not None:
+            self._wmi.remote.unfollow()
+            self._wmi = None
 
     def _elements(self) -> dict[str, Any]:
         self._wmi.catch_up()

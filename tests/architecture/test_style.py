@@ -38,9 +38,9 @@ CONTRACT_NAMES = {
     "_setProgress", "_setState", "_type", "_wmi",
 }  # fmt: skip
 FOREIGN_NAMES = {
-    "_actions", "_chain", "_connection_header", "_exit", "_generate_id", "_get_service_uri", "_getframe",
-    "_option_string_actions", "_replace", "_request_class", "_set_caller_id", "_SubParsersAction", "_tcpros_server",
-    "_TopicImpl",
+    "_actions", "_chain", "_clock_sub", "_connection_header", "_exit", "_generate_id", "_get_service_uri", "_getframe",
+    "_option_string_actions", "_replace", "_request_class", "_set_caller_id", "_set_rostime", "_SubParsersAction",
+    "_tcpros_server", "_TopicImpl",
 }  # fmt: skip
 #: Folders in which modules still access private names of others.
 PRIVATE_ACCESS_REMAINS = ("skiros2_std_lib/skiros2_bags/",)

@@ -4,8 +4,10 @@ The chain is derived once from the loaded model; the physics is not used afterwa
 frame that the arm is mounted in (it moves with a mobile base), unless noted otherwise. Called by one thread at a time.
 
 KDL comes from Debian's `python3-pykdl`; it also has the mass matrix, gravity and Coriolis torques of a chain (4 us each
-for seven joints). Pinocchio has more, in 14 wheels of 78 MB. A random pose is solved in 1.9 ms on average, including
-restarts (own code in NumPy: 35 ms), and a pose next to a solved one in 0.05 ms.
+for seven joints). Pinocchio would save 29 of the 98 us of a control update, 4 % of the time of a step in contact, for
+14 wheels that take 380 MB installed, and 0.5 s of import. Numba would take 208 MB, 0.6 s of import and 0.7 s for the
+first call, 18 s without its cache. A random pose is solved in 1.9 ms on average, including restarts (own code in NumPy:
+35 ms), and a pose next to a solved one in 0.05 ms.
 """
 
 from __future__ import annotations

@@ -33,6 +33,8 @@ _GROUP_AND_MASK = (1, -1)
 _CONTACT_END, _NEAR_CONTACT_END = 0.02, 0.001
 #: Length of a short step (s).
 _SHORT_STEP = 0.001
+#: The distance that the engine uses now.
+_contact_ends = [_CONTACT_END]
 _KINDS = {pybullet.JOINT_REVOLUTE: "revolute", pybullet.JOINT_PRISMATIC: "prismatic", pybullet.JOINT_FIXED: "fixed"}
 #: Position and orientation, as PyBullet returns them.
 _Frame = tuple[Vector, Quaternion]
@@ -45,9 +47,6 @@ class Bullet:
     :raises Refused: no window can be opened, or there are too many worlds.
     """
 
-    #: The value of the engine, which is one for all worlds of the process.
-    _contact_end = _CONTACT_END
-
     def __init__(self, gui: bool = False) -> None:
         self._gui = gui
         self.id = _connect(gui)
@@ -55,7 +54,6 @@ class Bullet:
         self._world = {"physicsClientId": self.id}
         #: Of each body: the frame of its centre of mass in that of its first link, and the inverse. Both are constant.
         self._inner: dict[int, tuple[_Frame, _Frame]] = {}
-        self._own_contact_end = _CONTACT_END
 
     # -- time ------------------------------------------------------------------------------------------------------
 
@@ -63,11 +61,11 @@ class Bullet:
         pybullet.resetSimulation(**self._world)
         pybullet.setGravity(*_GRAVITY, **self._world)
         pybullet.setPhysicsEngineParameter(fixedTimeStep=dt, deterministicOverlappingPairs=1, **self._world)
-        self._own_contact_end = _CONTACT_END if dt > _SHORT_STEP else _NEAR_CONTACT_END
+        self._contact_end = _CONTACT_END if dt > _SHORT_STEP else _NEAR_CONTACT_END
         self._inner.clear()
 
     def step(self) -> None:
-        self._use_own_contact_end()
+        _end_contacts_at(self._contact_end, self.id)
         pybullet.stepSimulation(**self._world)
 
     def show(self, shown: bool) -> None:
@@ -304,20 +302,12 @@ class Bullet:
     # -- contacts --------------------------------------------------------------------------------------------------
 
     def contacts(self, body: int | None = None) -> list[ContactPoint]:
-        if body is None:
-            found = pybullet.getContactPoints(**self._world)
-        else:
-            found = pybullet.getContactPoints(body, **self._world)
-        return list(map(ContactPoint._make, found))
+        bodies = () if body is None else (body,)
+        return list(map(ContactPoint._make, pybullet.getContactPoints(*bodies, **self._world)))
 
     def detect_contacts(self) -> None:
-        self._use_own_contact_end()
+        _end_contacts_at(self._contact_end, self.id)
         pybullet.performCollisionDetection(**self._world)
-
-    def _use_own_contact_end(self) -> None:
-        if Bullet._contact_end != self._own_contact_end:
-            Bullet._contact_end = self._own_contact_end
-            pybullet.setPhysicsEngineParameter(contactBreakingThreshold=self._own_contact_end, **self._world)
 
     def forget_contacts(self, body: int, link: int) -> None:
         # with a new proxy in the broad phase they are made again
@@ -349,6 +339,13 @@ class Bullet:
         depth = np.asarray(far * near / (far - (far - near) * nearness), np.float32)
         rgb = np.ascontiguousarray(np.asarray(rgba, np.uint8).reshape(height, width, 4)[:, :, :3])
         return Image(rgb, depth, np.asarray(mask, np.int32).reshape(height, width))
+
+
+def _end_contacts_at(distance: float, world: int) -> None:
+    """Set the distance at which contacts end; the engine has one for all worlds of the process."""
+    if _contact_ends[-1] != distance:
+        _contact_ends[:] = [distance]
+        pybullet.setPhysicsEngineParameter(contactBreakingThreshold=distance, physicsClientId=world)
 
 
 def _connect(gui: bool) -> int:

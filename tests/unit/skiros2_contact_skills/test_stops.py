@@ -30,7 +30,8 @@ def cell(shared_cell: ContactCell) -> ContactCell:
 
 def persistent(cell: ContactCell) -> Any:
     """A task that holds the pose, retracts after a failure, and tries again up to five times."""
-    hold, retract = (cell.skills.node(name, Arm=cell.element) for name in ("HoldPose", "RetractAfterFailure"))
+    hold = cell.skills.node("HoldPose", Arm=cell.element)
+    retract = cell.skills.node("RetractAfterFailure", Arm=cell.element, MaxForce=120.0)  # the hit may not be over
     task = cell.skills.task(Skill("", RetryOnFail(5))(Skill("", SelectorStar())(hold, retract)))
     tick(cell, task, 0.5)
     assert task.state is State.Running

@@ -13,9 +13,9 @@ import numpy as np
 import rospy
 from std_srvs.srv import Trigger
 
-from controller_manager_msgs.srv import ListControllers, SwitchController, SwitchControllerRequest
-from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.failure_kind import FailureKind
+from skiros2_contact_skills.ros.controllers import Controllers
 from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, message_class, reconfigure
 from skiros2_contact_skills.ros.driver_topics import DriverTopics
 from skiros2_contact_skills.ros.profiles import Profile, Reading, along_base
@@ -40,8 +40,6 @@ log = logging.getLogger(__name__)
 
 #: Period with which `state` sends a commanded wrench again (s): drivers may let it expire.
 REFRESH = 0.2
-#: Period with which the running controllers are listed (s of wall time): somebody else may have switched.
-_LIST_PERIOD = 1.0
 #: Number of states by which their period is measured when the arm is taken.
 MEASURED_STATES = 5
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
@@ -80,8 +78,7 @@ class TopicArm:
         #: Whether the last reference that was sent was nearer than the wanted one.
         self._is_bounded = False
         self._is_active = False
-        #: When the running controllers were last listed (s, monotonic); None: nothing is switched.
-        self._listed_at: float | None = None
+        self._controllers = Controllers(self._name("switch"), self._name("controllers"), names)
         self._needed, self._period = 0, StatePeriod()
         self._limits = (0.0, 0.0)
         self._zero = _ZERO
@@ -246,25 +243,12 @@ class TopicArm:
         self._topics.connect()
         if self._reading is not None and self._reading.stopped:
             self._topics.recover()
-        names = self._names["compliant"], self._names["position"]
-        strictness = SwitchControllerRequest.BEST_EFFORT
-        answer = call(self._name("switch"), SwitchController, [names[0]], [names[1]], strictness, True, 0.0)
-        listed = self._controllers()
-        if not answer.ok or listed.get(names[0]) != "running":
-            known = ", ".join(f"{name} ({state})" for name, state in listed.items()) or "none"
-            raise Refused(f"controller {names[0]} does not run; {self._name('controllers')} lists: {known}")
+        self._controllers.activate()
         self._await_states()
-
-    def _controllers(self) -> dict[str, str]:
-        """Returns the state of each controller, by its name."""
-        self._listed_at = time.monotonic()
-        return {each.name: each.state for each in call(self._name("controllers"), ListControllers).controller}
 
     def _check_active(self) -> None:
         """Notices that somebody else has switched off the controller."""
-        if self._controllers().get(self._controller) != "running":
-            with self._lock:
-                self._is_active, self._listed_at = False, None
+        self._is_active = self._is_active and self._controllers.is_active()
 
     def _await_states(self) -> None:
         """Has `state` wait for new states: the next one may have been on its way, and the period is measured."""
@@ -337,10 +321,7 @@ class TopicArm:
         with self._lock:
             resend = any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH
             is_moving = self._spiral is not None or self._is_bounded
-            is_due = self._listed_at is not None and time.monotonic() - self._listed_at > _LIST_PERIOD
-            if is_due:
-                self._listed_at = time.monotonic()
-        if is_due:
+        if self._controllers.is_due():
             self._calls.later(self._check_active)
         if resend:
             self._send_wrench()

@@ -14,8 +14,8 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import provided_arms
 from skiros2_motion.core.compliant_arm import CompliantArm
-from skiros2_motion.core.geometry import IDENTITY, Pose
-from skiros2_sim.core.scene_spec import SceneSpec
+from skiros2_motion.core.geometry import IDENTITY, Pose, from_euler
+from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.world import World
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
@@ -31,7 +31,8 @@ TABLE_TOP = 0.4
 class ContactCell:
     """An arm whose tool points down, and the skills that command it.
 
-    :ivar forces: the true force on the hand along z of the map at each step since the last start of a skill (N).
+    :ivar forces: the true force on the hand at each step since the last start of a skill (N).
+    :ivar pressed: the part of it along the tool axis.
     """
 
     outcome = None
@@ -45,6 +46,7 @@ class ContactCell:
             space.set_pose(element, pose)
             skills.wmi.update_element_properties(element)
         self.forces: list[float] = []
+        self.pressed: list[float] = []
         world.motions.add(self)  # type: ignore[arg-type]
 
     def arm(self, wmi: Any, robot: Element, arm: Element) -> CompliantArm:
@@ -53,7 +55,9 @@ class ContactCell:
 
     def update(self, dt: float) -> None:
         """Called before each step."""
-        self.forces.append(math.hypot(*self.robot.arm.wrench()[:3]))
+        wrench = self.robot.arm.wrench()
+        self.forces.append(math.hypot(*wrench[:3]))
+        self.pressed.append(-wrench[2])
 
     def place(self, position: Sequence[float]) -> None:
         """Puts the compliant arm at rest with its tool there, pointing down."""
@@ -68,10 +72,17 @@ class ContactCell:
         robot.controller.switch("compliant")
         self.world.step(200)
 
+    def add_friction(self, torque: float) -> None:
+        """Gives each joint Coulomb friction (Nm), which the controller does not know."""
+        joints = [joint.index for joint in self.robot.arm.joints]
+        none = [0.0] * len(joints)
+        self.world.physics.drive_velocities(self.robot.arm.body, joints, none, [torque] * len(joints))
+
     def run(self, skill: str, seconds: float = 30.0, each: Callable[[], None] = lambda: None, **params: Any) -> Any:
         """Runs a skill to its end, or for a time. Returns its task."""
         self.forces.clear()
-        task = self.skills.command(skill, Arm=self.element, **params)
+        self.pressed.clear()
+        task = self.task = self.skills.command(skill, Arm=self.element, **params)
         for _ in range(round(seconds * TICK_RATE)):
             if task.tick() not in (State.Running, State.Idle):
                 break
@@ -96,3 +107,63 @@ def contact_cell(scene: SceneSpec, *skills: type, sensor: SensorModel = EXACT) -
         cell = ContactCell(world, bench)
         with provided_arms(cell):
             yield cell
+
+
+def slopes(x: float, angles: Sequence[float], length: float, height: float = 0.03) -> list[BodySpec]:
+    """Returns fixed plates that follow each other along x on the table, with slopes (rad) and the friction of a cloth.
+
+    :param x: where they begin.
+    :param length: of each (m).
+    :param height: of the first edge above the table (m).
+    """
+    z, plates = TABLE_TOP + height, []
+    for number, angle in enumerate(angles):
+        # ends in a hollow are within the neighbour: a tool would hit them
+        before, after = (
+            0.004 if 0 <= other < len(angles) and (angles[other] - angle) * way > 0.0 else 0.0
+            for other, way in ((number - 1, -1.0), (number + 1, 1.0))
+        )
+        along = (length + after - before) / 2.0
+        dx, dz = math.cos(angle), math.sin(angle)
+        middle = (x + along * dx + 0.01 * dz, 0.0, z + along * dz - 0.01 * dx)
+        pose, size = Pose(middle, from_euler(0.0, -angle, 0.0)), (length + before + after, 0.3, 0.02)
+        plates.append(
+            BodySpec(f"demo:Plate-{100 + number}", "demo:Plate", "plate", pose=pose, size=size, friction=0.25)
+        )
+        x, z = x + length * dx, z + length * dz
+    return plates
+
+
+class Button:
+    """A button on the table: its cap, under both open fingers, is moved down against a spring.
+
+    :param stiffness: of the spring (N/m).
+    """
+
+    outcome = None
+    #: Height of the cap above the table, its travel (m), and the force of the spring at the top (N).
+    HEIGHT, TRAVEL, PRELOAD = 0.02, 0.012, 1.0
+
+    def __init__(self, world: World, position: Sequence[float], stiffness: float) -> None:
+        self._physics, self._stiffness = world.physics, stiffness
+        x, y = position
+        text = _BUTTON.format(half=self.HEIGHT / 2.0, travel=self.TRAVEL)
+        self.body = self._physics.load_urdf(text, Pose((x, y, TABLE_TOP), IDENTITY.orientation), fixed=True)
+        self._physics.drive_velocities(self.body, [0], [0.0], [0.0])
+        world.motions.add(self)  # type: ignore[arg-type]
+
+    def update(self, dt: float) -> None:
+        """Called before each step: the spring and its damping."""
+        (state,) = self._physics.joint_states(self.body, [0])
+        force = self.PRELOAD - self._stiffness * state.position - 2.0 * state.velocity
+        self._physics.drive_torques(self.body, [0], [force])
+
+
+_INERTIA = (
+    '<inertial><mass value="0.05"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+_BUTTON = f"""<robot name="button"><link name="base">{_INERTIA}</link>
+<link name="cap">{_INERTIA}<collision><origin xyz="0 0 {{half}}"/><geometry><box size="0.2 0.2 {{half}}"/></geometry>
+</collision></link>
+<joint name="spring" type="prismatic"><parent link="base"/><child link="cap"/><axis xyz="0 0 1"/>
+<origin xyz="0 0 {{half}}"/><limit lower="-{{travel}}" upper="0" effort="100" velocity="10"/></joint></robot>"""

@@ -40,7 +40,7 @@ def test_motion_until_contact_that_is_asked_for_too_fast_a_speed_is_slowed_down_
 
 
 def test_motion_at_a_permitted_speed_is_not_slowed_down(cell: ContactCell) -> None:
-    task = cell.run("MoveUntilContact", Speed=0.015)
+    task = cell.run("MoveUntilContact", Speed=0.008)
     assert task.state is State.Success, task.why
     assert "slowed" not in task.skill.progress_msg
 

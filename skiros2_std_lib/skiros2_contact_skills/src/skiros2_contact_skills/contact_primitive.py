@@ -212,20 +212,23 @@ class ContactPrimitive(PrimitiveBase):
         """The limit of the measured force (N)."""
         return self.number("MaxForce", MAX_FORCE)
 
-    def permitted(self, speed: float, direction: Vector, preload: float = 0.0) -> float:
+    def permitted(self, speed: float, direction: Vector, preload: float = 0.0, stiffness: float | None = None) -> float:
         """Returns a speed at which a contact stays below the limit of the force (see `skiros2_motion.core.impact`),
         also while the limit is not noticed: the given one, or a lower one, which the result of the motion reports.
 
         :param speed: that is asked for (m/s).
         :param direction: of the motion, a unit vector in the base frame.
         :param preload: force with which the motion pushes besides (N).
+        :param stiffness: of the contact (N/m); None for that of the arm's element.
         """
         element = self.element("Arm")
+        stiffness = stiffness or float(element.value_of(CONTACT_STIFFNESS) or 0.0)
         if isinstance(self.arm, KnowsMass):
             mass = self.arm.apparent_mass(direction)
+            stiffness = stiffness or self.arm.contact_stiffness(direction)
         else:
             mass = float(element.value_of(APPARENT_MASS) or DEFAULT_MASS)
-        stiffness = float(element.value_of(CONTACT_STIFFNESS) or DEFAULT_STIFFNESS)
+            stiffness = stiffness or DEFAULT_STIFFNESS
         late = self.abilities.added_force(1.0, self._along)
         permitted = permitted_speed(self.limit - preload, mass, stiffness, late)
         if speed <= permitted:

@@ -16,7 +16,7 @@ from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
 #: Ratio of angular and linear speed of a motion (rad/m), and time to settle at its end (s).
 _TURN, _SETTLING_TIME = 4.0, 2.0
 #: Height above a target from which on a contact is expected (m), and deceleration before it (m/s2).
-_NEAR, _BRAKING = 0.02, 0.5
+_NEAR, _BRAKING = 0.01, 0.5
 
 
 class _CompliantLine(ContactPrimitive):

@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.failure_kind import FailureKind
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Quaternion, Vector, normalized, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.spiral import SpiralGoal
@@ -133,6 +134,10 @@ class KnowsMass(Protocol):
         (kg); inf at a singularity."""
         ...
 
+    def contact_stiffness(self, direction: Vector) -> float:
+        """Returns the stiffness (N/m) of a hard contact of the tool along a direction in the base frame."""
+        ...
+
 
 @runtime_checkable
 class MeasuresPeak(Protocol):
@@ -140,6 +145,19 @@ class MeasuresPeak(Protocol):
 
     def take_peak(self) -> float:
         """Returns the largest magnitude of the measured force since the last call (N)."""
+        ...
+
+
+@runtime_checkable
+class RegulatesForce(Protocol):
+    """An arm whose driver regulates forces at its own control rate."""
+
+    def set_force_control(self, goal: ForceGoal | None) -> None:
+        """Regulates forces along selected axes; along the others the arm follows its reference. None, `begin`, `end`
+        and a stop end it.
+
+        :raises WrongValue: a number is not finite or out of range.
+        """
         ...
 
 

@@ -112,6 +112,8 @@ class Impedance:
         self.velocities = np.zeros(len(efforts))
         #: Offset that is added to the reference (m, in its frame), for example of an overlay motion.
         self.overlay = np.zeros(3)
+        #: Lead of the reference before the tool along axes of the tool whose force is regulated (m); NaN along others.
+        self.leads: Array | None = None
         #: Filtered values.
         self.reference = IDENTITY
         self.stiffness = self._stiffness.copy()
@@ -162,7 +164,7 @@ class Impedance:
         self.posture, self.velocities = state.positions.copy(), np.zeros_like(state.positions)
         self.cancel_wrench()
         self.stiffness = self._stiffness.copy()
-        self.overlay = np.zeros(3)
+        self.overlay, self.leads = np.zeros(3), None
         self.commanded_torques = state.bias.copy()
         self._braking_time = 0.0
         self._updates = 0
@@ -275,7 +277,10 @@ class Impedance:
         way = rotated(back, (tx - x, ty - y, tz - z))
         # of the rotation from the reference to the tool, which has the same axis in both frames
         turn = rotation_vector(multiplied(conjugated(reference.orientation), tool.orientation))
-        return np.array([*_limited(way, _MAX_DISTANCE), *_limited(turn, _MAX_TURN)])
+        offset = np.array([*_limited(way, _MAX_DISTANCE), *_limited(turn, _MAX_TURN)])
+        if self.leads is not None:
+            offset[:3] = np.where(np.isnan(self.leads), offset[:3], -self.leads)
+        return offset
 
 
 def _limited(vector: Vector, most: float) -> Vector:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted, rotated
 from skiros2_motion.core.impedance import MAX_WRENCH, checked
 from skiros2_motion.core.spiral import SpiralGoal
@@ -47,10 +48,12 @@ class SimulatedArm:
     def begin(self) -> None:
         controller = self._controller
         controller.switch(controller.names[1])
+        controller.set_force_control(None)
         controller.set_limits(*controller.limits)
 
     def end(self) -> None:
         controller = self._controller
+        controller.set_force_control(None)
         if controller.compliant and controller.stop is None:
             controller.set_reference(controller.tool_pose())
             controller.set_wrench((0.0,) * 6)
@@ -72,6 +75,10 @@ class SimulatedArm:
         with suppress(Refused):
             self._controller.set_wrench(wrench)
 
+    def set_force_control(self, goal: ForceGoal | None) -> None:
+        with suppress(Refused):
+            self._controller.set_force_control(goal)
+
     def start_spiral(self, spiral: SpiralGoal) -> None:
         with suppress(Refused):
             self._controller.start_overlay(spiral)
@@ -84,6 +91,10 @@ class SimulatedArm:
 
     def apparent_mass(self, direction: Vector) -> float:
         return self._controller.apparent_mass(rotated(self._mount.orientation, direction))
+
+    def contact_stiffness(self, direction: Vector) -> float:
+        # bodies are rigid: a contact of faces takes the whole momentum in one step
+        return self.apparent_mass(direction) / self._controller.world.dt**2
 
     def take_peak(self) -> float:
         return self._controller.guard.take_peak()

@@ -1,0 +1,76 @@
+"""The force of a simulated arm, regulated in the frame of a held part at the rate of the compliant controller."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from skiros2_motion.core.force_control import ForceControl, ForceGoal
+from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
+from skiros2_motion.core.impedance import ArmState, Impedance, rotation_matrix
+
+Array = npt.NDArray[np.float64]
+
+
+class ForceRegulation:
+    """Couples the loop to the law: the law controls the compliance frame in place of the tool, and the loop sets the
+    lead of its reference.
+
+    :ivar frame: the controlled frame in the tool frame.
+    """
+
+    def __init__(self, impedance: Impedance) -> None:
+        self._impedance = impedance
+        self._loop: ForceControl | None = None
+        self.frame = IDENTITY
+
+    def set_goal(self, goal: ForceGoal | None) -> None:
+        """Starts, changes or ends the regulation. The reference of the tool stays.
+
+        :raises WrongValue: a number is not finite or out of range.
+        """
+        if goal is None:
+            self._loop, self._impedance.leads = None, None
+        elif self._loop is not None and goal.frame == self.frame:
+            self._loop.change(goal)
+        else:
+            self._loop = ForceControl(goal)
+        frame = IDENTITY if goal is None else goal.frame
+        if frame != self.frame:
+            tool = composed(self._impedance.reference, inverted(self.frame))
+            self.frame = frame
+            self._impedance.set_reference(self.controlled(tool), filtered=False)
+
+    @property
+    def is_active(self) -> bool:
+        """Whether a force is regulated."""
+        return self._loop is not None
+
+    def controlled(self, tool: Pose) -> Pose:
+        """Returns the pose of the controlled frame at a pose of the tool."""
+        return tool if self.frame == IDENTITY else composed(tool, self.frame)
+
+    def state(self, state: ArmState) -> ArmState:
+        """Returns the state of the controlled frame, from that of the tool."""
+        if self.frame == IDENTITY:
+            return state
+        x, y, z = rotation_matrix(state.tool.orientation) @ np.array(self.frame.position)
+        jacobian = state.jacobian.copy()
+        jacobian[:3] -= np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ jacobian[3:]
+        return state._replace(tool=self.controlled(state.tool), jacobian=jacobian)
+
+    def update(self, state: ArmState, wrench: Sequence[float], dt: float) -> None:
+        """Sets the leads of the law.
+
+        :param state: of the controlled frame.
+        :param wrench: measured at the hand, in the tool frame (N, Nm).
+        """
+        assert self._loop is not None, "no force is regulated"
+        stiffness = self._impedance.stiffness[:3]
+        damping = 2.0 * np.array(self._impedance.damping_factors[:3]) * np.sqrt(stiffness)
+        force = -np.array(wrench[:3])  # the axes of the frame are those of the tool
+        velocity = rotation_matrix(state.tool.orientation).T @ (state.jacobian[:3] @ state.velocities)
+        leads = self._loop.update(force, velocity, stiffness, damping, dt)
+        self._impedance.leads = np.where(self._loop.axes, leads, np.nan)

@@ -40,14 +40,14 @@ def test_motion_until_contact_that_is_asked_for_too_fast_a_speed_is_slowed_down_
 
 
 def test_motion_at_a_permitted_speed_is_not_slowed_down(cell: ContactCell) -> None:
-    task = cell.run("MoveUntilContact", Speed=0.008)
+    task = cell.run("MoveUntilContact", Speed=0.005)
     assert task.state is State.Success, task.why
     assert "slowed" not in task.skill.progress_msg
 
 
 @pytest.mark.parametrize("skill", ["ApplyForce", "HoldPose"])
 def test_force_from_above_the_surface_does_not_accelerate_freely(cell: ContactCell, skill: str) -> None:
-    cell.run(skill, Force=30.0, MaxDistance=0.05, seconds=3.0)
+    cell.run(skill, Force=30.0, MaxDistance=0.05, seconds=4.0)
     assert cell.peak > 5.0, "it reaches the surface"
     assert cell.peak < TOLERATED
 

@@ -12,17 +12,18 @@ from skiros2_contact_skills.contact_primitive import (
     difference,
     dot,
     forces,
-    moved,
     pressed,
 )
 from skiros2_contact_skills.descriptions import ApplyForce, HoldPose, PullTest
+from skiros2_contact_skills.regulated_motion import SOFT, RegulatedMotion
 from skiros2_motion.core.compliant_arm import ArmState
-from skiros2_motion.core.geometry import Pose
 
 #: Stiffness along the tool axis (N/m).
 _STIFFNESS = 600.0
 #: Maximum speed of a tool that a force accelerates before it touches something (m/s).
 _FREE_SPEED = 0.02
+#: Time until a force that was set at a tick is exerted (s).
+_DELAY = 0.12
 
 
 class _Force(ContactPrimitive):
@@ -34,16 +35,13 @@ class _Force(ContactPrimitive):
 
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_STIFFNESS)
-        self._held_since: float | None = None
         x, y, z = (self.direction * value for value in axis_of(state))
-        self._surplus = 2.0 * self.damping[2] * math.sqrt(_STIFFNESS) * self.permitted(_FREE_SPEED, (x, y, z))
+        damping = 2.0 * self.damping[2] * math.sqrt(_STIFFNESS) + _STIFFNESS * _DELAY
+        self._surplus = damping * self.permitted(_FREE_SPEED, (x, y, z))
 
-    def exert(self, state: ArmState, stretched: float = 0.0) -> None:
-        """Commands the force; at each tick, because drivers let it expire.
-
-        :param stretched: how far the tool is from the reference in the direction of the force (m).
-        """
-        taken = max(0.0, self.direction * pressed(state)) + _STIFFNESS * max(0.0, stretched)
+    def exert(self, state: ArmState) -> None:
+        """Commands the force; at each tick, because drivers let it expire."""
+        taken = max(0.0, self.direction * pressed(state)) + _STIFFNESS * max(0.0, self.advance(state))
         force = min(self.value("Force"), taken + self._surplus)
         self.arm.set_wrench((0.0, 0.0, self.direction * force))
 
@@ -59,16 +57,6 @@ class _Force(ContactPrimitive):
             return ""
         return f"The tool has moved by {1000 * moved:.1f} mm ({forces(state)})"
 
-    def held_for(self, state: ArmState) -> float:
-        """Returns for how long the measured force has been the commanded one (s)."""
-        off = abs(self.direction * pressed(state) - self.value("Force"))
-        if off > self.value("Tolerance"):
-            self._held_since = None
-            return 0.0
-        if self._held_since is None:
-            self._held_since = state.stamp
-        return state.stamp - self._held_since
-
 
 class hold_pose(_Force):
     """Holds the pose of the start."""
@@ -77,7 +65,7 @@ class hold_pose(_Force):
         self.setDescription(HoldPose(), self.__class__.__name__)
 
     def move(self, state: ArmState, dt: float) -> State:
-        self.exert(state, self.advance(state))
+        self.exert(state)
         if reason := self.too_far(state):
             return self.fail(reason, NOT_HELD)
         passed = state.stamp - self.start.stamp
@@ -86,20 +74,25 @@ class hold_pose(_Force):
         return self.step(f"Holding for {passed:.1f} s, {forces(state)}")
 
 
-class apply_force(_Force):
-    """Presses until the measured force was the commanded one for a duration. The reference follows the tool along its
-    axis: no spring takes up a part of the force."""
+class apply_force(RegulatedMotion):
+    """Presses until the measured force was the commanded one for a duration."""
 
     def createDescription(self) -> None:
         self.setDescription(ApplyForce(), self.__class__.__name__)
 
+    def begin(self, state: ArmState) -> None:
+        super().begin(state)
+        self.press_with(self.value("Force"), self.permitted(_FREE_SPEED, axis_of(state)), SOFT)
+        self._held_since = math.inf
+
     def move(self, state: ArmState, dt: float) -> State:
-        self.exert(state)
-        position = moved(self.start.pose.position, axis_of(self.start), self.advance(state))
-        self.arm.set_reference(Pose(position, self.start.pose.orientation))
-        if reason := self.too_far(state):
-            return self.fail(reason, NOT_HELD)
-        held = self.held_for(state)
+        self.follow(state, self.start.pose, dt)
+        moved = math.dist(state.pose.position, self.start.pose.position)
+        if moved > self.value("MaxDistance"):
+            return self.fail(f"The tool has moved by {1000 * moved:.1f} mm ({forces(state)})", NOT_HELD)
+        is_pressed = abs(pressed(state) - self.value("Force")) <= self.value("Tolerance")
+        self._held_since = min(self._held_since, state.stamp) if is_pressed else math.inf
+        held = max(0.0, state.stamp - self._held_since)
         if held >= self.value("Duration"):
             return self.success(f"Pressed for {held:.1f} s ({forces(state)})")
         return self.step(f"Pressing: {forces(state)}")
@@ -114,7 +107,7 @@ class pull_test(_Force):
         self.setDescription(PullTest(), self.__class__.__name__)
 
     def move(self, state: ArmState, dt: float) -> State:
-        self.exert(state, self.advance(state))
+        self.exert(state)
         if reason := self.too_far(state):
             return self.fail(f"{reason}: the part does not hold", NOT_HELD)
         passed = state.stamp - self.start.stamp

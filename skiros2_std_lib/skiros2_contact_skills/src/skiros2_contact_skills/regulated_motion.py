@@ -9,10 +9,12 @@ from skiros2_contact_skills.core.part_poses import held_frame
 from skiros2_contact_skills.core.tick_force import TickForce
 from skiros2_motion.core.compliant_arm import ArmState, RegulatesForce
 from skiros2_motion.core.force_control import ForceGoal
-from skiros2_motion.core.geometry import Pose, Vector, rotated
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, rotated
 
 #: Stiffness along the tool axis, whose reference the loop leads (N/m).
 _STIFFNESS = 2000.0
+#: Admittance of a contact at speed (m/(s N)).
+SOFT = 0.005
 #: Force from which on the tool touches something (N).
 TOUCHING = 1.0
 
@@ -25,8 +27,10 @@ class RegulatedMotion(ContactPrimitive):
 
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_STIFFNESS)
-        end = held_frame(self.wmi, self.optional_element("Part"), self.optional_element("Feature"))
-        self._tip = end.position
+        self._tip = IDENTITY.position
+        if "Part" in self.params:
+            part, feature = self.optional_element("Part"), self.optional_element("Feature")
+            self._tip = held_frame(self.wmi, part, feature).position
         self._ticks: TickForce | None = None
         self._has_touched = False
 

@@ -18,12 +18,12 @@ from skiros2_contact_skills.contact_primitive import (
     pressed,
 )
 from skiros2_contact_skills.regulated_descriptions import FollowSurface, Press, Screw, Wipe
-from skiros2_contact_skills.regulated_motion import RegulatedMotion
+from skiros2_contact_skills.regulated_motion import SOFT, RegulatedMotion
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose, multiplied
 
-#: Admittance of a contact at speed, and on slopes (m/(s N)); speed along the tool axis on a surface (m/s).
-_SOFT, _QUICK, _SURFACE_SPEED = 0.005, 0.05, 0.05
+#: Admittance on slopes (m/(s N)); speed along the tool axis on a surface (m/s).
+_QUICK, _SURFACE_SPEED = 0.05, 0.05
 #: Acceleration of strokes (m/s2), and time from the contact to the first one (s).
 _ACCELERATION, _SETTLING_TIME = 1.0, 0.3
 
@@ -36,7 +36,7 @@ class press(RegulatedMotion):
 
     def begin(self, state: ArmState) -> None:
         super().begin(state)
-        self.press_with(self.value("Force"), self.contact_speed(), _SOFT)
+        self.press_with(self.value("Force"), self.contact_speed(), SOFT)
         self._touched_at = self._held_since = math.inf
 
     def move(self, state: ArmState, dt: float) -> State:
@@ -62,7 +62,7 @@ class _Stroke(RegulatedMotion):
 
     def begin(self, state: ArmState) -> None:
         super().begin(state)
-        self.press_with(self.value("Force"), self.contact_speed(), _SOFT)
+        self.press_with(self.value("Force"), self.contact_speed(), SOFT)
         self._touched_at: float | None = None
         self._gone = self._speed = 0.0
         self._fastest = self.value("Speed")
@@ -165,7 +165,7 @@ class screw(RegulatedMotion):
 
     def begin(self, state: ArmState) -> None:
         super().begin(state)
-        self.press_with(self.value("Force"), self.contact_speed(), _SOFT)
+        self.press_with(self.value("Force"), self.contact_speed(), SOFT)
         self._turned = 0.0
 
     def move(self, state: ArmState, dt: float) -> State:

@@ -131,7 +131,7 @@ class KnowsMass(Protocol):
 
     def apparent_mass(self, direction: Vector) -> float:
         """Returns the mass that the tool has in its current pose along a direction, a unit vector in the base frame
-        (kg); inf at a singularity."""
+        (kg); very large at a singularity."""
         ...
 
     def contact_stiffness(self, direction: Vector) -> float:

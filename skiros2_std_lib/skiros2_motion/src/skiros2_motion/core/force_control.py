@@ -7,9 +7,9 @@ reference with a velocity, which is limited, and adds a proportional part:
     l' = clip(a e, -v_max, v_max) - v,  lead = l + P e / K,  e = F - f
 
 with the wanted force F, the measured one f (filtered), the velocity v of the tool, and the admittance a. In contact
-this is a PI controller of the force. In the air the tool moves towards the surface with v_max (up to a fifth more while it
-accelerates), however large F is, and the spring overcomes joint friction. (Position-based force control with an inner
-impedance; Villani and De Schutter, Force Control, in Springer Handbook of Robotics, 2016.)
+this is a PI controller of the force. In the air the tool moves towards the surface with v_max (up to a fifth more while
+it accelerates), however large F is, and the spring overcomes joint friction. (Position-based force control with an
+inner impedance; Villani and De Schutter, Force Control, in Springer Handbook of Robotics, 2016.)
 
 Anti-windup: K l stays within F and a margin for friction. Passivity: energy beyond the work of F itself comes from a
 tank, which the damping refills; while it is empty, the loop adds none. (Ferraguti et al., An energy tank-based

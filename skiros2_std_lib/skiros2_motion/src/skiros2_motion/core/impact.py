@@ -5,9 +5,10 @@ A tool with the apparent mass m that meets a contact of the stiffness k at the s
     F = v sqrt(k m)
 
 because its kinetic energy m v^2 / 2 becomes that of the spring, F^2 / (2 k). Nothing that a controller does in the few
-milliseconds until then changes it. The apparent mass along a direction u is 1 / (u' J M^-1 J' u), with the Jacobian J
-of the tool's position and the masses M of the arm. (Khatib, Inertial Properties in Robotic Manipulation, 1995;
-ISO/TS 15066, annex A, has the same formula.)
+milliseconds until then changes it. The apparent mass along a direction u is u' (J M^-1 J')^-1 u, with the Jacobian J of
+the tool (6 x n), the masses M of the arm, and u without rotation: faces meet, and the tool does not turn. A tool that
+turns about an edge is lighter. (Khatib, Inertial Properties in Robotic Manipulation, 1995; ISO/TS 15066, annex A, has
+the same formula.)
 """
 
 from __future__ import annotations
@@ -26,18 +27,20 @@ DEFAULT_MASS = 8.0
 DEFAULT_STIFFNESS = 600e3
 #: Minimum permitted speed (m/s): an arm that may not move at all is of no use.
 MIN_SPEED = 0.002
+#: Regularisation at singularities (1/kg, 1/(kg m2)).
+_SINGULAR = 1e-6
 
 
 def apparent_mass(jacobian: Array, masses: Array, direction: Sequence[float]) -> float:
-    """Returns the mass that the tool has along a direction (kg): inf at a singularity.
+    """Returns the mass that the tool has along a direction in which it does not turn (kg); very large at a singularity.
 
     :param jacobian: of the tool, 6 x n: linear, then angular.
     :param masses: n x n (kg m2).
     :param direction: unit vector, in the frame of the Jacobian.
     """
-    along = np.asarray(direction, dtype=float) @ jacobian[:3]
-    mobility = float(along @ np.linalg.solve(masses, along))
-    return 1.0 / mobility if mobility > 1e-9 else math.inf
+    mobility = jacobian @ np.linalg.solve(masses, jacobian.T) + _SINGULAR * np.eye(6)
+    along = np.array([*direction, 0.0, 0.0, 0.0])
+    return float(along @ np.linalg.solve(mobility, along))
 
 
 def peak_force(speed: float, mass: float, stiffness: float = DEFAULT_STIFFNESS) -> float:

@@ -202,7 +202,7 @@ class ArmController:
         return composed(inverted(self.robot.pose()), self.arm.tool_pose())
 
     def apparent_mass(self, direction: Vector) -> float:
-        """Returns the mass of the tool along a direction in the robot's frame (kg); inf at a singularity."""
+        """Returns the mass of the tool along a direction in the robot's frame (kg)."""
         joints = self.arm.dynamics(with_masses=True)
         return apparent_mass(self.kinematics.jacobian(joints.positions), np.array(joints.masses), direction)
 

@@ -17,8 +17,8 @@ from skiros2_contact_skills.contact_primitive import (
     moved,
     pressed,
 )
-from skiros2_contact_skills.core.part_poses import position_deviation
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
+from skiros2_contact_skills.pose_errors import position_deviation
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
 from skiros2_motion.core.spiral import SpiralGoal

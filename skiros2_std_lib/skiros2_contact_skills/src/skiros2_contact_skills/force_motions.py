@@ -106,6 +106,10 @@ class pull_test(_Force):
     def createDescription(self) -> None:
         self.setDescription(PullTest(), self.__class__.__name__)
 
+    def begin(self, state: ArmState) -> None:
+        super().begin(state)
+        self._surplus = math.inf  # the whole force at once: MaxDistance bounds what it accelerates
+
     def move(self, state: ArmState, dt: float) -> State:
         self.exert(state)
         if reason := self.too_far(state):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
@@ -21,12 +19,9 @@ from skiros2_motion.core.geometry import (
     normalized,
     rotated,
 )
-from skiros2_perception.core.fusion import covariance_from
 from skiros2_std_reasoners.core import spatial_data as space
-from skiros2_std_reasoners.core.scene_poses import ancestors, parent_of, pose_in_scene, size_of
+from skiros2_std_reasoners.core.scene_poses import parent_of, pose_in_scene, size_of
 
-#: Of an object whose pose was estimated, see `skiros2_perception.core.objects`.
-_COVARIANCE = "skiros:PoseCovariance"
 #: The orientation of a tool in the frame of what it points at from above: half a turn about x.
 _DOWN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
@@ -37,25 +32,6 @@ def pose_on_arm(wmi: WorldModelPort, arm: Element, element: Element) -> Pose:
     :raises WrongValue: one of them, or an ancestor, has no pose.
     """
     return composed(inverted(pose_in_scene(wmi, arm)[1]), pose_in_scene(wmi, element)[1])
-
-
-def position_deviation(wmi: WorldModelPort, element: Element) -> float | None:
-    """Returns the largest standard deviation of the position of an element (m), from the covariance of its own pose or
-    that of the object that it is a part of; None if neither was estimated.
-
-    :raises WrongValue: the covariance is invalid.
-    """
-    offset = IDENTITY
-    for above in ancestors(wmi, element):
-        own = space.pose_of(above) or IDENTITY
-        if text := above.value_of(_COVARIANCE):
-            x, y, z = rotated(own.orientation, offset.position)
-            # of p + r x R's error, with the vector r from the object's origin to the element
-            lever = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-            moves = np.hstack((np.eye(3), lever))
-            return math.sqrt(float(np.linalg.eigvalsh(moves @ covariance_from(str(text)) @ moves.T)[-1]))
-        offset = composed(own, offset)
-    return None
 
 
 def held_frame(wmi: WorldModelPort, part: Element | None, feature: Element | None = None) -> Pose:

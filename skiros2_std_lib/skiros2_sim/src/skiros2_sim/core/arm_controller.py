@@ -18,7 +18,6 @@ from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
 from skiros2_motion.core.compliant_arm import checked_limits
-from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
 from skiros2_motion.core.impact import apparent_mass
 from skiros2_motion.core.impedance import ArmState, Impedance
@@ -86,7 +85,8 @@ class ArmController:
         #: The law of the compliant controller.
         self.impedance = Impedance([joint.effort for joint in arm.joints])
         self.impedance.set_damping_factors(_DAMPING_FACTORS)
-        self._force = ForceRegulation(self.impedance)
+        #: The loop for forces; `check_active` comes before a new goal.
+        self.force = ForceRegulation(self.impedance)
         self.overlay: Spiral | None = None
         #: Limits of the measured force (N) and torque (Nm) under compliant and under position control; 0 for none.
         self.limits = self.position_limits = (0.0, 0.0)
@@ -142,7 +142,7 @@ class ArmController:
         self.overlay = self.stop = None
         self._is_held = False
         self.guard.restart()
-        self._force.set_goal(None)
+        self.force.set_goal(None)
         if self.compliant:
             self._steps, self._last = 0, None
             self._restart()
@@ -194,7 +194,7 @@ class ArmController:
         """Sets the targets of the compliant controller on a smooth path: tool pose, posture of the joints (in the
         nullspace) and joint velocities. Does nothing after a stop."""
         if self.stop is None:
-            self.impedance.set_reference(self._force.controlled(tool), filtered=False)
+            self.impedance.set_reference(self.force.controlled(tool), filtered=False)
             self.impedance.posture, self.impedance.velocities = posture, velocities
 
     def tool_pose(self) -> Pose:
@@ -217,7 +217,7 @@ class ArmController:
         if not all(abs(value) <= _MAX_REACH for value in pose.position):
             raise WrongValue(f"position {pose.position} in the robot's frame: expected up to {_MAX_REACH:g} m")
         self.check_active()
-        self.impedance.set_reference(self._force.controlled(pose))
+        self.impedance.set_reference(self.force.controlled(pose))
         self.impedance.velocities = np.zeros(len(self.arm.joints))
 
     def set_wrench(self, values: Sequence[float], timeout: float = math.inf) -> None:
@@ -230,17 +230,6 @@ class ArmController:
         self.check_active()
         self.impedance.set_wrench(values)
         self._wrench_time = timeout
-
-    def set_force_control(self, goal: ForceGoal | None) -> None:
-        """Regulates the force along selected axes of a frame of the held part, which the law controls in place of the
-        tool; None ends it.
-
-        :raises WrongValue: a number is not finite or out of range.
-        :raises Refused: the controller is not active, or has stopped at a limit.
-        """
-        if goal is not None:
-            self.check_active()
-        self._force.set_goal(goal)
 
     def start_overlay(self, goal: SpiralGoal) -> None:
         """Adds a spiral to the reference, in place of the current one, if there is one.
@@ -332,10 +321,10 @@ class ArmController:
             self.impedance.overlay = self.overlay.update(dt)
             if self.overlay.has_ended:
                 self.overlay = None
-        state = self._force.state(self._state())
+        state = self.force.state(self._state())
         try:
-            if self._force.is_active:
-                self._force.update(state, self.arm.measured_wrench(), dt)
+            if self.force.is_active:
+                self.force.update(state, self.arm.measured_wrench(), dt)
             self.impedance.torques(state, dt, self.payload.force)
             self._last = state
         except WrongValue as error:
@@ -357,7 +346,7 @@ class ArmController:
     def _stop(self, violation: Violation) -> None:
         """Brings the arm to rest, and holds it there without wrench and overlay motion."""
         self.overlay = None
-        self._force.set_goal(None)
+        self.force.set_goal(None)
         self.stop = Stop(*violation, self.world.time)
         if self.compliant:
             self.impedance.brake()

@@ -48,12 +48,12 @@ class SimulatedArm:
     def begin(self) -> None:
         controller = self._controller
         controller.switch(controller.names[1])
-        controller.set_force_control(None)
+        controller.force.set_goal(None)
         controller.set_limits(*controller.limits)
 
     def end(self) -> None:
         controller = self._controller
-        controller.set_force_control(None)
+        controller.force.set_goal(None)
         if controller.compliant and controller.stop is None:
             controller.set_reference(controller.tool_pose())
             controller.set_wrench((0.0,) * 6)
@@ -77,7 +77,9 @@ class SimulatedArm:
 
     def set_force_control(self, goal: ForceGoal | None) -> None:
         with suppress(Refused):
-            self._controller.set_force_control(goal)
+            if goal is not None:
+                self._controller.check_active()
+            self._controller.force.set_goal(goal)
 
     def start_spiral(self, spiral: SpiralGoal) -> None:
         with suppress(Refused):

@@ -19,14 +19,9 @@ from skiros2_demo.demo import Demo, add_options, run_demo
 from skiros2_demo.run_check import Step, Thing, name_of
 from skiros2_demo.simulation import Simulation
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed
-from skiros2_piston_demo.disturbances import WhileRunning
 from skiros2_piston_demo.force_log import ForceLog
 from skiros2_std_reasoners.core import spatial_data as space
 
-DISTURBANCES = ("block",)
-_DISTURB = "what goes wrong: something resists the hand with the plug, which does not latch (block)"
-#: Force that resists the hand (N), and its duration (s): the push of the skill does not pass the latch then.
-_RESISTS, _RESISTS_TIME = (0.0, 0.0, 12.0), 6.0
 #: Maximum error of the housing's place on its stand (m).
 _FAR = 0.0015
 #: Limit of the force (N), exceeded by a fifth at most.
@@ -64,8 +59,6 @@ class ConnectorDemo(Demo):
         rim = composed(place, top).position[2] + self._world.things[self._housing].size[2]
         length = grasp.position[2] + product.size[2] / 2.0
         self._forces = ForceLog(f"{self.robot}/right_arm/right_compliant/state", rim, length)
-        if "block" in self._options.disturb:
-            self.add_disturbance(blocked_plug(simulation, self._world.labelled("Right gripper")))
         self.prepare_pictures(simulation, scene)
 
     def is_midway(self, steps: list[Step]) -> bool:
@@ -96,16 +89,6 @@ class ConnectorDemo(Demo):
         ]
 
 
-def blocked_plug(simulation: Simulation, gripper: Thing) -> WhileRunning:
-    """Something resists the hand while it pushes the plug: it does not pass the latch, and there is no click."""
-
-    def act() -> str:
-        simulation.push(gripper.id, _RESISTS, _RESISTS_TIME)
-        return f"something resists {gripper.name} with {max(_RESISTS):g} N"
-
-    return WhileRunning(("plug_in",), act)
-
-
 def _error(random: Random) -> Pose:
     """Returns an error of the housing's place, in its own frame."""
     far, direction = random.uniform(0.0, _FAR), random.uniform(0.0, 2.0 * math.pi)
@@ -122,6 +105,6 @@ def _parser() -> Any:
     parser = Parser(prog="connector_demo", description=__doc__)
     parser.add_argument("--product", default="Power plug", help="label of the plug (%(default)s)")
     parser.add_argument("--tray", default="Power socket", metavar="SOCKET", help="label of the socket (%(default)s)")
-    parser.add_argument("--disturb", choices=DISTURBANCES, action="append", default=[], help=_DISTURB)
     add_options(parser, rate=1.0, timeout=600.0)
+    parser.set_defaults(disturb=[])
     return parser

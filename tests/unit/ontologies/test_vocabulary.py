@@ -26,6 +26,10 @@ XML_SCHEMA = "http://www.w3.org/2001/XMLSchema"
 IMPORTS = {"skiros": "rparts", "rparts": "cora", "cora": "corax", "corax": "sumo"}
 OURS = {
     "skiros:Bore",
+    "skiros:Clearance",
+    "skiros:GripWidth",
+    "skiros:InsertionAttempts",
+    "skiros:SearchRadius",
     "skiros:Chamfer",
     "skiros:Depth",
     "skiros:Diameter",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.world_element import Element
@@ -24,6 +24,15 @@ class ArmSource(Protocol):
 
         :raises SkirosError: there is no driver for it.
         """
+        ...
+
+
+@runtime_checkable
+class FingerSource(Protocol):
+    """A source of arms that also knows the fingers of their grippers."""
+
+    def width(self, wmi: WorldModelPort, robot: Element, gripper: Element) -> float | None:
+        """Returns the measured distance between the fingers (m); None if it is not measured. Does not block."""
         ...
 
 
@@ -60,6 +69,12 @@ def take_arm(wmi: WorldModelPort, robot: Element, arm: Element, user: object) ->
         if _users.setdefault(arm.id, user) is not user:
             raise Refused(f"arm {arm.label or arm.id} is used by another skill: {_users[arm.id]}")
     return found
+
+
+def finger_width(wmi: WorldModelPort, robot: Element, gripper: Element) -> float | None:
+    """Returns the measured distance between the fingers of a gripper (m); None if it is not measured."""
+    source = _source()
+    return source.width(wmi, robot, gripper) if isinstance(source, FingerSource) else None
 
 
 def give_back(user: object) -> None:

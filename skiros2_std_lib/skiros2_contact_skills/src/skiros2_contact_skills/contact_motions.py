@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_contact_skills.arms import finger_width
 from skiros2_contact_skills.contact_primitive import (
     NO_CONTACT,
     NO_PROGRESS,
     NOT_FOUND,
+    NOT_HELD,
     ContactPrimitive,
     axis_of,
     difference,
@@ -17,11 +19,14 @@ from skiros2_contact_skills.contact_primitive import (
     moved,
     pressed,
 )
+from skiros2_contact_skills.core.evidence import Evidence, FloorTest, Judgement
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
 from skiros2_contact_skills.pose_errors import position_deviation
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
 from skiros2_motion.core.spiral import SpiralGoal
+from skiros2_std_reasoners.core.scene_poses import parent_of
+from skiros2_std_skills.core.devices import GRIP_WIDTH, opening
 
 #: Stiffness along the tool axis of motions until contact (N/m).
 _APPROACH_STIFFNESS = 800.0
@@ -29,8 +34,6 @@ _APPROACH_STIFFNESS = 800.0
 _FOLLOWING_STIFFNESS = 300.0
 #: A search ends after that many passes between the centre and the radius, and the time until the part is pressed (s).
 _PASSES, _PRESSING_TIME = 2.0, 2.0
-#: Radius of a search for a bore with an estimated pose: standard deviations, and errors of grasp and arm (m).
-_DEVIATIONS, _OTHER_ERRORS = 3.0, 0.002
 #: Stiffness along the tool axis of insertions (N/m).
 _INSERTION_STIFFNESS = 2000.0
 #: An insertion brakes within this time before its end (s), down to this speed (m/s).
@@ -76,24 +79,20 @@ class spiral_search(ContactPrimitive):
 
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_FOLLOWING_STIFFNESS)
+        fit = self.fit()
+        self._drop_depth = self.number("DropDepth", fit.drop_depth)
+        self._radius = self.number("Radius", fit.search_radius)
         distance, velocity = self.value("PathDistance"), self.value("PathVelocity")
-        self._radius = min(self.value("Radius"), self._largest_error())
         self._before = self.number("Searched", 0.0)
         self._time = min(self.value("SearchTime"), self.value("TotalTime") - self._before)
         if self._radius and distance and velocity:  # a driver refuses a spiral of a point
             self.arm.start_spiral(SpiralGoal(self._radius, distance, velocity, allow_decrease=True))
             self._time = min(self._time, _PASSES * math.pi * self._radius**2 / distance / velocity + _PRESSING_TIME)
 
-    def _largest_error(self) -> float:
-        """Returns the largest expected error of the position of the opening (m); inf if its pose was not estimated."""
-        bore = self.optional_element("Bore")
-        deviation = None if bore is None else position_deviation(self.wmi, bore)
-        return math.inf if deviation is None else _DEVIATIONS * deviation + _OTHER_ERRORS
-
     def move(self, state: ArmState, dt: float) -> State:
         self.arm.set_wrench((0.0, 0.0, self.value("Force")))
         depth = self.depth(state)
-        if depth >= self.value("DropDepth"):
+        if depth >= self._drop_depth:
             self.params["Searched"].values = [0.0]
             return self.success(f"The opening is found, {1000 * depth:.1f} mm deep ({forces(state)})")
         passed = state.stamp - self.start.stamp
@@ -118,29 +117,81 @@ class insert_part(ContactPrimitive):
     def createDescription(self) -> None:
         self.setDescription(InsertPart(), self.__class__.__name__)
 
+    def onStart(self) -> bool:
+        part = self.optional_element("Part")
+        holder = parent_of(self.wmi, part) if part is not None else None
+        has_gripper = holder is not None and self.wmi.is_subclass(holder.type, "rparts:GripperEffector")
+        self._gripper = holder if has_gripper else None
+        self._width()  # connects to its driver
+        return super().onStart()
+
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_INSERTION_STIFFNESS)
+        self._wanted = self.number("Depth", self.fit().depth)
         self._best = self._target = self.depth(state)
         self._best_at = state.stamp
         self._centre = state.pose.position
+        self._test: FloorTest | None = None
+        gripper = self._gripper
+        gripped = gripper.value_of(GRIP_WIDTH) if gripper is not None else None
+        self._evidence = Evidence(opening(gripper) if gripper is not None else math.inf, self._wanted, gripped)
 
     def move(self, state: ArmState, dt: float) -> State:
-        depth, wanted = self.depth(state), self.value("Depth")
+        depth, wanted, evidence = self.depth(state), self._wanted, self._evidence
+        evidence.see_fingers(self._width())
+        evidence.tool_depth = depth
+        if evidence.is_lost():
+            return self._judge(state, Judgement.NOT_HELD, NOT_HELD)
         if depth > self._best + _PROGRESS:
             self._best, self._best_at = depth, state.stamp
         is_deep = depth >= wanted - self.value("Tolerance")
         is_stuck = state.stamp - self._best_at > self.value("Patience")
-        # a part that has slipped in the hand is not as deep as the tool: the floor is felt
+        if self._test is not None:
+            return self._push(state, dt, self._test)
+        if depth > wanted + _BEYOND:
+            return self._judge(state, Judgement.SLIPPED, NOT_HELD)
         if is_deep and (is_stuck or pressed(state) >= self.value("SeatForce")):
-            return self.success(f"Inserted {1000 * depth:.1f} mm deep ({forces(state)})")
+            if self.value("SeatForce") == 0.0:  # the bore has no floor
+                return self._judge(state, Judgement.INSERTED)
+            force = max(self.value("Force"), self.value("SeatForce"))
+            self._test = FloorTest(depth, state.stamp, force, _INSERTION_STIFFNESS)
+            return self._push(state, dt, self._test)
         if is_stuck:
-            return self.fail(f"Jammed {1000 * depth:.1f} of {1000 * wanted:.1f} mm deep ({forces(state)})", NO_PROGRESS)
+            return self._judge(state, Judgement.JAMMED, NO_PROGRESS)
         force = self.value("EntryForce") if depth < self.value("EntryDepth") else self.value("Force")
         speed = min(self.value("Speed"), max(_SLOWEST, (wanted - depth) / _BRAKING_TIME))
         # the spring along the axis is stretched until it pulls with that force
-        self._target = min(self._target + speed * dt, depth + force / _INSERTION_STIFFNESS, wanted + _BEYOND)
+        self._target = min(self._target + speed * dt, depth + force / _INSERTION_STIFFNESS, wanted + 2.0 * _BEYOND)
         self.arm.set_reference(self._reference(state, dt, self._target - depth))
         return self.step(f"Inserting: {1000 * depth:.1f} of {1000 * wanted:.1f} mm, {forces(state)}")
+
+    def _push(self, state: ArmState, dt: float, test: FloorTest) -> State:
+        """Pushes on what may be the floor."""
+        depth = self.depth(state)
+        if test.has_yielded(depth):
+            self._test, self._target = None, depth
+            self._best_at = state.stamp
+        elif test.has_passed(pressed(state), state.stamp):
+            self._evidence.see_floor(pressed(state))
+            return self._judge(state, Judgement.INSERTED)
+        elif state.stamp - test.started > self.value("Patience"):
+            return self._judge(state, Judgement.NO_FLOOR, NO_PROGRESS)
+        else:
+            self.arm.set_reference(self._reference(state, dt, test.lead(pressed(state), dt)))
+        return self.step(f"Pushing {1000 * depth:.1f} mm deep, {forces(state)}")
+
+    def _judge(self, state: ArmState, judgement: Judgement, code: int = 0) -> State:
+        """Ends with a judgement, and its evidence."""
+        evidence = self._evidence
+        evidence.judgement = judgement
+        self.params["Evidence"].values = [evidence.values()]
+        depths = f"{1000 * evidence.tool_depth:.1f} of {1000 * self._wanted:.1f} mm deep"
+        text = f"{judgement.capitalize()}, {depths}: {evidence.text()} ({forces(state)})"
+        return self.fail(text, code) if code else self.success(text)
+
+    def _width(self) -> float | None:
+        """Returns the distance between the fingers (m), if it is measured."""
+        return finger_width(self.wmi, self.element("Robot"), self._gripper) if self._gripper is not None else None
 
     def _reference(self, state: ArmState, dt: float, ahead: float) -> Pose:
         """Returns the reference, some distance ahead of the tool along the axis (m)."""

@@ -20,6 +20,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
+from skiros2_contact_skills.core.fit import Fit, fit_of
 from skiros2_motion.core.arm_abilities import Abilities, abilities_of
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak
 from skiros2_motion.core.geometry import Vector, rotated
@@ -191,6 +192,13 @@ class ContactPrimitive(PrimitiveBase):
         """Returns the number in a parameter without a default of its own."""
         values = self.params[key].values
         return float(values[0]) if values else default
+
+    def fit(self) -> Fit:
+        """Returns how the part of the parameters fits into the bore.
+
+        :raises WrongValue: it does not, or a property in the world model is not usable.
+        """
+        return fit_of(self.wmi, self.optional_element("Part"), self.optional_element("Bore"))
 
     def label_of(self, key: str) -> str:
         """Returns the name of the element in a parameter."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.skill_description import ParamOptions
 from skiros2_common.core.world_element import Element
 
 Optional, Required, Inferred = ParamTypes.Optional, ParamTypes.Required, ParamTypes.Inferred
@@ -38,6 +39,15 @@ class ContactMotion(SkillDescription):
     def add_number(self, key: str, value: float, unit: str, minimum: float, maximum: float, description: str) -> None:
         """Declares an optional number with limits."""
         self.addParam(key, value, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum)
+
+    def add_fitted(self, key: str, unit: str, minimum: float, maximum: float, description: str) -> None:
+        """Declares an optional number without a default: the world model has it, see `core/fit.py`."""
+        self.addParam(key, float, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum)
+
+    def add_fit(self) -> None:
+        """Declares the part and the bore from which such numbers come."""
+        self.addParam("Part", Element("skiros:Manipulatable"), Optional, description="The held part")
+        self.addParam("Bore", Element("skiros:Bore"), Optional, description="Where it goes")
 
     def add_surface(self, description: str) -> None:
         """Declares the point of contact, which motions until contact report and searches and insertions use."""
@@ -147,18 +157,13 @@ class SpiralSearch(ContactMotion):
         self.add_arm(700.0, 60.0)
         self.add_surface("Position of the tool at the contact, in the arm's base frame (m)")
         self.add_number("Force", 5.0, "N", 0.0, 30.0, "Pressed on the surface")
-        self.add_number("Radius", 0.0052, "m", 0.0, 0.07, "Of the spiral; 0: the search presses only")
+        self.add_fit()
+        self.add_fitted("Radius", "m", 0.0, 0.07, "Of the spiral; 0: the search presses only")
         self.add_number("PathDistance", 0.0006, "m", 0.0, 0.03, "Between turns; 0: the search presses only")
         self.add_number("PathVelocity", 0.012, "m/s", 0.0, 0.3, "Along the spiral; 0: the search presses only")
-        self.add_number("DropDepth", 0.0012, "m", 0.0002, 0.02, "Below the surface, at which the opening is found")
+        self.add_fitted("DropDepth", "m", 0.0002, 0.02, "Below the surface, at which the opening is found")
         self.add_number("SearchTime", 15.0, "s", 0.5, 120.0, "The search fails after it")
         self.add_number("TotalTime", 30.0, "s", 0.5, 600.0, "Of all attempts of a task to find the opening")
-        self.addParam(
-            "Bore",
-            Element("skiros:Bore"),
-            Optional,
-            description="The opening: the covariance of its pose bounds Radius",
-        )
         self.addParam(
             "Searched", [float], Optional, description="Result: time of attempts without an opening", unit="s"
         )
@@ -170,7 +175,8 @@ class InsertPart(ContactMotion):
     def createDescription(self) -> None:
         self.add_arm(300.0, 20.0)
         self.add_surface("Position of the tool at the contact, in the arm's base frame (m)")
-        self.add_number("Depth", 0.06, "m", 0.001, 0.3, "Below the surface, at which the part is inserted")
+        self.add_fit()
+        self.add_fitted("Depth", "m", 0.001, 0.3, "Below the surface, at which the part is inserted")
         self.add_number("Tolerance", 0.0005, "m", 0.0001, 0.01, "Of the depth")
         self.add_number("EntryForce", 8.0, "N", 1.0, 30.0, "Up to the entry depth")
         self.add_number("EntryDepth", 0.008, "m", 0.0, 0.3, "Below the surface")
@@ -180,3 +186,4 @@ class InsertPart(ContactMotion):
         self.add_number("TiltAngle", 3.0, "deg", 0.0, 10.0, "Of the wobble about the tool axis")
         self.add_number("TiltFrequency", 0.7, "Hz", 0.05, 2.0, "Of the wobble")
         self.add_number("Patience", 1.5, "s", 0.2, 30.0, "Without progress, after which the insertion fails")
+        self.addParam("Evidence", dict, Optional, [ParamOptions.Output], description="Result: see docs/contact.md")

@@ -7,16 +7,14 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
+from skiros2_contact_skills.core.evidence import NOTHING_BETWEEN
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.places import move_in_world_model
 from skiros2_std_reasoners.core.scene_poses import parent_of, pose_in_scene, size_of
-from skiros2_std_skills.core.devices import opening
+from skiros2_std_skills.core.devices import GRIP_WIDTH, opening
 from skiros2_std_skills.drivers import NOT_KNOWN
 from skiros2_std_skills.gripper_motion import NOT_HELD, GripperMotion
-
-#: Maximum width of closed fingers (m).
-_NOTHING_BETWEEN = 0.004
 
 
 class GripPart(SkillDescription):
@@ -71,7 +69,7 @@ class check_grip(GripperMotion):
     def onDone(self, status: int, msg: GripperCommandResult) -> State:
         if not self.ended_well(status, msg):
             return self.failed(self.status_text(), status)
-        if msg.position <= _NOTHING_BETWEEN:
+        if msg.position <= NOTHING_BETWEEN:
             return self.fail(f"{self.label_of('Part')} is not between the fingers: they have closed", NOT_HELD)
         return self.success(f"{self.doing()}: {1000 * msg.position:.0f} mm between the fingers")
 
@@ -89,7 +87,10 @@ class grip_part(check_grip):
         if (held := super().onDone(status, msg)) is not State.Success:
             return held
         grasp = space.pose_of(self.element("Grasp")) or IDENTITY
+        gripper = self.element("Gripper")
         try:
+            gripper.setProperty(GRIP_WIDTH, msg.position)
+            self.wmi.update_element_properties(gripper)
             move_in_world_model(self.wmi, self.element("Part"), self.element("Gripper"), inverted(grasp))
         except SkirosError as error:
             return self.fail(str(error), NOT_KNOWN)

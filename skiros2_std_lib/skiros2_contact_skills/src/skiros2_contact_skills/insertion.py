@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillDescription
+from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.processors import RetryOnFail, SerialStar
+from skiros2_contact_skills.contact_primitive import NOT_READY
+from skiros2_contact_skills.core.fit import Fit, fit_of
+from skiros2_skill.core.processors import RetryOnFail, SelectorStar, SerialStar
 from skiros2_skill.core.skill import SkillBase
 
 #: Height above the rim at which an attempt starts (m).
@@ -18,8 +22,8 @@ _ABOVE = 0.004
 _CONTACT = {"Speed": 0.008, "MaxDistance": 0.010, "NeedsContact": False}
 #: Of a blind insertion.
 _STIFF = {"Stiffness": 2000.0, "RotationalStiffness": 300.0, "Speed": 0.05}
-#: Attempts after a jam or a search without result.
-_ATTEMPTS = 5
+#: How far a failed part is retracted, beyond the depth of the bore (m).
+_CLEAR = 0.02
 
 
 class InsertIntoBore(SkillDescription):
@@ -33,6 +37,13 @@ class InsertIntoBore(SkillDescription):
         self.addParam(
             "MaxForce", 40.0, ParamTypes.Optional, description="At the wrist", unit="N", minimum=1.0, maximum=200.0
         )
+        self.addParam(
+            "Attempts",
+            int,
+            ParamTypes.Optional,
+            description="At most; without, those of the world model, or 6",
+            minimum=1,
+        )
         self.addHoldCondition(
             self.getSignalCond(
                 "ForceBelowLimit", "skiros:WristForce", "Arm", maximum="MaxForce", timeout=2.0, kind=FailureKind.LIMIT
@@ -41,21 +52,41 @@ class InsertIntoBore(SkillDescription):
 
 
 class insert_into_bore(SkillBase):
-    """Searches the rim with the estimated pose of the bore, and inserts; starts again when the part jams."""
+    """Searches the rim with the estimated pose of the bore, and inserts; starts again when the part jams, and retracts
+    it after the last attempt. Depth, search and attempts are those of the part and the bore, see `core/fit.py`."""
 
     def createDescription(self) -> None:
         self.setDescription(InsertIntoBore(), self.__class__.__name__)
+        self._expand_on_start = True
+
+    def onStart(self) -> bool:
+        try:
+            self._fit()
+        except SkirosError as error:
+            return self.startError(str(error), NOT_READY)
+        return True
+
+    def _fit(self) -> Fit:
+        return fit_of(self.wmi, self.params["Part"].value, self.params["Bore"].value)
 
     def expand(self, skill: Any) -> None:
-        skill.setProcessor(SerialStar())
+        fit = Fit()
+        with suppress(SkirosError):  # reported by onStart
+            fit = self._fit()
+        attempts = self.params["Attempts"].values or [fit.attempts]
+        skill.setProcessor(SelectorStar())
+        retreat = []
+        with suppress(UnknownName):  # a cell may not offer it
+            retreat.append(self.skill("RetractAfterFailure", "", specify={"Height": fit.depth + _CLEAR}))
         skill(
-            self.skill(RetryOnFail(_ATTEMPTS, SerialStar()))(
+            self.skill(RetryOnFail(attempts[0] - 1, SerialStar()))(
                 self.skill("ApproachTarget", "", remap={"Target": "Bore"}, specify={"Height": _ABOVE}),
                 # without contact the part is in the bore already
                 self.skill("MoveUntilContact", "", specify=_CONTACT),
                 self.skill("SpiralSearch", ""),
                 self.skill("InsertPart", ""),
             ),
+            *retreat,
         )
 
 
@@ -69,5 +100,5 @@ class insert_blindly(SkillBase):
         skill.setProcessor(SerialStar())
         skill(
             self.skill("ApproachTarget", "", remap={"Target": "Bore"}, specify=_STIFF | {"Height": _ABOVE}),
-            self.skill("ApproachTarget", "", remap={"Target": "Bore"}, specify=_STIFF | {"Height": -0.06}),
+            self.skill("ApproachTarget", "", remap={"Target": "Bore"}, specify=_STIFF | {"Height": -Fit().depth}),
         )

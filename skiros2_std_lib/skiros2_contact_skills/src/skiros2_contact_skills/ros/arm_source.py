@@ -8,6 +8,7 @@ import rospy
 
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_contact_skills.ros.finger_widths import FingerWidths
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_contact_skills.ros.profiled_arms import interface_of, profiled_arm
 from skiros2_contact_skills.ros.profiles import STANDARD
@@ -25,6 +26,11 @@ class RosArms:
     def __init__(self) -> None:
         self._arms: dict[str, CompliantArm] = {}
         self._lock = threading.Lock()
+        self._fingers = FingerWidths()
+
+    def width(self, wmi: WorldModelPort, robot: Element, gripper: Element) -> float | None:
+        """Returns the distance between the fingers of a gripper (m); None if its joints are not known."""
+        return self._fingers.width(robot, gripper)
 
     def arm(self, wmi: WorldModelPort, robot: Element, arm: Element) -> CompliantArm:
         """Returns the arm of an element. Waits for the master only, as a new subscriber does.

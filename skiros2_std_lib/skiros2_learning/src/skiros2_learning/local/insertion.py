@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_contact_skills.core.fit import Fit
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, ScenarioError
@@ -30,6 +31,9 @@ from skiros2_skill.testing import SkillBench
 #: The series of the record: depth of the piston below the rim (m), its tilt (rad), force at the wrist (N).
 DEPTH, TILT, ARM_FORCE = "depth", "tilt", "Right arm.measured_force"
 
+
+#: Of parameters that come from the world model, which is silent about them in the scene of the study.
+_USUAL: dict[str, Value] = {"Radius": Fit().search_radius, "DropDepth": Fit().drop_depth}
 
 Error = Annotated[NotNegative, Field(le=90.0)]
 
@@ -87,7 +91,8 @@ def default_configuration(scenario: Scenario) -> dict[str, Value]:
         for variable in scenario.variables:
             name, _, key = variable.name.rpartition(".")
             (step,) = (each for each in scenario.task if each.name == name)
-            found[variable.name] = declared_parameters(bench, step)[key].value
+            declared = declared_parameters(bench, step)[key].value
+            found[variable.name] = _USUAL[key] if declared is None else declared
     return found
 
 
@@ -124,7 +129,7 @@ def check_scenario(scenario: Scenario) -> None:
 @functools.cache
 def _study(sensor: SensorModel) -> InsertionStudy:
     """Returns the world of this process: it takes a second to make, and each run resets it."""
-    return InsertionStudy(sensor)
+    return InsertionStudy(sensor=sensor)
 
 
 def _settings(scenario: Scenario) -> Settings:

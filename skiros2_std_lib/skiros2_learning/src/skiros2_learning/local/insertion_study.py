@@ -6,7 +6,7 @@ One run is a function of its seed, errors and parameters, and is the same bit by
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace, TracebackType
@@ -27,14 +27,17 @@ from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted, mul
 from skiros2_motion.core.motion import State as MotionState
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
+from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.scene_spec import SceneSpec
 from skiros2_sim.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.world import World
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
-from skiros2_skill.testing import SkillBench
+from skiros2_skill.testing import BenchTask, SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.places import move_in_world_model
+from skiros2_std_reasoners.core.scene_poses import size_of
+from skiros2_std_skills.core.devices import GRIP_WIDTH
 
 #: Of the sources, or else of the installed package.
 SCENE = next(
@@ -52,6 +55,8 @@ BORE, BENCH = BORES[1], "skiros:Location-10"
 RATE, TICK_RATE = 1000, 25
 #: Height of the piston above the rim at the start (m), and the longest run (s).
 _START_HEIGHT, _LONGEST = 0.02, 60.0
+#: Tolerance of the depth of a successful insertion, and distance of the open fingers (m).
+_DEEP, _OPEN = 0.001, 0.03
 #: Time for closing the fingers, and for settling (s).
 _GRIP_TIME = 0.3
 _MODULES = (free_motions, contact_motions, insertion)
@@ -68,6 +73,8 @@ class InsertionRun:
     :param time: simulated duration (s).
     :param why: why the task failed.
     :param profile: time (s), depth (m), and maximum force since the last tick (N), at each tick.
+    :param reported: whether the task has succeeded, whatever is true.
+    :param evidence: the result `Evidence` of the insertion; empty without one.
     """
 
     success: bool
@@ -77,16 +84,42 @@ class InsertionRun:
     time: float
     why: str = ""
     profile: tuple[tuple[float, float, float], ...] = field(default=(), repr=False)
+    reported: bool = False
+    evidence: dict[str, Any] = field(default_factory=dict)
 
 
 class InsertionStudy:
-    """A world with an arm that holds a piston above a bore. A context manager.
+    """A world with an arm that holds a part above a bore. A context manager.
 
+    :param scene: Turtle file; ontologies and models are in its folder.
+    :param arm: id of an arm with a gripper, which starts in its posture `start` or that of its model. Other arms are
+        not simulated.
+    :param bore: id of a bore of a body.
+    :param part: id of a part with a grasping pose. Other movable things are not simulated.
     :param sensor: errors of the force/torque sensor.
+    :raises UnknownName: the scene has no such arm, or the arm has no model.
     """
 
-    def __init__(self, sensor: SensorModel = EXACT) -> None:
-        self.world = World(_only_needed(load_scene(SCENE, SCENE.parent)), rate=RATE, sensor=sensor)
+    def __init__(
+        self,
+        scene: Path = SCENE,
+        arm: str = ARM,
+        bore: str = BORE,
+        *,
+        part: str = PISTON,
+        sensor: SensorModel = EXACT,
+    ) -> None:
+        self._scene, self._arm, self._bore, self._part = scene, arm, bore, part
+        spec = load_scene(scene, scene.parent)
+        with SkillBench(scene) as bench:
+            (owner,) = bench.wmi.get_element(bore).getRelations("", "skiros:hasA", "-1")
+            self._owner = str(owner["src"])
+            (self._grasp,) = (e.id for e in bench.wmi.get_branch(part) if e.type == "skiros:GraspingPose")
+            self._rim = space.pose_of(bench.wmi.get_element(bore)) or IDENTITY
+        self.world = World(_only_needed(spec, arm, self._owner, part), rate=RATE, sensor=sensor)
+        if arm not in self.world.arms or self.world.arms[arm].gripper is None:
+            known = ", ".join(self.world.arms) or "; ".join(map(str, self.world.problems))
+            raise UnknownName(f"{scene}: expected an arm with a gripper, got {arm}: {known}")
 
     def __enter__(self) -> InsertionStudy:
         return self
@@ -102,6 +135,7 @@ class InsertionStudy:
         skill: str = "insert_into_bore",
         parameters: dict[str, dict[str, Any]] | None = None,
         time_limit: float = _LONGEST,
+        disturb: Callable[[InsertionStudy, float], None] | None = None,
     ) -> InsertionRun:
         """Runs one insertion from the start.
 
@@ -111,69 +145,127 @@ class InsertionStudy:
         :param skill: implementation of `skiros:InsertIntoBore`.
         :param parameters: values by implementation and key, in place of defaults: {"insert_part": {"Force": 15.0}}.
         :param time_limit: simulated time after which the run ends (s).
+        :param disturb: called after each tick with the study and the time since the start (s).
+        :raises Refused: the arm does not reach the start.
         """
         world = self.world
         world.reset(seed)
-        arm = world.arms[ARM]
-        controller = ArmController(world, world.robots[ROBOT], arm)
+        arm = world.arms[self._arm]
+        controller = ArmController(world, next(iter(world.robots.values())), arm)
         compliant = SimulatedArm(controller)
-        with SkillBench(SCENE) as bench, provided_arms(_OneArm(compliant)):
+        gripper = arm.gripper
+        assert gripper is not None
+        with SkillBench(self._scene) as bench, provided_arms(_OneArm(compliant, gripper)):
             bench.load(*insertion_skills(skill, parameters))
-            _hold_piston(world, controller, bench.wmi)
-            _misplace(bench.wmi, np.random.default_rng(seed), position_error, angle_error)
-            recorder = _Recorder(world)
+            self._hold_part(controller, gripper, bench.wmi)
+            self._misplace(bench.wmi, np.random.default_rng(seed), position_error, angle_error)
+            recorder = _Recorder(self)
             task = bench.command(
                 "InsertIntoBore",
                 skill,
-                Arm=bench.wmi.get_element(ARM),
-                Part=bench.wmi.get_element(PISTON),
-                Bore=bench.wmi.get_element(BORE),
+                Arm=bench.wmi.get_element(self._arm),
+                Part=bench.wmi.get_element(self._part),
+                Bore=bench.wmi.get_element(self._bore),
             )
             began = world.time
             compliant.begin()
             compliant.zero_sensor()
             world.motions.add(recorder)
-            (signal,) = (Signal.of(e) for e in bench.wmi.get_branch(ARM) if e.type == "skiros:WristForce")
+            (signal,) = (Signal.of(e) for e in bench.wmi.get_branch(self._arm) if e.type == "skiros:WristForce")
             while task.state in (State.Running, State.Idle) and world.time < began + time_limit:
                 bench.signals.publish(signal.topic, _message(arm.measured_wrench()))
                 task.tick()
                 world.step(RATE // TICK_RATE)
                 recorder.note()
+                if disturb is not None:
+                    disturb(self, world.time - began)
             ended = world.time - began
             world.motions.remove(recorder)
-            depth, tilt = piston_in_bore(world)
-            wanted = float(bench.wmi.get_element(BORE).value_of("skiros:Depth"))
-            success = task.state is State.Success and depth > wanted - 0.001
+            depth, tilt = self.part_in_bore()
+            wanted = float(bench.wmi.get_element(self._bore).value_of("skiros:Depth"))
+            has_succeeded = task.state is State.Success
             why = ""
             if task.state in (State.Running, State.Idle):
                 why = f"not finished after {time_limit:g} s"
-            elif task.state is not State.Success:
+            elif not has_succeeded:
                 why = "\n".join(map(str, task.explanations()))
-            return InsertionRun(success, depth, tilt, recorder.max_force, ended, why, tuple(recorder.profile))
+            return InsertionRun(
+                has_succeeded and depth > wanted - _DEEP,
+                depth,
+                tilt,
+                recorder.max_force,
+                ended,
+                why,
+                tuple(recorder.profile),
+                has_succeeded,
+                _evidence(task),
+            )
+
+    def part_in_bore(self) -> tuple[float, float]:
+        """Returns the true depth of the lower end of the part below the rim (m), and its tilt in the bore (rad)."""
+        size = self.world.bodies[self._part].spec.size
+        assert size is not None
+        return depth_and_tilt(self.rim_pose(), self.world.pose_of(self._part), size[2])
+
+    def rim_pose(self) -> Pose:
+        """Returns the true pose of the rim of the bore, in the map."""
+        return composed(self.world.pose_of(self._owner), self._rim)
+
+    def _hold_part(self, controller: ArmController, gripper: Gripper, wmi: WorldModelPort) -> None:
+        """Moves the tool above the bore and puts the part between the fingers, also in the world model."""
+        world, part, arm = self.world, self._part, controller.arm
+        grasp = space.pose_of(wmi.get_element(self._grasp)) or IDENTITY
+        lower = Pose((0.0, 0.0, -size_of(wmi.get_element(part))[2] / 2.0), IDENTITY.orientation)
+        tool = aligned_tool(arm.tool_pose(), composed(inverted(grasp), lower), self.rim_pose(), _START_HEIGHT)
+        gripper.drive(_OPEN)
+        motion = CartesianMotion(controller, CartesianGoal(tool, speed=0.5))
+        world.motions.add(motion)
+        while motion.outcome is None:
+            world.step()
+        if motion.outcome.state is not MotionState.SUCCEEDED:
+            raise Refused(f"the arm cannot hold the part above the bore: {motion.outcome.text}")
+        gripper.drive(0.0)
+        for _ in range(round(_GRIP_TIME * RATE)):
+            world.set_pose(part, composed(arm.tool_pose(), inverted(grasp)))
+            world.step()
+        world.step(round(_GRIP_TIME * RATE))
+        element = wmi.get_element(gripper.id)
+        element.setProperty(GRIP_WIDTH, gripper.width())
+        wmi.update_element_properties(element)
+        held = composed(inverted(arm.tool_pose()), world.pose_of(part))
+        move_in_world_model(wmi, wmi.get_element(part), element, held)
+
+    def _misplace(self, wmi: WorldModelPort, random: np.random.Generator, far: float, turn: float) -> None:
+        """Gives the owner of the bore in the world model a wrong pose: the rim is displaced across its axis, which is
+        tilted."""
+        across, about = random.uniform(0.0, 2.0 * math.pi, 2)
+        owner = wmi.get_element(self._owner)
+        pose = space.pose_of(owner)
+        assert pose is not None
+        half = math.sin(turn / 2.0)
+        tilt = (half * math.cos(about), half * math.sin(about), 0.0, math.cos(turn / 2.0))
+        true_rim = composed(pose, self._rim)
+        x, y, z = true_rim.position
+        off = far * math.cos(across), far * math.sin(across)
+        wrong = Pose((x + off[0], y + off[1], z), multiplied(tilt, true_rim.orientation))
+        space.set_pose(owner, composed(wrong, inverted(self._rim)))
+        wmi.update_element_properties(owner)
 
 
-def piston_in_bore(world: World, piston: str = PISTON, bore: str = BORE) -> tuple[float, float]:
-    """Returns the true depth of the lower end of the piston below the rim (m), and its tilt in the bore (rad).
-
-    :raises UnknownName: one of them is not in the world.
-    """
-    return depth_and_tilt(rim_pose(world, bore), world.pose_of(piston), _piston_size(world, piston)[2])
-
-
-def rim_pose(world: World, bore: str) -> Pose:
-    """Returns the true pose of the rim of a bore of the engine block, in the map."""
-    spec = world.bodies[BLOCK].spec
-    number = int(bore.rpartition("-")[2]) - int(BORES[0].rpartition("-")[2])
-    hole, size = spec.bores[number], spec.size
-    assert size is not None
-    return composed(world.pose_of(BLOCK), Pose((hole.x, hole.y, size[2] / 2.0), IDENTITY.orientation))
+def _evidence(task: BenchTask) -> dict[str, Any]:
+    """Returns the evidence of the last insertion of a task."""
+    found = [node.params["Evidence"].values for node in task.nodes() if "Evidence" in node.params]
+    return dict(found[-1][0]) if found and found[-1] else {}
 
 
 class _OneArm:
-    """The arm of the study."""
+    """The arm of the study, with its fingers."""
 
-    def __init__(self, arm: SimulatedArm) -> None:
-        self._arm = arm
+    def __init__(self, arm: SimulatedArm, gripper: Gripper) -> None:
+        self._arm, self._gripper = arm, gripper
+
+    def width(self, wmi: WorldModelPort, robot: Element, gripper: Element) -> float | None:
+        return self._gripper.width()
 
     def arm(self, wmi: WorldModelPort, robot: Element, arm: Element) -> SimulatedArm:
         return self._arm
@@ -184,21 +276,22 @@ class _Recorder:
 
     outcome = None
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, study: InsertionStudy) -> None:
+        self._study = study
+        (self._arm,) = study.world.arms.values()
         self.max_force = 0.0
         self.profile: list[tuple[float, float, float]] = []
-        self._start = world.time
+        self._start = study.world.time
         self._force = 0.0
 
     def update(self, dt: float) -> None:
         """Called before each step."""
-        self._force = max(self._force, math.hypot(*self._world.arms[ARM].measured_wrench()[:3]))
+        self._force = max(self._force, math.hypot(*self._arm.measured_wrench()[:3]))
         self.max_force = max(self.max_force, self._force)
 
     def note(self) -> None:
         """Notes the present depth and force."""
-        self.profile.append((self._world.time - self._start, piston_in_bore(self._world)[0], self._force))
+        self.profile.append((self._study.world.time - self._start, self._study.part_in_bore()[0], self._force))
         self._force = 0.0
 
 
@@ -208,51 +301,15 @@ def _message(wrench: Sequence[float]) -> SimpleNamespace:
     return SimpleNamespace(wrench=SimpleNamespace(force=force, torque=torque))
 
 
-def _only_needed(scene: SceneSpec) -> SceneSpec:
-    """Returns the scene with bench, block, piston and one arm; what is not needed costs time."""
+def _only_needed(scene: SceneSpec, arm: str, owner: str, part: str) -> SceneSpec:
+    """Returns the scene with what stands fixed, the owner of the bore, the part and one arm; the rest costs time."""
     bodies = tuple(
-        replace(body, movable=body.id == PISTON) for body in scene.bodies if body.id in (BENCH, BLOCK, PISTON)
+        replace(body, movable=body.id == part)
+        for body in scene.bodies
+        if body.id in (owner, part) or body.type == "skiros:Location"
     )
-    robots = tuple(replace(r, arms=tuple(a for a in r.arms if a.id == ARM)) for r in scene.robots)
-    return replace(scene, bodies=bodies, robots=robots)
-
-
-def _hold_piston(world: World, controller: ArmController, wmi: WorldModelPort) -> None:
-    """Moves the tool above the bore and puts the piston between the fingers, also in the world model."""
-    grasp = space.pose_of(wmi.get_element(GRASP)) or IDENTITY
-    end = composed(inverted(grasp), Pose((0.0, 0.0, -0.05), IDENTITY.orientation))
-    tool = aligned_tool(world.arms[ARM].tool_pose(), end, rim_pose(world, BORE), _START_HEIGHT)
-    gripper = world.grippers[GRIPPER]
-    gripper.drive(0.03)
-    motion = CartesianMotion(controller, CartesianGoal(tool, speed=0.5))
-    world.motions.add(motion)
-    while motion.outcome is None:
-        world.step()
-    if motion.outcome.state is not MotionState.SUCCEEDED:
-        raise Refused(f"the arm cannot hold the piston above the bore: {motion.outcome.text}")
-    gripper.drive(0.0)
-    for _ in range(round(_GRIP_TIME * RATE)):
-        world.set_pose(PISTON, composed(world.arms[ARM].tool_pose(), inverted(grasp)))
-        world.step()
-    world.step(round(_GRIP_TIME * RATE))
-    held = composed(inverted(world.arms[ARM].tool_pose()), world.pose_of(PISTON))
-    move_in_world_model(wmi, wmi.get_element(PISTON), wmi.get_element(GRIPPER), held)
-
-
-def _misplace(wmi: WorldModelPort, random: np.random.Generator, far: float, turn: float) -> None:
-    """Gives the engine block in the world model a wrong pose: the rim is displaced across its axis, which is tilted."""
-    across, about = random.uniform(0.0, 2.0 * math.pi, 2)
-    block = wmi.get_element(BLOCK)
-    rim = space.pose_of(wmi.get_element(BORE))
-    pose = space.pose_of(block)
-    assert rim is not None and pose is not None
-    half = math.sin(turn / 2.0)
-    tilt = (half * math.cos(about), half * math.sin(about), 0.0, math.cos(turn / 2.0))
-    true_rim = composed(pose, rim)
-    x, y, z = true_rim.position
-    wrong = Pose((x + far * math.cos(across), y + far * math.sin(across), z), multiplied(tilt, true_rim.orientation))
-    space.set_pose(block, composed(wrong, inverted(rim)))
-    wmi.update_element_properties(block)
+    robots = tuple(replace(r, arms=tuple(a for a in r.arms if a.id == arm)) for r in scene.robots)
+    return replace(scene, bodies=bodies, robots=tuple(r for r in robots if r.arms))
 
 
 def insertion_skills(
@@ -264,7 +321,7 @@ def insertion_skills(
     :raises UnknownName: there are parameters of another skill.
     """
     parameters = parameters or {}
-    names = [skill, "approach_target", "move_until_contact", "spiral_search", "insert_part"]
+    names = [skill, "approach_target", "retract_after_failure", "move_until_contact", "spiral_search", "insert_part"]
     known = {name: getattr(module, name) for name in names for module in _MODULES if hasattr(module, name)}
     if unknown := sorted(set(parameters) - set(known)):
         raise UnknownName(f"parameters of {', '.join(unknown)}: the skills are {', '.join(known)}")
@@ -278,9 +335,3 @@ def _with_defaults(cls: type, values: dict[str, Any]) -> type:
             self.specifyParamDefault(key, value)
 
     return type(cls.__name__, (cls,), {"createDescription": declare}) if values else cls
-
-
-def _piston_size(world: World, piston: str) -> tuple[float, float, float]:
-    size = world.bodies[piston].spec.size
-    assert size is not None
-    return size

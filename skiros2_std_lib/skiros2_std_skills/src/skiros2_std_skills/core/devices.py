@@ -23,6 +23,8 @@ TOOL_FRAME = Address("skiros:LinkedToFrameId", "{robot}/{part}/tool")
 JOINT_NAMES = "skiros:JointNames"
 OPENING = "skiros:Opening"
 POSTURES = "skiros:Postures"
+#: Of a gripper that holds a part: the distance between its fingers when it had closed on the part (m).
+GRIP_WIDTH = "skiros:GripWidth"
 
 #: Earlier names of these properties, which scenes may still use.
 _EARLIER_NAMES = {JOINT_NAMES: "demo:JointNames", OPENING: "demo:Opening", POSTURES: "demo:Postures"}
@@ -62,6 +64,14 @@ def posture(arm: Element, name: str) -> dict[str, float]:
     if not isinstance(positions, list) or len(positions) != len(names) or not all(map(_is_number, positions)):
         raise WrongValue(f"{arm!r}: posture {name!r} is {positions!r}, expected {len(names)} numbers")
     return {str(joint): float(position) for joint, position in zip(names, positions, strict=True)}
+
+
+def joint_names(device: Element) -> list[str]:
+    """Returns the joints of an arm or of the fingers of a gripper, as its driver names them; [] if they are not known.
+
+    :raises WrongValue: the property is not a list.
+    """
+    return [str(name) for name in _json(device, JOINT_NAMES, list)] if _value(device, JOINT_NAMES) else []
 
 
 def _json(arm: Element, key: str, kind: type[J]) -> J:

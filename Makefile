@@ -69,7 +69,7 @@ bench: setup  ## measure, print a table, write build/bench.json
 	@$(python) -m pip install --quiet --require-hashes --requirement requirements/bench.txt || echo "some planners are missing"
 	@exec .ci/in_ros $(python) tests/benchmarks/run.py --json build/bench.json
 
-bench-insertion: setup  ## insert the piston 20 times for each error of its pose (up to an hour); write build/insertion.json
+bench-insertion: setup  ## insert the piston on a grid of errors, clearances, bores and arms (hours; BENCH_ARGS="--runs 60" for a sample); write build/insertion.json
 	@exec $(python) tests/benchmarks/insertion.py $(BENCH_ARGS)
 
 bench-learning: setup  ## compare optimisers of skill parameters (up to an hour; BENCH_ARGS=--short); write build/learning.json

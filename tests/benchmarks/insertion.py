@@ -1,73 +1,158 @@
-"""Insertions of the piston in physics, in this process and without ROS: success, force, time and speed by error.
+"""Insertions in physics, in this process and without ROS: a grid of errors of the estimated pose, clearances, bores and
+arms. Each run is judged by the simulator's truth.
 
-A program of its own: `make bench-insertion`, or `.venv/bin/python3 tests/benchmarks/insertion.py --runs 20`.
+A program of its own: `make bench-insertion`, or `.venv/bin/python3 tests/benchmarks/insertion.py --runs 60`. The grid
+is run in a random order, seed by seed: a part of it is a fair sample.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import statistics
 import sys
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from random import Random
 
 ROOT = Path(__file__).resolve().parents[2]
 
-import tomllib  # noqa: E402
+sys.path.insert(0, str(ROOT / "tests"))
+from support.packages import source_folders  # noqa: E402 - after the path
 
-folders = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]["pythonpath"]
-sys.path[:0] = [str(ROOT / folder) for folder in folders]
+sys.path[:0] = [str(folder) for folder in source_folders()]
 
-from skiros2_learning.local.insertion_study import InsertionRun, InsertionStudy  # noqa: E402 - after the path
+from skiros2_learning.local.insertion_study import BORES, InsertionStudy  # noqa: E402 - after the path
+from support.insertion_cells import ARMS, write_cell  # noqa: E402
 
-#: Errors of the estimated pose (mm, degrees).
-POSITIONS, ANGLES = (0.0, 1.0, 2.0, 3.0), (0.0, 1.0, 2.0)
-#: Of the blind insertion (mm).
-BLIND = (0.0, 0.5, 1.0, 2.0, 3.0)
+#: Limit of the force of the skills (N), and the factor up to which it may be exceeded.
+LIMIT, OVERSHOOT = 40.0, 1.2
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run of the grid.
+
+    :param error: of the estimated position of the bore (mm).
+    :param angle: of its axis (degrees).
+    :param clearance: difference of the diameters (mm).
+    """
+
+    error: float
+    angle: float
+    clearance: float
+    bore: str
+    arm: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run has measured.
+
+    :param success: the task reports success, and the part is as deep as wanted.
+    :param reported: the task reports success.
+    :param depth: true depth of the part (mm).
+    :param max_force: at the wrist (N).
+    :param time: simulated (s).
+    :param wall: time of the computer (s).
+    """
+
+    case: Case
+    success: bool
+    reported: bool
+    depth: float
+    max_force: float
+    time: float
+    wall: float
+    why: str
 
 
 def main(arguments: Sequence[str]) -> int:
     """Runs the program. Returns 0."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=20, help="per cell (%(default)s)")
-    parser.add_argument("--json", type=Path, default=ROOT / "build/insertion.json", help="where the figures go")
-    options = parser.parse_args(arguments)
-    cells = []
-    print("skill             mm   deg  success      depth   force max  time mean  x real time")
-    with InsertionStudy() as study:
-        wanted = [("insert_into_bore", far, turn) for turn in ANGLES for far in POSITIONS]
-        for skill, far, turn in [*wanted, *(("insert_blindly", far, 0.0) for far in BLIND)]:
-            began = time.perf_counter()
-            runs = [study.run(seed, far / 1000.0, math.radians(turn), skill) for seed in range(1, options.runs + 1)]
-            cell = summary(skill, far, turn, runs, time.perf_counter() - began)
-            cells.append(cell)
-            print(
-                f"{skill:<16} {far:>3g}  {turn:>4g}  {cell['success']:>3}/{len(runs):<3}  {cell['depth']:>6.1f} mm"
-                f"  {cell['max_force']:>6.1f} N  {cell['time']:>6.1f} s  {cell['real_time_factor']:>8.2f}",
-                flush=True,
-            )
+    options = _parser().parse_args(arguments)
+    cases = grid(options)[: options.runs]
+    print(f"{len(cases)} of {len(grid(options))} runs")
+    results: list[Result] = []
+    began = time.monotonic()
+    for case in cases:
+        if options.minutes and time.monotonic() - began > 60.0 * options.minutes:
+            break
+        results.append(run(case, options.skill))
+        if not results[-1].success or results[-1].max_force > LIMIT * OVERSHOOT:
+            print(f"  {results[-1].max_force:.1f} N  {case}: {results[-1].why}", flush=True)
+    for line in tables(results):
+        print(line)
     options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(cells, indent=1))
+    options.json.write_text(json.dumps([asdict(result) for result in results], indent=1))
     return 0
 
 
-def summary(skill: str, far: float, turn: float, runs: Sequence[InsertionRun], seconds: float) -> dict[str, object]:
-    """Returns the figures of a cell."""
-    return {
-        "skill": skill,
-        "position_error_mm": far,
-        "angle_error_deg": turn,
-        "runs": len(runs),
-        "success": sum(run.success for run in runs),
-        "depth": 1000.0 * statistics.median(run.depth for run in runs),
-        "max_force": max(run.max_force for run in runs),
-        "time": statistics.fmean(run.time for run in runs),
-        "real_time_factor": sum(run.time for run in runs) / seconds,
-        "failures": [f"seed {seed}: {run.why.splitlines()[:2]}" for seed, run in enumerate(runs, 1) if not run.success],
-    }
+def grid(options: argparse.Namespace) -> list[Case]:
+    """Returns all runs, in their order."""
+    axes = options.errors, options.angles, options.clearances, options.bores, options.arms
+    found: list[Case] = []
+    for seed in options.seeds:
+        cases = [Case(*values, seed) for values in itertools.product(*axes)]
+        Random(seed).shuffle(cases)
+        found += cases
+    return found
+
+
+def run(case: Case, skill: str = "insert_into_bore") -> Result:
+    """Runs one insertion."""
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        scene = write_cell(Path(folder) / "cell", case.arm, case.clearance / 1000.0)
+        with InsertionStudy(scene, bore=case.bore) as study:
+            got = study.run(case.seed, case.error / 1000.0, math.radians(case.angle), skill)
+    why = " / ".join(got.why.splitlines()[:2]) or ("" if got.success else f"{1000.0 * got.depth:.1f} mm deep")
+    wall = time.monotonic() - began
+    return Result(case, got.success, got.reported, 1000.0 * got.depth, got.max_force, got.time, wall, why)
+
+
+def tables(results: Sequence[Result]) -> list[str]:
+    """Returns the figures by error, clearance, bore and arm, and of all runs."""
+    groups: list[tuple[str, Callable[[Case], object]]] = [
+        ("error", lambda case: f"{case.error:g} mm, {case.angle:g} deg"),
+        ("clearance", lambda case: f"{case.clearance:g} mm"),
+        ("bore", lambda case: case.bore),
+        ("arm", lambda case: case.arm),
+        ("all", lambda case: ""),
+    ]
+    lines = [f"{'':<26}success  false  max force  above {LIMIT * OVERSHOOT:g} N  mean time  x real time"]
+    for name, key in groups:
+        for value in sorted({str(key(result.case)) for result in results}):
+            rows = [result for result in results if str(key(result.case)) == value]
+            false = sum(row.reported and not row.success for row in rows)
+            above = sum(row.max_force > LIMIT * OVERSHOOT for row in rows)
+            lines.append(
+                f"{name:<10}{value:<16}{sum(row.success for row in rows):>3}/{len(rows):<3}  {false:>5}"
+                f"  {max(row.max_force for row in rows):>7.1f} N  {above:>12}"
+                f"  {statistics.fmean(row.time for row in rows):>7.1f} s"
+                f"  {sum(row.time for row in rows) / sum(row.wall for row in rows):>11.2f}"
+            )
+    return lines
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--errors", type=float, nargs="+", default=[1.0, 2.0, 3.0], help="mm (%(default)s)")
+    parser.add_argument("--angles", type=float, nargs="+", default=[0.0, 1.0, 2.0], help="degrees (%(default)s)")
+    parser.add_argument("--clearances", type=float, nargs="+", default=[0.05, 0.1, 0.2], help="mm (%(default)s)")
+    parser.add_argument("--bores", nargs="+", default=list(BORES[:3]), help="ids (%(default)s)")
+    parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS), help="(%(default)s)")
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 11)), help="(%(default)s)")
+    parser.add_argument("--runs", type=int, help="the first ones only")
+    parser.add_argument("--minutes", type=float, help="starts no run after them")
+    parser.add_argument("--skill", default="insert_into_bore", help="or insert_blindly, to compare")
+    parser.add_argument("--json", type=Path, default=ROOT / "build/insertion.json", help="where the runs go")
+    return parser
 
 
 if __name__ == "__main__":

@@ -334,6 +334,14 @@ def test_wrench_that_is_not_set_again_expires(arm: MovedRobot, caplog: pytest.Lo
     ]
 
 
+def test_wrench_that_was_set_to_zero_does_not_expire(arm: MovedRobot, caplog: pytest.LogCaptureFixture) -> None:
+    for force in (10.0, 0.0):
+        arm.controller.set_wrench((0.0, 0.0, force, 0.0, 0.0, 0.0), timeout=0.5)
+        arm.world.step(300)
+    arm.world.step(700)
+    assert not caplog.records
+
+
 def test_wrench_without_a_timeout_holds(arm: MovedRobot) -> None:
     arm.controller.set_wrench((0.0, 0.0, 10.0, 0.0, 0.0, 0.0))
     arm.world.step(2000)

@@ -8,6 +8,7 @@ import queue
 import sys
 import time
 import xmlrpc.client
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 from typing import Any, TextIO
@@ -25,10 +26,11 @@ from skiros2_common.ros.private_system import PrivateSystem, SystemDown
 from skiros2_demo.film import Film
 from skiros2_demo.progress_report import ProgressReport
 from skiros2_demo.run_check import Step, Thing, WorldState, changes, check, name_of, read_run
-from skiros2_demo.simulation import Disturbance, Moved, Pictures, Simulation, Slip
+from skiros2_demo.simulation import VIEW, Disturbance, Moved, Pictures, Simulation, Slip
 from skiros2_motion.core.geometry import Pose, composed, from_euler
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult, TreeProgress
 from skiros2_msgs.srv import ResourceGetDescriptions
+from skiros2_runs.core.progress import NodeMessage
 from skiros2_std_skills.core.driver_names import COLOUR, part_name
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -154,6 +156,8 @@ class Demo:
 
     #: Name of the skill manager.
     robot = ROBOT
+    #: Direction to the camera of the pictures, see `camera_view`.
+    view = VIEW
 
     def __init__(self, options: argparse.Namespace, out: TextIO) -> None:
         self._options = options
@@ -228,12 +232,16 @@ class Demo:
         return simulation.check_placement(product, tray)
 
     def is_midway(self, steps: list[Step]) -> bool:
-        """Whether it is time for the picture during the run."""
+        """Whether it is time for the picture during the run, by the steps of the plan."""
         return any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps)
 
     def continues(self, result: AchieveResult) -> str:
         """Returns what a person does after a goal was not reached, who then sends it again; "": nobody does."""
         return ""
+
+    def is_midway_of(self, nodes: Sequence[NodeMessage]) -> bool:
+        """The same, by the tree of a task that has changed."""
+        return False
 
     def add_disturbance(self, disturbance: Disturbance) -> None:
         """Adds a disturbance."""
@@ -258,7 +266,7 @@ class Demo:
             places = [simulation.pose_of(thing.id).position for thing in shown]
             cameras = [element for element in scene if element.type == "skiros:DepthCamera"]
             topic = COLOUR.of(cameras[0], self.robot.strip("/"), part_name(cameras[0])) if cameras else ""
-            self._pictures = Pictures(simulation, self._options.folder, places, topic, self._report.say)
+            self._pictures = Pictures(simulation, self._options.folder, places, topic, self._report.say, self.view)
             if self._options.film:
                 goal, camera = f"{self._options.product} in {self._options.tray}", self._pictures.cell
                 self._film = Film(goal, camera, self._options.film_period, self._world.name, self._report.say)
@@ -309,6 +317,8 @@ class Demo:
             self._report.tree(event)
             if self._film is not None:
                 self._film.tree(event)
+            if self.is_midway_of(event):
+                self._take_pictures("during")
         for text in filter(None, reports):
             if self._film is not None:
                 self._film.event(text)

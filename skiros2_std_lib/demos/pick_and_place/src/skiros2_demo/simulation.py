@@ -214,7 +214,7 @@ def _tilt(orientation: Quaternion, axis: Vector) -> float:
 
 
 #: Direction from the centre of the cell to the camera, relative to the width of the cell.
-_DIRECTION = (-0.5, -0.26, 0.5)
+VIEW = (-0.5, -0.26, 0.5)
 
 
 class PictureSource(Protocol):
@@ -233,17 +233,24 @@ class Pictures:
 
     :param places: positions of the things in the cell, in the map (m).
     :param say: prints a message.
+    :param view: direction to the camera, see `camera_view`.
     """
 
     def __init__(
-        self, by: PictureSource, folder: Path, places: Iterable[Vector], topic: str, say: Callable[[str], None]
+        self,
+        by: PictureSource,
+        folder: Path,
+        places: Iterable[Vector],
+        topic: str,
+        say: Callable[[str], None],
+        view: Vector = VIEW,
     ) -> None:
         self._by = by
         self._folder = folder
         self._topic = topic
         self._say = say
         self._taken: set[str] = set()
-        self._eye, self._target = camera_view(places)
+        self._eye, self._target = camera_view(places, view)
 
     def take(self, moment: str) -> None:
         """Saves the pictures of a moment, once."""
@@ -269,14 +276,17 @@ class Pictures:
             self._say(f"  no picture {file.name}: {error}")
 
 
-def camera_view(places: Iterable[Vector]) -> tuple[Vector, Vector]:
-    """Returns camera position and target for a picture of all positions (m)."""
+def camera_view(places: Iterable[Vector], view: Vector = VIEW) -> tuple[Vector, Vector]:
+    """Returns camera position and target for a picture of all positions (m).
+
+    :param view: direction to the camera, relative to the width of the cell.
+    """
     sides = [(min(axis), max(axis)) for axis in zip(*places, strict=True)]
     if not sides:
         return (-3.0, -2.0, 3.0), (0.0, 0.0, 0.0)
     width = max(high - low for low, high in sides) + 1.0
     x, y, z = ((low + high) / 2 for low, high in sides)
-    dx, dy, dz = (part * width for part in _DIRECTION)
+    dx, dy, dz = (part * width for part in view)
     return (x + dx, y + dy, z + dz), (x, y, z)
 
 

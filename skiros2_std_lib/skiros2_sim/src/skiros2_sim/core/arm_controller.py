@@ -229,7 +229,7 @@ class ArmController:
         """
         self.check_active()
         self.impedance.set_wrench(values)
-        self._wrench_time = timeout
+        self._wrench_time = timeout if any(values) else math.inf
 
     def start_overlay(self, goal: SpiralGoal) -> None:
         """Adds a spiral to the reference, in place of the current one, if there is one.

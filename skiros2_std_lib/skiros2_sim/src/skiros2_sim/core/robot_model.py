@@ -23,14 +23,14 @@ BASE_LINK = "base_link"
 #: The drives of a mobile robot.
 DRIVES = ("drive_x", "drive_y", "drive_turn")
 
-#: Rest posture by name of the model. The default is 0, or the nearest limit.
+#: Start posture by name of the model, for arms without a posture `start` in the scene.
 _REST = {
     "panda": (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785),
     "lbr_iiwa": (0.0, 0.5, 0.0, -1.5, 0.0, 1.1, 0.0),
 }
 #: Tool frame in the frame of the last link, by name of the model, for models without a link for it.
 _TOOL = {"lbr_iiwa": Pose((0.0, 0.0, 0.045), IDENTITY.orientation)}
-_TOOL_LINKS = ("grasptarget", "tool", "tcp")
+_TOOL_LINKS = ("grasptarget", "tool", "tool0", "tcp")
 
 #: PyBullet's notation for a prismatic joint without limits.
 _UNLIMITED = (0.0, -1.0)
@@ -161,7 +161,7 @@ def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[E
     if tool not in holder.links:
         parts += [models.link(tool), models.joint(f"{tool}_mount", "fixed", last, tool, offset)]
     limits = [_limits(joint) for joint in joints]
-    rest = _REST.get(arm.name, (0.0,) * len(joints))
+    rest = _start(spec, arm.name, len(joints), robot.problems)
     robot.arms.append(
         ArmModel(
             spec,
@@ -173,6 +173,16 @@ def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[E
         )
     )
     return parts
+
+
+def _start(spec: ArmSpec, model: str, joints: int, problems: list[Problem]) -> tuple[float, ...]:
+    """Returns the positions with which an arm starts, before they are limited to those of its joints."""
+    for found in (spec.postures.get("start"), _REST.get(model), spec.postures.get("home")):
+        if found is not None:
+            if len(found) == joints:
+                return found
+            problems.append(Problem(spec.id, f"its start posture has {len(found)} positions, expected {joints}"))
+    return (0.0,) * joints
 
 
 def _add_gripper(

@@ -25,6 +25,7 @@ from skiros2_sim.core.scene_spec import (
 )
 from skiros2_std_reasoners.core import spatial_data
 from skiros2_std_skills.core import driver_names as names
+from skiros2_std_skills.core.devices import posture, posture_names
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 
@@ -340,8 +341,17 @@ class _Reader:
                 self._address(names.STIFFNESS, element, robot, name),
                 names.POSITION_CONTROLLER.of(element, robot, name),
                 names.COMPLIANT_CONTROLLER.of(element, robot, name),
+                self._postures(element),
             )
         ]
+
+    def _postures(self, element: Element) -> dict[str, tuple[float, ...]]:
+        """Returns the usable postures of an arm."""
+        try:
+            return {name: tuple(posture(element, name).values()) for name in posture_names(element)}
+        except WrongValue as error:
+            self._add_problem(element, f"postures ignored: {error}")
+            return {}
 
     def _gripper(self, element: Element, robot: str, taken: set[str]) -> GripperSpec:
         name = self._unused_part(element, taken)

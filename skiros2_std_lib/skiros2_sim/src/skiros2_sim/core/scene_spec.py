@@ -6,6 +6,7 @@ Lengths in metres, masses in kilograms, angles in radians. Ids are those of the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from skiros2_motion.core.bore import Bore
@@ -81,6 +82,8 @@ class ArmSpec:
 
     :param pose: of its mount in the robot's frame.
     :param planning_action: "" if MoveIt plans for it.
+    :param postures: joint positions (rad, m) by name: it starts in `start`, or in that of its model if there is one, or
+        in `home`, or with all joints at 0.
     """
 
     id: str
@@ -95,6 +98,7 @@ class ArmSpec:
     stiffness_topic: str = ""
     position_controller: str = "position"
     compliant_controller: str = "compliant"
+    postures: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,14 @@ def posture(arm: Element, name: str) -> dict[str, float]:
     return {str(joint): float(position) for joint, position in zip(names, positions, strict=True)}
 
 
+def posture_names(arm: Element) -> list[str]:
+    """Returns the names of an arm's postures; [] if there are none.
+
+    :raises WrongValue: the property is not a table.
+    """
+    return list(_json(arm, POSTURES, dict)) if _value(arm, POSTURES) else []
+
+
 def joint_names(device: Element) -> list[str]:
     """Returns the joints of an arm or of the fingers of a gripper, as its driver names them; [] if they are not known.
 

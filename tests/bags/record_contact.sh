@@ -21,26 +21,12 @@ trap 'rm -f "$whole"' EXIT
 ROBOT=piston_cell ALSO='/piston_cell/camera/depth/.*|.*/right_compliant/state' \
   WITHOUT='/rosout.*|/sim/contacts|/piston_cell/execute/feedback|/piston_cell/joint_states' \
   "$here/record.sh" "$whole" "skiros2_contact_skills piston.launch gui:=false" "$here/record_contact.sh" run
-# the images of both estimates, and when the second insertion has begun, by the simulated clock
-read -r first second begin < <(python3 - "$whole" <<'PYTHON'
-import sys
-
-from skiros2_bags.core.run import Run
-
-run = Run.open(sys.argv[1])
-views = [run.world(skill.end + 0.1).element("piston:EngineBlock-11") for skill in run.skills() if skill.label == "estimate_pose"]
-begin = [skill.start for skill in run.skills() if skill.label == "insert_into_bore"][1]
-state = next(m for m in run.messages("/piston_cell/right_arm/right_compliant/state") if m.time > begin - 0.5)
-print(*(view.value_of("skiros:EstimateStamp") for view in views), state.content.header.stamp.sec)
-PYTHON
-)
-images="any(abs(m.header.stamp.to_sec() - at) < 0.002 for at in ($first, $second))"
-rosbag filter "$whole" "$here/contact.bag" "(
-    topic in ('/clock', '/wm/monitor', '/piston_cell/monitor', '/piston_cell/right_arm/wrist/wrench', '/recorder/parameters')
-    or topic.startswith(('/piston_cell/execute/', '/piston_cell/right_gripper/'))
-    or topic.startswith(('/piston_cell/right_arm/follow_joint_trajectory/', '/piston_cell/right_arm/plan_motion/'))
-    or topic.endswith('/right_compliant/state') and m.header.stamp.to_sec() > $begin
-    or '/camera/depth/' in topic and $images
-    or topic == '/tf' and any(abs(m.transforms[0].header.stamp.to_sec() - at) < 0.05 for at in ($first, $second)))"
+rosbag filter "$whole" "$here/contact.bag" '(
+    topic in ("/clock", "/wm/monitor", "/piston_cell/monitor", "/piston_cell/right_arm/wrist/wrench", "/recorder/parameters")
+    or topic.startswith(("/piston_cell/execute/", "/piston_cell/right_gripper/"))
+    or topic.startswith(("/piston_cell/right_arm/follow_joint_trajectory/", "/piston_cell/right_arm/plan_motion/"))
+    or topic.endswith("/right_compliant/state") and m.header.stamp.to_sec() > 33.8
+    or "/camera/depth/" in topic and round(m.header.stamp.to_sec(), 2) in (5.5, 9.0)
+    or topic == "/tf" and any(abs(m.transforms[0].header.stamp.to_sec() - at) < 0.05 for at in (5.5, 9.0)))'
 rosbag compress -f --bz2 "$here/contact.bag"
 rm -f "$here/contact.orig.bag"

@@ -23,10 +23,9 @@ from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_contact_skills import contact_motions, free_motions, insertion
 from skiros2_contact_skills.arms import provided_arms
 from skiros2_contact_skills.ros.impedance_arm import arm_state
-from skiros2_learning.local.insertion_study import ARM, BLOCK, BORE, PISTON, SCENE
+from skiros2_learning.local.insertion_study import ARM, BLOCK, BORE, PISTON, SCENE, insertion_skills
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed
 from skiros2_perception.camera_skill import CameraSkill
@@ -160,9 +159,8 @@ def test_insertion_decides_by_recorded_states_as_it_did(run: Run) -> None:
     end = max(skill.end for skill in recorded)
     with bench_at(run, begin) as bench:
         arm = RecordedArm(run, space.pose_of(bench.wmi.get_element(ARM)) or IDENTITY)
-        primitives = [free_motions.approach_target, contact_motions.move_until_contact]
-        primitives += [contact_motions.spiral_search, contact_motions.insert_part]
-        bench.load(insertion.insert_into_bore, *primitives)
+        # it was recorded without a push on the floor
+        bench.load(*insertion_skills(parameters={"insert_part": {"Force": 1.0}}))
         elements = {key: bench.wmi.get_element(eid) for key, eid in (("Arm", ARM), ("Part", PISTON), ("Bore", BORE))}
         wrenches = iter([message for message in run.messages(WRENCH) if message.time > begin - 1.0])
         with provided_arms(arm):

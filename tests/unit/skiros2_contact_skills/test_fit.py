@@ -79,7 +79,7 @@ def test_unusable_property_is_named(skill_bench: SkillBench, bore: dict[str, Any
 
 @pytest.mark.parametrize(("width", "lost"), [(0.0205, False), (0.0, True), (0.08, True), (0.03, True)])
 def test_part_is_lost_when_the_fingers_are_not_where_they_gripped_it(width: float, lost: bool) -> None:
-    evidence = Evidence(opening=0.08, wanted_depth=0.06, gripped=0.02)
+    evidence = Evidence(opening=0.08, wanted_depth=0.06, part_width=0.02)
     evidence.see_fingers(width)
     assert evidence.is_lost() is lost
     assert evidence.values()["held"] is not lost

@@ -20,13 +20,14 @@ from skiros2_contact_skills.contact_primitive import (
     pressed,
 )
 from skiros2_contact_skills.core.evidence import Evidence, FloorTest, Judgement
+from skiros2_contact_skills.core.fit import grip_width
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
 from skiros2_contact_skills.pose_errors import position_deviation
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_std_reasoners.core.scene_poses import parent_of
-from skiros2_std_skills.core.devices import GRIP_WIDTH, opening
+from skiros2_std_skills.core.devices import opening
 
 #: Stiffness along the tool axis of motions until contact (N/m).
 _APPROACH_STIFFNESS = 800.0
@@ -40,6 +41,8 @@ _INSERTION_STIFFNESS = 2000.0
 _BRAKING_TIME, _SLOWEST = 0.4, 0.005
 #: Maximum distance of the reference beyond the wanted depth (m).
 _BEYOND = 0.005
+#: A failed part is pulled out to this height above the surface (m), with this speed (m/s), within some more time (s).
+_CLEAR, _PULLING_SPEED, _PULLING_TIME = 0.005, 0.05, 3.0
 #: Depth that counts as progress of an insertion (m).
 _PROGRESS = 0.0005
 #: Time constant with which the reference follows the tool across the axis during an insertion (s).
@@ -132,11 +135,14 @@ class insert_part(ContactPrimitive):
         self._best_at = state.stamp
         self._centre = state.pose.position
         self._test: FloorTest | None = None
-        gripper = self._gripper
-        gripped = gripper.value_of(GRIP_WIDTH) if gripper is not None else None
-        self._evidence = Evidence(opening(gripper) if gripper is not None else math.inf, self._wanted, gripped)
+        self._failed: tuple[str, int] | None = None  # text and code, while the part is pulled out
+        part, gripper = self.optional_element("Part"), self._gripper
+        width = grip_width(self.wmi, part) if part is not None else None
+        self._evidence = Evidence(opening(gripper) if gripper is not None else math.inf, self._wanted, width)
 
     def move(self, state: ArmState, dt: float) -> State:
+        if self._failed is not None:
+            return self._pull_out(state, dt, *self._failed)
         depth, wanted, evidence = self.depth(state), self._wanted, self._evidence
         evidence.see_fingers(self._width())
         evidence.tool_depth = depth
@@ -153,8 +159,7 @@ class insert_part(ContactPrimitive):
         if is_deep and (is_stuck or pressed(state) >= self.value("SeatForce")):
             if self.value("SeatForce") == 0.0:  # the bore has no floor
                 return self._judge(state, Judgement.INSERTED)
-            force = max(self.value("Force"), self.value("SeatForce"))
-            self._test = FloorTest(depth, state.stamp, force, _INSERTION_STIFFNESS)
+            self._test = FloorTest(depth, state.stamp, self.value("Force"), _INSERTION_STIFFNESS)
             return self._push(state, dt, self._test)
         if is_stuck:
             return self._judge(state, Judgement.JAMMED, NO_PROGRESS)
@@ -187,7 +192,22 @@ class insert_part(ContactPrimitive):
         self.params["Evidence"].values = [evidence.values()]
         depths = f"{1000 * evidence.tool_depth:.1f} of {1000 * self._wanted:.1f} mm deep"
         text = f"{judgement.capitalize()}, {depths}: {evidence.text()} ({forces(state)})"
-        return self.fail(text, code) if code else self.success(text)
+        if not code:
+            return self.success(text)
+        self._failed, self._failed_at, self._target = (text, code), state.stamp, self.depth(state)
+        return self.step(text)
+
+    def _pull_out(self, state: ArmState, dt: float, text: str, code: int) -> State:
+        """Pulls the part out of the bore after a failure, and fails: it must not stay jammed."""
+        depth = self.depth(state)
+        if depth < -_CLEAR + _PROGRESS:
+            return self.fail(f"{text}; it is pulled out", code)
+        if state.stamp - self._failed_at > (self._evidence.tool_depth + _CLEAR) / _PULLING_SPEED + _PULLING_TIME:
+            return self.fail(f"{text}; it cannot be pulled out and stays {1000 * depth:.1f} mm deep", code)
+        pull = depth - self.value("Force") / _INSERTION_STIFFNESS
+        self._target = max(self._target - _PULLING_SPEED * dt, pull, -_CLEAR - _BEYOND)
+        self.arm.set_reference(self._reference(state, dt, self._target - depth))
+        return self.step(f"Pulling the part out: {1000 * depth:.1f} mm deep, {forces(state)}")
 
     def _width(self) -> float | None:
         """Returns the distance between the fingers (m), if it is measured."""

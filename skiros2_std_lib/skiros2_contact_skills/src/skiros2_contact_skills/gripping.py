@@ -12,7 +12,7 @@ from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.places import move_in_world_model
 from skiros2_std_reasoners.core.scene_poses import parent_of, pose_in_scene, size_of
-from skiros2_std_skills.core.devices import GRIP_WIDTH, opening
+from skiros2_std_skills.core.devices import opening
 from skiros2_std_skills.drivers import NOT_KNOWN
 from skiros2_std_skills.gripper_motion import NOT_HELD, GripperMotion
 
@@ -87,10 +87,7 @@ class grip_part(check_grip):
         if (held := super().onDone(status, msg)) is not State.Success:
             return held
         grasp = space.pose_of(self.element("Grasp")) or IDENTITY
-        gripper = self.element("Gripper")
         try:
-            gripper.setProperty(GRIP_WIDTH, msg.position)
-            self.wmi.update_element_properties(gripper)
             move_in_world_model(self.wmi, self.element("Part"), self.element("Gripper"), inverted(grasp))
         except SkirosError as error:
             return self.fail(str(error), NOT_KNOWN)

@@ -6,13 +6,13 @@ from contextlib import suppress
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillDescription
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.contact_primitive import NOT_READY
 from skiros2_contact_skills.core.fit import Fit, fit_of
-from skiros2_skill.core.processors import RetryOnFail, SelectorStar, SerialStar
+from skiros2_skill.core.processors import RetryOnFail, SerialStar
 from skiros2_skill.core.skill import SkillBase
 
 #: Height above the rim at which an attempt starts (m).
@@ -22,8 +22,6 @@ _ABOVE = 0.004
 _CONTACT = {"Speed": 0.008, "MaxDistance": 0.010, "NeedsContact": False}
 #: Of a blind insertion.
 _STIFF = {"Stiffness": 2000.0, "RotationalStiffness": 300.0, "Speed": 0.05}
-#: How far a failed part is retracted, beyond the depth of the bore (m).
-_CLEAR = 0.02
 
 
 class InsertIntoBore(SkillDescription):
@@ -52,8 +50,8 @@ class InsertIntoBore(SkillDescription):
 
 
 class insert_into_bore(SkillBase):
-    """Searches the rim with the estimated pose of the bore, and inserts; starts again when the part jams, and retracts
-    it after the last attempt. Depth, search and attempts are those of the part and the bore, see `core/fit.py`."""
+    """Searches the rim with the estimated pose of the bore, and inserts; starts again when the part jams, which is
+    pulled out before. Depth, search and attempts are those of the part and the bore, see `core/fit.py`."""
 
     def createDescription(self) -> None:
         self.setDescription(InsertIntoBore(), self.__class__.__name__)
@@ -74,10 +72,7 @@ class insert_into_bore(SkillBase):
         with suppress(SkirosError):  # reported by onStart
             fit = self._fit()
         attempts = self.params["Attempts"].values or [fit.attempts]
-        skill.setProcessor(SelectorStar())
-        retreat = []
-        with suppress(UnknownName):  # a cell may not offer it
-            retreat.append(self.skill("RetractAfterFailure", "", specify={"Height": fit.depth + _CLEAR}))
+        skill.setProcessor(SerialStar())
         skill(
             self.skill(RetryOnFail(attempts[0] - 1, SerialStar()))(
                 self.skill("ApproachTarget", "", remap={"Target": "Bore"}, specify={"Height": _ABOVE}),
@@ -86,7 +81,6 @@ class insert_into_bore(SkillBase):
                 self.skill("SpiralSearch", ""),
                 self.skill("InsertPart", ""),
             ),
-            *retreat,
         )
 
 

@@ -156,8 +156,7 @@ class Demo:
 
     #: Name of the skill manager.
     robot = ROBOT
-    #: Direction to the camera of the pictures, see `camera_view`.
-    view = VIEW
+    view = VIEW  # of the pictures, see `camera_view`
 
     def __init__(self, options: argparse.Namespace, out: TextIO) -> None:
         self._options = options
@@ -210,10 +209,10 @@ class Demo:
         product, tray = (self._world.labelled(label) for label in (self._options.product, self._options.tray))
         if simulation is not None:
             self.prepare(simulation, scene, product, tray)
-        self._take_pictures("before")
+        self.take_pictures("before")
         with self._film or contextlib.nullcontext():
             self._achieve(system, events, task_manager, f"(skiros:contain {tray.id} {product.id})")
-        self._take_pictures("after")
+        self.take_pictures("after")
         if self._film is not None:
             self._report.say(f"  film: {self._film.save(self._options.film)}")
         truth = self.check_truth(simulation, product, tray) if simulation is not None else []
@@ -232,16 +231,15 @@ class Demo:
         return simulation.check_placement(product, tray)
 
     def is_midway(self, steps: list[Step]) -> bool:
-        """Whether it is time for the picture during the run, by the steps of the plan."""
+        """Whether it is time for the picture during the run."""
         return any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps)
 
     def continues(self, result: AchieveResult) -> str:
         """Returns what a person does after a goal was not reached, who then sends it again; "": nobody does."""
         return ""
 
-    def is_midway_of(self, nodes: Sequence[NodeMessage]) -> bool:
-        """The same, by the tree of a task that has changed."""
-        return False
+    def watch(self, nodes: Sequence[NodeMessage]) -> None:
+        """To override: the tree of a task has changed."""
 
     def add_disturbance(self, disturbance: Disturbance) -> None:
         """Adds a disturbance."""
@@ -271,7 +269,7 @@ class Demo:
                 goal, camera = f"{self._options.product} in {self._options.tray}", self._pictures.cell
                 self._film = Film(goal, camera, self._options.film_period, self._world.name, self._report.say)
 
-    def _take_pictures(self, moment: str) -> None:
+    def take_pictures(self, moment: str) -> None:
         if self._pictures is not None:
             self._pictures.take(moment)
 
@@ -311,14 +309,13 @@ class Demo:
             if self._film is not None:
                 self._film.steps(steps)
             if self.is_midway(steps):
-                self._take_pictures("during")
+                self.take_pictures("during")
         else:
             reports = [disturbance.tree(event) for disturbance in self._disturbances]
             self._report.tree(event)
             if self._film is not None:
                 self._film.tree(event)
-            if self.is_midway_of(event):
-                self._take_pictures("during")
+            self.watch(event)
         for text in filter(None, reports):
             if self._film is not None:
                 self._film.event(text)

@@ -20,7 +20,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.assembly import LOCATED
 from skiros2_contact_skills.core.part_poses import depth_and_tilt
 from skiros2_demo.demo import Demo, add_options, run_demo
-from skiros2_demo.run_check import Step, Thing
+from skiros2_demo.run_check import Thing
 from skiros2_demo.simulation import Simulation, Slip
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
 from skiros2_msgs.msg import AchieveResult
@@ -91,14 +91,12 @@ class PistonDemo(Demo):
             self.add_disturbance(preemption(self._preempt))
         self.prepare_pictures(simulation, scene)
 
-    def is_midway(self, steps: list[Step]) -> bool:
-        return False
-
-    def is_midway_of(self, nodes: Sequence[Any]) -> bool:
+    def watch(self, nodes: Sequence[Any]) -> None:
         running = {node.label for node in nodes if node.state == node.RUNNING}
         if self._forces is not None and any(node.label == "insert_into_bore" for node in nodes):
             self._forces.record("insert_into_bore" in running and bool(running & _IN_CONTACT))
-        return "insert_part" in running
+        if "insert_part" in running:
+            self.take_pictures("during")
 
     def continues(self, result: AchieveResult) -> str:
         why = map(Explanation.from_dict, json.loads(result.explanations or "[]"))

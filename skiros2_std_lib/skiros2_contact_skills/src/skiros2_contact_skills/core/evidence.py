@@ -14,8 +14,9 @@ from enum import StrEnum
 
 #: Maximum distance between fingers that hold nothing (m).
 NOTHING_BETWEEN = 0.004
-#: Change of the distance between the fingers at which a part is lost, and that from an open gripper (m).
-_CHANGE, _OPEN = 0.002, 0.001
+#: Change of the distance between the fingers at which a part is lost, and that from an open gripper (m). The wobble of
+#: an insertion opens the fingers by 1 mm.
+_CHANGE, _OPEN = 0.003, 0.001
 #: A floor moves by less than this (m) for this time (s), under this part of the test force.
 _YIELDS, _STANDS, _FORCE = 0.0005, 0.2, 0.7
 #: Time constant with which the push follows the measured force (s), and the lowest stiffness of an arm (N/m).
@@ -46,7 +47,7 @@ class Evidence:
 
     :param judgement: None until the end.
     :param width_before, width_after: distance between the fingers at the start and at the end (m); None: not measured.
-    :param gripped: that at the grasp; None: not known.
+    :param part_width: width of the part where it is gripped (m); None: not known.
     :param opening: that of the open gripper.
     :param tool_depth: of the tool below its position at the rim (m).
     :param wanted_depth: of the part (m).
@@ -55,7 +56,7 @@ class Evidence:
 
     opening: float
     wanted_depth: float
-    gripped: float | None = None
+    part_width: float | None = None
     width_before: float | None = None
     width_after: float | None = None
     tool_depth: float = 0.0
@@ -77,7 +78,7 @@ class Evidence:
         width = self.width_after
         if width is None or self.width_before is None:
             return False
-        held = self.width_before if self.gripped is None else self.gripped
+        held = self.width_before if self.part_width is None else self.part_width
         return not NOTHING_BETWEEN < width < self.opening - _OPEN or abs(width - held) > _CHANGE
 
     def see_floor(self, force: float) -> None:
@@ -95,7 +96,7 @@ class Evidence:
         }
         if self.width_after is not None:
             found["held"] = not self.is_lost()
-        for key in ("width_before", "width_after", "gripped", "floor_force"):
+        for key in ("width_before", "width_after", "part_width", "floor_force"):
             if (value := getattr(self, key)) is not None:
                 found[key] = value
         return found
@@ -106,8 +107,8 @@ class Evidence:
             held = "the fingers are not measured"
         else:
             held = f"{1000 * self.width_after:.1f} mm between the fingers"
-            if self.gripped is not None:
-                held += f", {1000 * self.gripped:.1f} mm at the grasp"
+            if self.part_width is not None:
+                held += f", {1000 * self.part_width:.1f} mm the part"
         floor = "no floor felt" if self.floor_force is None else f"the floor withstands {self.floor_force:.0f} N"
         return f"{held}; {floor}"
 

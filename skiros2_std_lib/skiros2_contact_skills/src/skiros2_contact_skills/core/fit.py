@@ -6,6 +6,7 @@
 | `skiros:Clearance` | bore or part | `skiros:Diameter` of the bore minus the width of the part |
 | `skiros:SearchRadius` | bore or part | 3 sigma of `skiros:PoseCovariance`, plus 2 mm; 0.0052 without one |
 | `skiros:InsertionAttempts` | bore or part | 6 |
+| `skiros:GripWidth` | grasping pose of the part | not known |
 
 A property of the bore takes precedence over that of the part.
 """
@@ -23,6 +24,7 @@ from skiros2_std_reasoners.core.scene_poses import has_size, size_of
 
 DEPTH, DIAMETER, CHAMFER = "skiros:Depth", "skiros:Diameter", "skiros:Chamfer"
 CLEARANCE, RADIUS, ATTEMPTS = "skiros:Clearance", "skiros:SearchRadius", "skiros:InsertionAttempts"
+WIDTH = "skiros:GripWidth"
 
 #: Of a part and a bore without these properties.
 USUAL_DEPTH, USUAL_RADIUS, USUAL_ATTEMPTS = 0.06, 0.0052, 6
@@ -76,6 +78,17 @@ def fit_of(wmi: WorldModelPort, part: Element | None, bore: Element | None) -> F
         min(drop, _LARGEST_DROP * depth) if depth else drop,
         USUAL_ATTEMPTS if attempts is None else int(attempts),
     )
+
+
+def grip_width(wmi: WorldModelPort, part: Element) -> float | None:
+    """Returns the width of a part where it is gripped (m), `skiros:GripWidth` of its grasping pose; None if the world
+    model does not state it.
+
+    :raises WrongValue: it is not a length.
+    """
+    grasps = [each["dst"] for each in part.getRelations("-1", "skiros:hasA", "")]
+    widths = [_number(wmi.get_element(grasp), WIDTH) for grasp in grasps]
+    return next((width for width in widths if width is not None), None)
 
 
 def _of_either(bore: Element | None, part: Element | None, key: str) -> float | None:

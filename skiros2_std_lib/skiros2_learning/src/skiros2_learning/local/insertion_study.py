@@ -37,7 +37,6 @@ from skiros2_skill.testing import BenchTask, SkillBench
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.places import move_in_world_model
 from skiros2_std_reasoners.core.scene_poses import size_of
-from skiros2_std_skills.core.devices import GRIP_WIDTH
 
 #: Of the sources, or else of the installed package.
 SCENE = next(
@@ -229,11 +228,8 @@ class InsertionStudy:
             world.set_pose(part, composed(arm.tool_pose(), inverted(grasp)))
             world.step()
         world.step(round(_GRIP_TIME * RATE))
-        element = wmi.get_element(gripper.id)
-        element.setProperty(GRIP_WIDTH, gripper.width())
-        wmi.update_element_properties(element)
         held = composed(inverted(arm.tool_pose()), world.pose_of(part))
-        move_in_world_model(wmi, wmi.get_element(part), element, held)
+        move_in_world_model(wmi, wmi.get_element(part), wmi.get_element(gripper.id), held)
 
     def _misplace(self, wmi: WorldModelPort, random: np.random.Generator, far: float, turn: float) -> None:
         """Gives the owner of the bore in the world model a wrong pose: the rim is displaced across its axis, which is
@@ -321,7 +317,7 @@ def insertion_skills(
     :raises UnknownName: there are parameters of another skill.
     """
     parameters = parameters or {}
-    names = [skill, "approach_target", "retract_after_failure", "move_until_contact", "spiral_search", "insert_part"]
+    names = [skill, "approach_target", "move_until_contact", "spiral_search", "insert_part"]
     known = {name: getattr(module, name) for name in names for module in _MODULES if hasattr(module, name)}
     if unknown := sorted(set(parameters) - set(known)):
         raise UnknownName(f"parameters of {', '.join(unknown)}: the skills are {', '.join(known)}")

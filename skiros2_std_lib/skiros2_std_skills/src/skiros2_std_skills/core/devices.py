@@ -23,8 +23,6 @@ TOOL_FRAME = Address("skiros:LinkedToFrameId", "{robot}/{part}/tool")
 JOINT_NAMES = "skiros:JointNames"
 OPENING = "skiros:Opening"
 POSTURES = "skiros:Postures"
-#: Of a gripper that holds a part: the distance between its fingers when it had closed on the part (m).
-GRIP_WIDTH = "skiros:GripWidth"
 
 #: Earlier names of these properties, which scenes may still use.
 _EARLIER_NAMES = {JOINT_NAMES: "demo:JointNames", OPENING: "demo:Opening", POSTURES: "demo:Postures"}

@@ -61,7 +61,8 @@ def fit_of(wmi: WorldModelPort, part: Element | None, bore: Element | None) -> F
     clearance = _of_either(bore, part, CLEARANCE)
     diameter = _number(bore, DIAMETER)
     if clearance is None and part is not None and diameter is not None and has_size(part):
-        clearance = diameter - max(size_of(part)[:2])
+        width, other, _ = size_of(part)
+        clearance = diameter - width if width == other else None  # others have a collar or a handle
     if clearance is not None and clearance < 0.0:
         raise WrongValue(f"{_name(part)} does not fit into {_name(bore)}: it is {-1000.0 * clearance:.2f} mm too wide")
     radius = _of_either(bore, part, RADIUS)

@@ -194,6 +194,8 @@ class insert_part(ContactPrimitive):
         text = f"{judgement.capitalize()}, {depths}: {evidence.text()} ({forces(state)})"
         if not code:
             return self.success(text)
+        if judgement is Judgement.NOT_HELD:
+            return self.fail(text, code)
         self._failed, self._failed_at, self._target = (text, code), state.stamp, self.depth(state)
         return self.step(text)
 

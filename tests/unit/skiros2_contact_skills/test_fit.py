@@ -10,7 +10,7 @@ import pytest
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_contact_skills.core.evidence import Evidence, FloorTest
-from skiros2_contact_skills.core.fit import Fit, fit_of
+from skiros2_contact_skills.fit import Fit, fit_of
 from skiros2_motion.core.geometry import IDENTITY, Pose
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core import spatial_data as space

@@ -20,9 +20,8 @@ from skiros2_contact_skills.contact_primitive import (
     pressed,
 )
 from skiros2_contact_skills.core.evidence import Evidence, FloorTest, Judgement
-from skiros2_contact_skills.core.fit import grip_width
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
-from skiros2_contact_skills.pose_errors import position_deviation
+from skiros2_contact_skills.fit import grip_width
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
 from skiros2_motion.core.spiral import SpiralGoal

@@ -20,7 +20,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
-from skiros2_contact_skills.core.fit import Fit, fit_of
+from skiros2_contact_skills.fit import Fit, fit_of
 from skiros2_motion.core.arm_abilities import Abilities, abilities_of
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak
 from skiros2_motion.core.geometry import Vector, rotated

@@ -41,7 +41,7 @@ class ContactMotion(SkillDescription):
         self.addParam(key, value, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum)
 
     def add_fitted(self, key: str, unit: str, minimum: float, maximum: float, description: str) -> None:
-        """Declares an optional number without a default: the world model has it, see `core/fit.py`."""
+        """Declares an optional number without a default: the world model has it, see `fit.py`."""
         self.addParam(key, float, Optional, description=description, unit=unit, minimum=minimum, maximum=maximum)
 
     def add_fit(self) -> None:

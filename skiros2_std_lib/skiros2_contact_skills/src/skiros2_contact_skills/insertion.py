@@ -11,7 +11,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.contact_primitive import NOT_READY
-from skiros2_contact_skills.core.fit import Fit, fit_of
+from skiros2_contact_skills.fit import Fit, fit_of
 from skiros2_skill.core.processors import RetryOnFail, SerialStar
 from skiros2_skill.core.skill import SkillBase
 
@@ -51,7 +51,7 @@ class InsertIntoBore(SkillDescription):
 
 class insert_into_bore(SkillBase):
     """Searches the rim with the estimated pose of the bore, and inserts; starts again when the part jams, which is
-    pulled out before. Depth, search and attempts are those of the part and the bore, see `core/fit.py`."""
+    pulled out before. Depth, search and attempts are those of the part and the bore, see `fit.py`."""
 
     def createDescription(self) -> None:
         self.setDescription(InsertIntoBore(), self.__class__.__name__)

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
-from skiros2_contact_skills.core.fit import Fit
+from skiros2_contact_skills.fit import Fit
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, ScenarioError

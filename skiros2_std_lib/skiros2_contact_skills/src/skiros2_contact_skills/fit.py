@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
-from skiros2_contact_skills.core.part_poses import position_deviation
+from skiros2_contact_skills.pose_errors import position_deviation
 from skiros2_std_reasoners.core.scene_poses import has_size, size_of
 
 DEPTH, DIAMETER, CHAMFER = "skiros:Depth", "skiros:Diameter", "skiros:Chamfer"

@@ -108,7 +108,7 @@ class pull_test(_Force):
 
     def begin(self, state: ArmState) -> None:
         super().begin(state)
-        self._surplus = math.inf  # the whole force at once: MaxDistance bounds what it accelerates
+        self._surplus = 2.0  # per tick: a part that is pulled at once slips in the fingers
 
     def move(self, state: ArmState, dt: float) -> State:
         self.exert(state)

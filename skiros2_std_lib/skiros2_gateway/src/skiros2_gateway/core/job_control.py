@@ -268,7 +268,6 @@ class JobControl:
         """Starts the jobs that may start now, and sets a timer for the next earliest start."""
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
         if self._cell is None:
             return
         try:
@@ -281,8 +280,7 @@ class JobControl:
         allowed = [job for job in self._jobs if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
         later = [job.earliest for job in allowed if job.earliest > now]
         if later:
-            delay = min(_CLOCK_CHECK_PERIOD, max(0.01, min(later) - now))
-            self._timer = asyncio.get_running_loop().call_later(delay, self._dispatch)
+            self._retry(min(_CLOCK_CHECK_PERIOD, max(0.01, min(later) - now)))
         if not self._cell.is_ready:
             if allowed:  # the cell reports changes between its looks only, and may be ready at the next one
                 self._retry()
@@ -307,11 +305,11 @@ class JobControl:
         if not self._jobs.note(job, author, method, comment):
             self._retry()
 
-    def _retry(self) -> None:
-        """Tries again later. Jobs wait meanwhile: a goal is never sent before that is written."""
+    def _retry(self, delay: float = _RETRY) -> None:
+        """Starts jobs later (s). They wait meanwhile: a goal is never sent before that is written."""
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = asyncio.get_running_loop().call_later(_RETRY, self._dispatch)
+        self._timer = asyncio.get_running_loop().call_later(delay, self._dispatch)
 
     def find(self, order: Order) -> Job | None:
         """Returns the job of an order, or None; raises `Conflict` if another order has its id."""

@@ -44,8 +44,9 @@ _TRANSFER = 0.12
 #: The arm with the housing presses it on its place against a pull at its end. How far the housing yields is judged by
 #: the pull test.
 HOLD = {"Force": 20.0, "Stiffness": 2000.0, "RotationalStiffness": 300.0, "MaxDistance": 0.05}
-#: Less than what pulls a latched plug out. It travels back from the floor to the latch, and the hands yield.
-_PULL = {"Force": 10.0, "Duration": 1.0, "MaxDistance": 0.007}
+#: Less than what pulls a latched plug out. It travels back from the floor to the latch (3 mm), and the hands yield by
+#: another 6 mm.
+_PULL = {"Force": 10.0, "Duration": 1.5, "MaxDistance": 0.0093}
 _CODES = {Verdict.NO_CLICK: NO_CLICK, Verdict.WRONG_FORCE: WRONG_CLICK, Verdict.WRONG_DEPTH: WRONG_CLICK}
 
 

@@ -179,8 +179,8 @@ def test_tool_follows_the_reference(rig: Rig) -> None:
 
 def test_stamps_follow_the_clock_of_the_arm(rig: Rig) -> None:
     before = rig.advance(0.1).stamp
-    assert rig.advance(0.5).stamp - before == pytest.approx(0.5, abs=0.03)
-    assert abs(rig.advance(0.1).stamp - rig.arm.now()) < 0.1  # a state that comes late is followed by more steps
+    assert 0.47 < rig.advance(0.5).stamp - before < 0.7  # a state that comes late is followed by more steps
+    assert abs(rig.advance(0.1).stamp - rig.arm.now()) < 0.1
 
 
 def test_wrench_is_that_of_the_environment_along_the_axes_of_the_base(rig: Rig) -> None:

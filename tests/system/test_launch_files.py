@@ -114,7 +114,7 @@ def test_kill_of_the_named_process_loses_no_acknowledged_edit(ros: Ros) -> None:
 
 def test_launch_is_not_stopped_by_another_node_at_the_address_of_a_killed_one(ros: Ros) -> None:
     ros.run("skiros2_world_model", "world_model_server_node", name="other")
-    ros.wait_for_node("/other")
+    wait_until(lambda: "/other/get_loggers" in ros.master.services(), what="the service of the other node")
     host, port = ros.master.service_address("/other/get_loggers")
     address = rosgraph.Master("/tests").lookupNode("/other")
     rosgraph.Master("/wm").registerService("/wm/get_loggers", f"rosrpc://{host}:{port}", address)

@@ -27,6 +27,7 @@ CLICK = [(2.0, 0.5), (14.0, 1.0), (15.5, 9.0), (16.9, 17.5), (18.5, 2.0), (20.0,
     ("points", "verdict"),
     [
         (CLICK, Verdict.LATCHED),
+        ([(depth, force + 9.0) for depth, force in CLICK], Verdict.LATCHED),  # with friction
         ([*CLICK, (20.0, 35.0)], Verdict.LATCHED),  # the floor presses harder than the latch
         ([(2.0, 19.0), (4.0, 1.0), *CLICK[1:]], Verdict.LATCHED),  # friction at the entry is not the latch
         ([(2.0, 19.0), (4.0, 1.0)], Verdict.NO_CLICK),
@@ -36,7 +37,7 @@ CLICK = [(2.0, 0.5), (14.0, 1.0), (15.5, 9.0), (16.9, 17.5), (18.5, 2.0), (20.0,
         ([(15.0, 4.0), (16.9, 9.0), (18.5, 0.5), (20.0, 7.0)], Verdict.WRONG_FORCE),
         ([(15.0, 9.0), (16.9, 26.0), (18.5, 0.5), (20.0, 7.0)], Verdict.WRONG_FORCE),
         ([(11.0, 9.0), (13.0, 18.0), (15.0, 0.5), (20.0, 7.0)], Verdict.WRONG_DEPTH),
-        ([(15.0, 9.0), (17.0, 18.0), (18.0, 7.0), (18.0, 7.0)], Verdict.WRONG_DEPTH),  # it does not reach the floor
+        ([(15.0, 9.0), (17.0, 18.0), (18.0, 4.0), (18.0, 7.0)], Verdict.WRONG_DEPTH),  # it does not reach the floor
         ([], Verdict.NO_CLICK),
     ],
 )

@@ -59,8 +59,8 @@ class PlugIn(ContactMotion):
         self.addParam("Socket", Element("skiros:Bore"), Required, description="With depth, latch depth and latch force")
         self.add_number("Speed", 0.01, "m/s", 0.001, 0.1, "Of the reference")
         self.add_number("Force", 20.0, "N", 1.0, 40.0, "Pushed with at most")
-        self.add_number("SeatForce", 6.0, "N", 0.5, 30.0, "Measured on the floor after the click: the plug is seated")
-        self.add_number("ForceTolerance", 0.3, "", 0.01, 1.0, "Of the force of the click, as a part of the latch's")
+        self.add_number("SeatForce", 6.0, "N", 0.5, 30.0, "Of the floor, above the friction: the plug is seated")
+        self.add_number("ForceTolerance", 0.4, "", 0.01, 1.0, "Of the force of the click, as a part of the latch's")
         self.add_number("TravelTolerance", 0.0015, "m", 0.0001, 0.01, "Of the way from the click to the floor")
         self.add_number("Patience", 1.0, "s", 0.2, 30.0, "Without progress, after which the motion ends")
         self.addParam(
@@ -122,13 +122,14 @@ class plug_in(ContactPrimitive):
             return self.fail(f"{self.label_of('Socket')} has no latch: {wants}", WRONG_SOCKET)
         depth, force = self.depth(state), pressed(state)
         self._signature.add(depth, force)
-        clicked = self._signature.has_clicked
+        clicked, seat = self._signature.has_clicked, self.value("SeatForce")
         if depth > self._best + _PROGRESS:
             self._best, self._best_at = depth, state.stamp
-        if (clicked and force >= self.value("SeatForce")) or state.stamp - self._best_at > self.value("Patience"):
+        is_seated = clicked and force >= self._signature.low + seat
+        if is_seated or state.stamp - self._best_at > self.value("Patience"):
             return self._result(state)
         # the spring along the axis pushes with that force; a stretched one would hit the floor behind the click
-        limit = 1.5 * self.value("SeatForce") if clicked else self.value("Force")
+        limit = self._signature.low + 1.5 * seat if clicked else self.value("Force")
         self._target = min(self._target + self.value("Speed") * dt, depth + limit / _STIFFNESS)
         ahead = self._target - self.depth(self.start)
         position = moved(self.start.pose.position, axis_of(self.start), ahead)

@@ -1,7 +1,8 @@
 """The force over the depth while a plug is pushed into a socket, and what it says about the latch.
 
 A catch that is pushed aside gives a force that rises up to the depth of the latch; when it snaps in, the force drops
-(the click), and the plug travels on to the floor of the socket.
+(the click), and the plug travels on to the floor of the socket. Friction adds to all of these forces: that of the catch
+is the drop.
 """
 
 from __future__ import annotations
@@ -40,10 +41,8 @@ class Expected:
         return f"a click at {self.force:.1f} N and {1000 * self.travel:.1f} mm before the floor"
 
 
-#: After a click the force is at most this part of the peak, and the plug has moved on by this distance (m).
-_DROP, _MOVED = 0.5, 0.0005
-#: A smaller peak than this part of the latch's force is friction.
-_LEAST = 0.4
+#: A click is a drop of at least this part of the latch's force, while the plug moves on by this distance (m).
+_LEAST, _MOVED = 0.4, 0.0005
 
 
 class LatchSignature:
@@ -68,9 +67,13 @@ class LatchSignature:
         if not self.has_clicked and (enters or force >= self.peak):
             self.peak, self.peak_depth, self.low = force, depth, force
         self.low = min(self.low, force)
-        is_latch = self.peak >= _LEAST * wants.force and self.peak_depth >= wants.earliest
-        has_dropped = self.low <= _DROP * self.peak and depth >= self.peak_depth + _MOVED
-        self.has_clicked = self.has_clicked or (is_latch and has_dropped)
+        has_dropped = self.drop >= _LEAST * wants.force and depth >= self.peak_depth + _MOVED
+        self.has_clicked = self.has_clicked or (self.peak_depth >= wants.earliest and has_dropped)
+
+    @property
+    def drop(self) -> float:
+        """The force of the catch (N): that of the peak without the friction, which stays after it."""
+        return self.peak - self.low
 
     @property
     def verdict(self) -> Verdict:
@@ -78,7 +81,7 @@ class LatchSignature:
         wants = self.expected
         if not self.has_clicked:
             return Verdict.NO_CLICK
-        if abs(self.peak - wants.force) > wants.force_tolerance * wants.force:
+        if abs(self.drop - wants.force) > wants.force_tolerance * wants.force:
             return Verdict.WRONG_FORCE
         if abs(self.depth - self.peak_depth - wants.travel) > wants.travel_tolerance:
             return Verdict.WRONG_DEPTH

@@ -370,6 +370,7 @@ def test_a_plan_is_cancelled_and_aborted_by_a_reset(sim: SimulatorClient) -> Non
     request = plan(sim, joint_names=JOINTS, positions=ASIDE)
     request.wait_until_active()
     request.handle.cancel()
+    wait_until(lambda: request.handle.get_comm_state() == actionlib.CommState.PREEMPTING, WAIT, "the cancellation")
     with sim.running():
         assert request.wait().error_code == PlanMotionGoal.PREEMPTED
     request = plan(sim, joint_names=JOINTS, positions=ASIDE)

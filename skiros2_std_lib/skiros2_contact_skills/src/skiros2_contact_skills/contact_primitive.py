@@ -230,13 +230,11 @@ class ContactPrimitive(PrimitiveBase):
         :param stiffness: of the contact (N/m); None for that of the arm's element.
         """
         element = self.element("Arm")
-        stiffness = stiffness or float(element.value_of(CONTACT_STIFFNESS) or 0.0)
+        stiffness = stiffness or float(element.value_of(CONTACT_STIFFNESS) or DEFAULT_STIFFNESS)
         if isinstance(self.arm, KnowsMass):
             mass = self.arm.apparent_mass(direction)
-            stiffness = stiffness or self.arm.contact_stiffness(direction)
         else:
             mass = float(element.value_of(APPARENT_MASS) or DEFAULT_MASS)
-            stiffness = stiffness or DEFAULT_STIFFNESS
         late = self.abilities.added_force(1.0, self._along)
         permitted = permitted_speed(self.limit - preload, mass, stiffness, late)
         if speed <= permitted:

@@ -134,10 +134,6 @@ class KnowsMass(Protocol):
         (kg); very large at a singularity."""
         ...
 
-    def contact_stiffness(self, direction: Vector) -> float:
-        """Returns the stiffness (N/m) of a hard contact of the tool along a direction in the base frame."""
-        ...
-
 
 @runtime_checkable
 class MeasuresPeak(Protocol):

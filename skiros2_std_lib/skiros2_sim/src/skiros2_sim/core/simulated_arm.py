@@ -94,10 +94,6 @@ class SimulatedArm:
     def apparent_mass(self, direction: Vector) -> float:
         return self._controller.apparent_mass(rotated(self._mount.orientation, direction))
 
-    def contact_stiffness(self, direction: Vector) -> float:
-        # bodies are rigid: a contact of faces takes the whole momentum in one step
-        return self.apparent_mass(direction) / self._controller.world.dt**2
-
     def take_peak(self) -> float:
         return self._controller.guard.take_peak()
 

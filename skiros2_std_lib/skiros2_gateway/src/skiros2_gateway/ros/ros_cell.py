@@ -51,6 +51,8 @@ T = TypeVar("T")
 
 #: The most goals in the document.
 _MAX_GOALS = 20
+#: How long an order waits for the first answer of the world model (s): it may come right after the gateway's start.
+_FIRST_ANSWER = 10.0
 
 
 class RosCell:
@@ -73,6 +75,7 @@ class RosCell:
         self.stops = RobotStops()
         self._queries = UserQueries()
         self._wm: WorldModelInterface | None = None
+        self._has_answered = threading.Event()
         self.document = CellDocument(max_goals=_MAX_GOALS)
         self.scene = SceneFeed(self.report)
         self.document.subscribe(RobotChanged, lambda change: self._on_robot(change.robot))
@@ -95,6 +98,7 @@ class RosCell:
             wm.add_listener(lambda change: self._in_loop(self._events.publish, "world", change_data(change)))
             self._wm = wm
             self.scene.follow(wm)
+            self._has_answered.set()
             self._in_loop(self._listener.cell_changed)
 
     def close(self) -> None:
@@ -131,6 +135,7 @@ class RosCell:
     async def problems(
         self, goal: str, elements: Mapping[str, tuple[str, str]], robots: Sequence[str]
     ) -> list[Problem]:
+        await self.in_thread(self._has_answered.wait, _FIRST_ANSWER)
         problems = _robot_problems(robots, self.document.robots)
         return problems + await self.in_thread(goal_problems, self._world_model, list(self.managers), goal, elements)
 

@@ -26,6 +26,8 @@ from skiros2_motion.core.geometry import Pose, multiplied
 _QUICK, _SURFACE_SPEED = 0.05, 0.05
 #: Acceleration of strokes (m/s2), and time from the contact to the first one (s).
 _ACCELERATION, _SETTLING_TIME = 1.0, 0.3
+#: Stiffness of a wall that the side of the hand meets (N/m): two faces, stiffer than what a fingertip meets.
+_WALL_STIFFNESS = 5e6
 
 
 class press(RegulatedMotion):
@@ -131,7 +133,7 @@ class follow_surface(_Stroke):
         super().begin(state)
         self._depth: float | None = None  # of the last contact; None: before the way
         way = difference(self.across(1.0).position, state.pose.position)
-        self._fastest = self.permitted(self.value("Speed"), way)
+        self._fastest = self.permitted(self.value("Speed"), way, stiffness=_WALL_STIFFNESS)
 
     def move(self, state: ArmState, dt: float) -> State:
         if self._depth is None:

@@ -17,7 +17,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.core.part_poses import depth_and_tilt
 from skiros2_demo.demo import Demo, add_options, run_demo
 from skiros2_demo.run_check import Step, Thing, name_of
-from skiros2_demo.simulation import Simulation
+from skiros2_demo.simulation import Simulation, simulated_launch
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed
 from skiros2_piston_demo.force_log import ForceLog
 from skiros2_std_reasoners.core import spatial_data as space
@@ -41,10 +41,7 @@ class ConnectorDemo(Demo):
     _forces: ForceLog
 
     def launch_arguments(self) -> list[str]:
-        options = self._options
-        simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
-        scene = [f"init_scene:={options.scene}"] if options.scene else []
-        return ["skiros2_connector_demo", "connector.launch", "gui:=false", *simulated, *scene]
+        return simulated_launch(self._options, "skiros2_connector_demo", "connector.launch")
 
     def prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
         things = {element.id: element for element in scene}

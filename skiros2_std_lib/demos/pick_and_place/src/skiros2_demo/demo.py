@@ -26,7 +26,7 @@ from skiros2_common.ros.private_system import PrivateSystem, SystemDown
 from skiros2_demo.film import Film
 from skiros2_demo.progress_report import ProgressReport
 from skiros2_demo.run_check import Step, Thing, WorldState, changes, check, name_of, read_run
-from skiros2_demo.simulation import VIEW, Disturbance, Moved, Pictures, Simulation, Slip
+from skiros2_demo.simulation import VIEW, Disturbance, Moved, Pictures, Simulation, Slip, simulated_launch
 from skiros2_motion.core.geometry import Pose, composed, from_euler
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult, TreeProgress
 from skiros2_msgs.srv import ResourceGetDescriptions
@@ -410,12 +410,10 @@ def add_options(parser: argparse.ArgumentParser, rate: float, timeout: float) ->
 
 def _launch(options: argparse.Namespace) -> list[str]:
     """Returns package, file and arguments to launch."""
-    scene = [f"init_scene:={options.scene}"] if options.scene else []
     if options.timed:
+        scene = [f"init_scene:={options.scene}"] if options.scene else []
         return ["skiros2_demo_skills", "demo.launch", "gui:=false", *scene]
-    simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
-    simulated.append(f"noise:={NOISE}")
-    return ["skiros2_demo", "demo.launch", "gui:=false", *simulated, *scene]
+    return [*simulated_launch(options, "skiros2_demo", "demo.launch"), f"noise:={NOISE}"]
 
 
 def _displaced(pose: Pose, random: Random) -> Pose:

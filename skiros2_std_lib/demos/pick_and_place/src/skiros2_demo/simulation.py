@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
@@ -393,3 +394,13 @@ def _empty_neighbour(world: WorldState, product: str, goal: str) -> Thing:
         if thing.properties.get("skiros:ContainerState") == ["Empty"]:
             return thing
     raise Refused(f"there is no other empty tray on the workstation where {world.name(product)} is")
+
+
+def simulated_launch(options: argparse.Namespace, package: str, file: str) -> list[str]:
+    """Returns package, file and arguments to launch a simulated cell.
+
+    :param options: of the demo's command.
+    """
+    simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
+    scene = [f"init_scene:={options.scene}"] if options.scene else []
+    return [package, file, "gui:=false", *simulated, *scene]

@@ -21,7 +21,7 @@ from skiros2_contact_skills.assembly import LOCATED
 from skiros2_contact_skills.core.part_poses import depth_and_tilt
 from skiros2_demo.demo import Demo, add_options, run_demo
 from skiros2_demo.run_check import Thing
-from skiros2_demo.simulation import Simulation, Slip
+from skiros2_demo.simulation import Simulation, Slip, simulated_launch
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed, from_euler
 from skiros2_msgs.msg import AchieveResult
 from skiros2_msgs.srv import SkillCommand, SkillCommandRequest
@@ -59,10 +59,7 @@ class PistonDemo(Demo):
     _was_sent_again = False
 
     def launch_arguments(self) -> list[str]:
-        options = self._options
-        simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
-        scene = [f"init_scene:={options.scene}"] if options.scene else []
-        return ["skiros2_piston_demo", "piston.launch", "gui:=false", *simulated, *scene]
+        return simulated_launch(self._options, "skiros2_piston_demo", "piston.launch")
 
     def prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
         things = {element.id: element for element in scene}

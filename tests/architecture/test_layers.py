@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from graphlib import CycleError, TopologicalSorter
 
@@ -215,6 +216,12 @@ def test_only_the_adapter_of_physics_uses_the_engine() -> None:
     """The test load runs in a process of its own."""
     users = {file.module for file in FILES for _, name in file.imports() if _under(name, ("pybullet",))}
     assert users == {"skiros2_sim.core.bullet", "skiros2_sim.core.load_test_program"}
+
+
+def test_one_module_parses_urdfs() -> None:
+    parse = re.compile(r"\b(fromstring|iterparse|XMLParser|URDF\.load)\(|\bxml\.parse\(")
+    readers = {file.module for file in FILES if "etree" in file.text and parse.search(file.text)}
+    assert readers == {"skiros2_motion.core.urdf"}
 
 
 def test_imports_have_no_circles() -> None:

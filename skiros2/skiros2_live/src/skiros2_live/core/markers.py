@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import colorsys
 import os
-import xml.etree.ElementTree as xml
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree.ElementTree import Element as XmlElement
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_motion.core.geometry import Pose, Vector, half_extents
-from skiros2_motion.core.urdf import origin_of, vector
+from skiros2_motion.core.urdf import of, origin_of, parse_urdf, vector
 from skiros2_std_reasoners.core import spatial_data as space
 
 #: Red, green, blue and opacity (0 to 1).
@@ -224,19 +224,20 @@ def read_robot(text: str, prefix: str = "") -> list[RobotPart]:
     :raises WrongValue: the text is not a URDF.
     """
     try:
-        robot = xml.fromstring(text)
-        materials = {m.get("name", ""): _colour(m) for m in robot.iter("material") if m.find("color") is not None}
+        robot = parse_urdf(text)
+        materials = {m.get("name", ""): _colour(m) for m in robot.all("material") if m.find("color") is not None}
         return [
             part
-            for link in robot.iter("link")
+            for link in robot.all("link")
             for visual in link.iter("visual")
             if (part := _part(visual, f"{prefix}/{link.get('name', '')}".lstrip("/"), materials)) is not None
         ]
-    except (xml.ParseError, ValueError, TypeError) as error:
-        raise WrongValue(f"the robot description is not a URDF: {error}") from None
+    except (ValueError, TypeError) as error:
+        reason = str(error).removeprefix("not a URDF: ")
+        raise WrongValue(f"the robot description is not a URDF: {reason}") from None
 
 
-def _part(visual: xml.Element, frame: str, materials: Mapping[str, Colour]) -> RobotPart | None:
+def _part(visual: XmlElement, frame: str, materials: Mapping[str, Colour]) -> RobotPart | None:
     geometry = visual.find("geometry")
     shape = geometry[0] if geometry is not None and len(geometry) else None
     if shape is None:
@@ -263,7 +264,6 @@ def _part(visual: xml.Element, frame: str, materials: Mapping[str, Colour]) -> R
     return None
 
 
-def _colour(material: xml.Element) -> Colour:
-    colour = material.find("color")
-    red, green, blue, opacity = map(float, (colour.get("rgba", "") if colour is not None else "").split())
+def _colour(material: XmlElement) -> Colour:
+    red, green, blue, opacity = map(float, of(material, "color", "rgba").split())
     return red, green, blue, opacity

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as xml
 from typing import NamedTuple
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_motion.core.arm_kinematics import ArmKinematics, ChainJoint
 from skiros2_motion.core.geometry import IDENTITY, composed
-from skiros2_motion.core.urdf import origin_of, vector
+from skiros2_motion.core.urdf import MOVING, axis_of, limits_of, origin_of, parse_urdf
 
-_MOVING = ("revolute", "continuous", "prismatic")
+#: The velocity of joints without a limit (rad/s or m/s), and the positions that joints without limits reach.
+_VELOCITY, _REACH = 1.0, 2.0 * math.pi
 
 
 class Chain(NamedTuple):
@@ -23,63 +23,33 @@ class Chain(NamedTuple):
     kinematics: ArmKinematics
 
 
-def read_chain(urdf: str, base: str, tip: str) -> Chain:
+def read_chain(text: str, base: str, tip: str) -> Chain:
     """Returns the chain from one link to another.
 
-    :param urdf: text of a URDF.
+    :param text: of a URDF.
     :raises ConfigurationError: it is not a URDF, a link does not exist, no moving joint is between them, or a number is
         invalid.
     """
-    try:
-        top = xml.fromstring(urdf)
-    except xml.ParseError as error:
-        raise ConfigurationError(f"robot_description is not a URDF: {error}") from None
-    links = [link.get("name", "") for link in top.iter("link")]
+    urdf = parse_urdf(text)
+    links = urdf.links
     missing = [repr(link) for link in (base, tip) if link not in links]
     if missing:
         raise ConfigurationError(f"there is no link {' and no link '.join(missing)}; there are: {', '.join(links)}")
-    above = {_of(joint, "child", "link"): joint for joint in top.findall("joint")}
-    path: list[xml.Element] = []
-    link = tip
-    while link != base:
-        if link not in above or len(path) > len(above):
-            raise ConfigurationError(f"link {tip!r} is not a descendant of link {base!r}")
-        path.insert(0, above[link])
-        link = _of(path[0], "parent", "link")
     names, velocities, joints, pose = [], [], [], IDENTITY
-    for joint in path:
+    for joint in urdf.path(tip, base):
         try:
             pose = composed(pose, origin_of(joint))
-            if joint.get("type") not in _MOVING:
+            if joint.get("type") not in MOVING:
                 continue
-            axis = vector(_of(joint, "axis", "xyz"), "1 0 0")
+            axis, limits = axis_of(joint), limits_of(joint)
         except ValueError as error:
             raise ConfigurationError(f"joint {joint.get('name')}: {error}") from None
         names.append(joint.get("name", ""))
-        velocities.append(_number(joint, "limit", "velocity", 1.0))
-        has_limits = joint.get("type") != "continuous"
-        lower, upper = (
-            _number(joint, "limit", key, default) if has_limits else default
-            for key, default in (("lower", -2.0 * math.pi), ("upper", 2.0 * math.pi))
-        )
+        velocities.append(limits.velocity or _VELOCITY)
+        has_limits = limits.lower < limits.upper
+        lower, upper = (max(limits.lower, -_REACH), min(limits.upper, _REACH)) if has_limits else (-_REACH, _REACH)
         joints.append(ChainJoint(0.0, pose, axis, joint.get("type") == "prismatic", lower, upper))
     if not joints:
         raise ConfigurationError(f"no joint moves between link {base!r} and link {tip!r}")
     middle = [(joint.lower + joint.upper) / 2.0 for joint in joints]
     return Chain(tuple(names), tuple(velocities), ArmKinematics(joints, IDENTITY, pose, middle))
-
-
-def _of(joint: xml.Element, tag: str, key: str) -> str:
-    found = joint.find(tag)
-    return found.get(key, "") if found is not None else ""
-
-
-def _number(joint: xml.Element, tag: str, key: str, default: float) -> float:
-    text = _of(joint, tag, key)
-    try:
-        value = float(text) if text else default
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigurationError(f"joint {joint.get('name')}: {key} is {text!r}, expected a number")
-    return value

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_motion.core.geometry import Pose, Vector
+from skiros2_motion.core.urdf import as_text
 from skiros2_sim.core.bored_box import bored_box
 from skiros2_sim.core.load_test import load_error
 from skiros2_sim.core.physics import Part, Physics
 from skiros2_sim.core.scene_spec import BodySpec, Colour
-from skiros2_sim.core.urdf import MESHES, as_text, boxes_link, find_model, read_urdf
+from skiros2_sim.core.urdf import MESHES, boxes_link, find_model, read_urdf
 
 _DENSITY = 600.0  # kg/m3, of wood
 _MIN_MASS, _MAX_MASS = 0.05, 50.0  # kg, of a body without a mass of its own

@@ -15,9 +15,10 @@ from xml.etree.ElementTree import Element
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_motion.core.geometry import IDENTITY, Pose, angle_between, from_euler, to_euler
+from skiros2_motion.core.urdf import MOVING, Urdf, as_text, limits_of
 from skiros2_sim.core import urdf as models
 from skiros2_sim.core.scene_spec import ArmSpec, GripperSpec, Problem, RobotSpec
-from skiros2_sim.core.urdf import Urdf, find_model, read_urdf
+from skiros2_sim.core.urdf import find_model, read_urdf
 
 BASE_LINK = "base_link"
 #: The drives of a mobile robot.
@@ -37,8 +38,6 @@ _UNLIMITED = (0.0, -1.0)
 
 #: Maximum tilt (rad) of a mobile robot that counts as upright.
 TILT = 0.01
-
-_MOVING = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def merge_models(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
     parts.append(models.link(BASE_LINK, size=spec.size if spec.base is None else None))
     made.base_links.append(BASE_LINK)
     if spec.base is not None:
-        root = base.root if base is not None else spec.base.name
+        root = base.root() if base is not None else spec.base.name
         parts += _fixed_wheels(base) if base is not None else [models.link(root, size=spec.base.size or spec.size)]
         parts.append(models.joint(f"{spec.base.name}/mount", "fixed", BASE_LINK, root, spec.base.pose))
         made.base_links += base.links if base is not None else [root]
@@ -100,7 +99,7 @@ def merge_models(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
             parts += _add_arm(arm, folders, made)
         except ConfigurationError as error:
             made.problems.append(Problem(arm.id, f"omitted: {error}", arm.model))
-    made.urdf = models.as_text(spec.name, parts)
+    made.urdf = as_text(spec.name, parts)
     return made
 
 
@@ -149,7 +148,7 @@ def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[E
     joints = _path(arm, last)
     if not joints:
         raise ConfigurationError(f"{spec.model} has no joint that moves its last link")
-    parts = [*arm.parts, models.joint(f"{spec.name}/mount", "fixed", BASE_LINK, arm.root, spec.pose)]
+    parts = [*arm.parts, models.joint(f"{spec.name}/mount", "fixed", BASE_LINK, arm.root(), spec.pose)]
     fingers = _fingers(arm, joints)
     offset = _TOOL.get(arm.name, IDENTITY)
     holder = arm
@@ -165,7 +164,7 @@ def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[E
     robot.arms.append(
         ArmModel(
             spec,
-            arm.root,
+            arm.root(),
             tool,
             tuple(joint.get("name", "") for joint in joints),
             tuple(joint.get("name", "") for joint in fingers),
@@ -191,7 +190,7 @@ def _add_gripper(
     """Adds the parts of a gripper with its own model; returns the model."""
     model = read_urdf(find_model(gripper.model, folders), f"{spec.name}/{gripper.name}/")
     mount = f"{spec.name}/{gripper.name}/mount"
-    parts += [*model.parts, models.joint(mount, "fixed", flange, model.root, gripper.pose)]
+    parts += [*model.parts, models.joint(mount, "fixed", flange, model.root(), gripper.pose)]
     return model
 
 
@@ -215,19 +214,8 @@ def _last_link(model: Urdf) -> str:
 
 def _path(model: Urdf, link: str) -> list[Element]:
     """Returns the moving joints between the root and a link."""
-    parent_joint = {child.get("link", ""): joint for joint in model.joints for child in joint.iter("child")}
-    found: list[Element] = []
-    while link in parent_joint:
-        joint = parent_joint[link]
-        if joint.get("type") in _MOVING:
-            found.insert(0, joint)
-        parent = joint.find("parent")
-        link = parent.get("link", "") if parent is not None else ""
-    return found
+    return [joint for joint in model.path(link) if joint.get("type") in MOVING]
 
 
 def _limits(joint: Element) -> tuple[float, float]:
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
-        return float("-inf"), float("inf")
-    return float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+    return limits_of(joint)[:2]

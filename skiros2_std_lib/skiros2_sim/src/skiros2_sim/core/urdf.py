@@ -1,6 +1,6 @@
 """Finds and loads models: URDFs with checked numbers, resolved meshes, name prefixes and complete inertia.
 
-Written here, since `yourdfpy` would install 26 packages for it.
+The reader is `skiros2_motion.core.urdf`; `yourdfpy` would install 26 packages for it.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import os
 import re
 import xml.etree.ElementTree as xml
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, to_euler
+from skiros2_motion.core.urdf import MOVING, Urdf, parse_urdf
 from skiros2_sim.core.bored_box import BoxShape
 from skiros2_sim.core.load_test import ENGINE_MODELS, load_error
 
@@ -66,7 +66,7 @@ def mesh_of(urdf: Path, name: str, folders: Callable[[str], list[Path]]) -> Path
             if place.suffix.lower() not in URDF_MESHES:
                 raise ConfigurationError(f"mesh {place}: expected one of {', '.join(URDF_MESHES)}")
             return _of_bounded_size(place)
-    raise ConfigurationError(f"{urdf}: its mesh {name} does not exist")
+    raise ConfigurationError(f"its mesh {name} does not exist")
 
 
 def _of_bounded_size(file: Path) -> Path:
@@ -102,71 +102,34 @@ _NUMBERS = {
     "effort": 1,
     "velocity": 1,
 }
-_JOINTS = ("revolute", "continuous", "prismatic", "fixed")
+_JOINTS = (*MOVING, "fixed")
 _POSITIVE = ("size", "radius", "length")
 
 
-@dataclass
-class Urdf:
-    """The links, joints and materials of a model.
-
-    :param name: of the robot in the file.
-    :param root: the root link.
-    :param children: child joints of each link.
-    """
-
-    name: str
-    root: str
-    parts: list[xml.Element]
-    children: dict[str, list[xml.Element]]
-
-    @property
-    def links(self) -> list[str]:
-        return [part.get("name", "") for part in self.parts if part.tag == "link"]
-
-    @property
-    def joints(self) -> list[xml.Element]:
-        return [part for part in self.parts if part.tag == "joint"]
-
-    def text(self) -> str:
-        """Returns the model as a URDF."""
-        return as_text(self.name, self.parts)
-
-
 def read_urdf(path: Path, prefix: str = "") -> Urdf:
-    """Reads a model.
+    """Reads a model and checks it as the engine needs it.
 
     :param prefix: added to the names of links, joints and materials.
     :raises ConfigurationError: it is not a valid URDF; the text names file and reason.
     """
     try:
-        top = xml.parse(path).getroot()
-    except (xml.ParseError, OSError, ValueError, LookupError) as error:
-        raise ConfigurationError(f"{path}: not a URDF: {error}") from None
-    if top.tag != "robot":
-        raise ConfigurationError(f"{path}: not a URDF: expected <robot>, got <{top.tag}>")
-    parts = [part for part in top if part.tag in ("link", "joint", "material")]
-    folders = functools.cache(_package_folders)
-    for part in parts:
-        _check_part(part, path, folders)
-        _rename(part, prefix)
-    urdf = Urdf(top.get("name", path.stem), "", parts, {})
-    urdf.root = _root(urdf, path)
-    for part in parts:
+        urdf = parse_urdf(path.read_bytes())
+        folders = functools.cache(_package_folders)
+        for part in urdf.parts:
+            _check_part(part, path, folders)
+            _rename(part, prefix)
+        urdf.root()
+    except (ConfigurationError, OSError) as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    urdf.name = urdf.name or path.stem
+    for part in urdf.parts:
         if part.tag == "link":
             _complete(part)
-    meshes = {node.get("filename", "") for part in parts for node in part.iter("mesh")}
+    meshes = {mesh.get("filename", "") for mesh in urdf.all("mesh")}
     fault = load_error(path, urdf.text(), [Path(mesh) for mesh in sorted(meshes)])
     if fault:
         raise ConfigurationError(f"{path}: {fault}")
     return urdf
-
-
-def as_text(name: str, parts: list[xml.Element]) -> str:
-    """Returns a URDF of links, joints and materials."""
-    top = xml.Element("robot", name=name)
-    top.extend(parts)
-    return xml.tostring(top, encoding="unicode")
 
 
 def link(name: str, mass: float = 0.0, size: Vector | None = None) -> xml.Element:
@@ -230,9 +193,9 @@ def joint(
 
 def _check_part(part: xml.Element, path: Path, folders: Callable[[str], list[Path]]) -> None:
     """Checks numbers and sizes, and replaces mesh names by full paths."""
-    where = f"{path}: {part.tag} {part.get('name')}"
+    where = f"{part.tag} {part.get('name')}"
     if not part.get("name"):
-        raise ConfigurationError(f"{path}: a {part.tag} has no name")
+        raise ConfigurationError(f"a {part.tag} has no name")
     for node in part.iter():
         for key, count in _NUMBERS.items():
             if key not in node.attrib:
@@ -262,31 +225,6 @@ def _rename(part: xml.Element, prefix: str) -> None:
             node.set("joint", prefix + node.get("joint", ""))
         elif node.tag == "material" and node is not part:
             node.set("name", prefix + node.get("name", ""))
-
-
-def _root(urdf: Urdf, path: Path) -> str:
-    """Fills `urdf.children` and returns the root; the links must form a tree."""
-    links = urdf.links
-    if not links or len(set(links)) < len(links):
-        raise ConfigurationError(f"{path}: expected links of different names, got {links}")
-    parents: dict[str, str] = {}
-    for part in urdf.joints:
-        parent, child = (node.get("link", "") if node is not None else "" for node in map(part.find, _ENDS))
-        if parent not in links or child not in links or child in parents:
-            name = part.get("name")
-            raise ConfigurationError(f"{path}: joint {name}: expected a tree of links, got {parent}-{child}")
-        parents[child] = parent
-        urdf.children.setdefault(parent, []).append(part)
-    roots = [name for name in links if name not in parents]
-    reached = list(roots[:1])
-    for name in reached:
-        reached += [child.get("link", "") for j in urdf.children.get(name, ()) for child in j.iter("child")]
-    if len(roots) != 1 or len(reached) != len(links):
-        raise ConfigurationError(f"{path}: expected a tree of links, got the roots {roots}")
-    return roots[0]
-
-
-_ENDS = ("parent", "child")
 
 
 def _complete(part: xml.Element) -> None:

@@ -15,7 +15,8 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_contact_skills.ros.profiles import PROFILES, STANDARD
 from skiros2_contact_skills.ros.topic_arm import TopicArm
-from skiros2_motion.core.compliant_arm import ArmState, CompliantArm
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, MeasuresPeak, RegulatesForce
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Vector
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim.core.arm_controller import ArmController
@@ -219,6 +220,54 @@ def test_spiral_moves_the_tool_around_its_reference_and_back(rig: Rig) -> None:
     assert max(distances) == pytest.approx(0.01, abs=0.003)
     rig.arm.stop_overlay()
     assert math.dist(rig.advance(2.0).pose.position, centre) < 0.002
+
+
+@pytest.mark.parametrize(("push", "way"), [(0.0, -1.0), (6.0, 0.0), (14.0, 1.0)])
+def test_force_is_regulated_until_what_is_pressed_answers_it(rig: Rig, push: float, way: float) -> None:
+    arm = rig.arm
+    assert isinstance(arm, RegulatesForce)
+    arm.zero_sensor()
+    arm.set_stiffness((600.0, 600.0, 2000.0), (60.0,) * 3)
+    start = rig.advance(0.1).pose
+    arm.set_reference(start)
+    arm.set_wrench_limits(40.0, 15.0)
+    rig.push((0.0, 0.0, push), 4.0)
+    arm.set_force_control(ForceGoal((0.0, 0.0, 6.0), speed=0.02))
+    heights = []
+    for _ in range(20):
+        arm.set_reference(start)
+        heights.append(rig.advance(0.1).pose.position[2])
+    speed = (heights[-1] - heights[9]) / 1.0
+    assert speed == pytest.approx(0.02 * way, abs=0.006)
+    arm.set_force_control(None)
+    arm.set_reference(start)
+    rig.advance(3.0)
+    assert rig.advance(0.1).pose.position == pytest.approx(start.position, abs=0.005), "it follows its reference again"
+
+
+def test_force_control_ends_without_references(rig: Rig) -> None:
+    if isinstance(rig.arm, SimulatedArm):
+        pytest.skip("the driver ends with the process of the skill")
+    assert isinstance(rig.arm, RegulatesForce)
+    start = rig.advance(0.1).pose
+    rig.arm.set_force_control(ForceGoal((0.0, 0.0, 6.0), speed=0.01))
+    rig.advance(2.0)
+    held = rig.advance(1.0).pose
+    assert 0.005 < start.position[2] - held.position[2] < 0.02
+    assert rig.advance(1.0).pose.position[2] == pytest.approx(held.position[2], abs=0.001)
+
+
+def test_peak_of_the_force_between_states_is_kept_until_it_is_taken(rig: Rig) -> None:
+    arm = rig.arm
+    assert isinstance(arm, MeasuresPeak)
+    arm.zero_sensor()
+    arm.set_wrench_limits(100.0, 50.0)
+    rig.advance(0.2)
+    arm.take_peak()
+    rig.push((20.0, 0.0, 0.0), 0.05)
+    assert rig.advance(0.5).wrench[0] < 5.0, "the push is over"
+    assert arm.take_peak() > 10.0
+    assert arm.take_peak() < 1.0
 
 
 def test_exceeded_limit_stops_the_arm_with_the_reason_until_limits_are_set_again(rig: Rig) -> None:

@@ -10,12 +10,13 @@ from typing import Any
 
 import pytest
 import rospy
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, Vector3, WrenchStamped
 
 from controller_manager_msgs.srv import SwitchController, SwitchControllerResponse
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import IDENTITY
 from skiros2_sim_msgs.msg import ImpedanceState
 from skiros2_sim_msgs.srv import SetWrenchLimits, SetWrenchLimitsResponse
@@ -150,3 +151,29 @@ def test_driver_that_dies_is_noticed(driver: Driver, arm: ImpedanceArm) -> None:
     assert f"no state on {SPACE}/state" in wait_for(arm, lambda s: s.stopped).stopped
     driver.is_silent = False
     wait_for(arm, lambda s: not s.stopped)
+
+
+def test_adapter_regulates_the_force_of_a_driver_without_a_loop_at_the_rate_that_it_says(
+    driver: Driver, arm: ImpedanceArm
+) -> None:
+    driver.state.stiffness.force = Vector3(600.0, 600.0, 2000.0)
+    start = wait_for(arm, lambda s: not s.stopped).pose
+    assert 10.0 < arm.abilities().force_rate < 60.0, "50 Hz, on a busy machine"
+    driver.references.clear()
+    arm.set_force_control(ForceGoal((0.0, 0.0, 6.0), speed=0.05))
+    arm.set_reference(start)
+    wait_until(lambda: len(driver.references) > 15, WAIT, "references")
+    leads = [message.pose.position.z for message in driver.references]
+    assert leads == sorted(leads), "nothing answers the force"
+    assert 0.003 < leads[-1] * 2000.0 <= 16.0, "bounded"
+    driver.state.measured_wrench.force.z = -12.0
+    wait_until(lambda: driver.references[-1].pose.position.z < 0.0, WAIT, "the retreat from a larger force")
+    assert arm.take_peak() == pytest.approx(12.0)
+
+
+def test_force_that_nobody_commands_any_more_is_not_regulated(driver: Driver, arm: ImpedanceArm) -> None:
+    driver.state.stiffness.force = Vector3(600.0, 600.0, 2000.0)
+    wait_for(arm, lambda s: not s.stopped)
+    arm.set_force_control(ForceGoal((0.0, 0.0, 6.0), speed=0.05))
+    wait_until(lambda: driver.references and driver.references[-1].pose.position.z > 0.001, WAIT, "references")
+    wait_until(lambda: driver.references[-1].pose.position.z == 0.0, WAIT, "the measured pose")

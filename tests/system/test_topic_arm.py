@@ -12,6 +12,7 @@ from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_motion.core.arm_abilities import Described
 from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose
 from skiros2_motion.core.spiral import SpiralGoal
 from support.ros import Ros, RosMaster, wait_until
@@ -287,6 +288,23 @@ def test_abilities_have_the_measured_period_of_the_state_and_what_the_driver_lac
     assert abilities.added_force(0.1, 800.0) == pytest.approx(80.0 * abilities.state_period)
     assert abilities.wrench == (not isinstance(rig.driver, FrankaRos))
     assert abilities.damping == isinstance(rig.driver, CartesianImpedance)
+
+
+def test_adapter_regulates_the_force_at_the_rate_that_it_says(rig: Rig) -> None:
+    start = limited_at_rest(rig)
+    assert 5.0 < rig.arm.abilities().force_rate < 40.0, "30 Hz, on a busy machine"
+    for push, is_lower in ((0.0, True), (14.0, False)):
+        rig.driver.push(0.0, 0.0, push, 20.0)
+        before = rig.wait_for(lambda s: True).pose.position[2]
+        rig.arm.set_force_control(ForceGoal((0.0, 0.0, 6.0), speed=0.02))
+
+        def has_moved(state: ArmState, before: float = before, is_lower: bool = is_lower) -> bool:
+            rig.arm.set_reference(start.pose)
+            way = state.pose.position[2] - before
+            return way < -0.01 if is_lower else way > 0.01
+
+        rig.wait_for(has_moved)
+    assert rig.arm.take_peak() > 10.0
 
 
 def test_sensor_without_a_transform_is_reported(ros: Ros) -> None:

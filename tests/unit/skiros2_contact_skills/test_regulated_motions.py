@@ -13,6 +13,8 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills import contact_primitive as codes
 from skiros2_contact_skills.regulated_motions import follow_surface, press, screw, wipe
+from skiros2_motion.core.arm_abilities import Abilities
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_sim.core.simulated_arm import SimulatedArm
 from support.contact_cell import TABLE_TOP, Button, ContactCell, contact_cell, slopes
 from support.simulated_cell import at, bench, box, with_body
@@ -52,6 +54,20 @@ class DriverWithoutLoop:
         return getattr(self._arm, name)
 
 
+class SlowAdapter(DriverWithoutLoop):
+    """An arm whose adapter regulates forces at a low rate."""
+
+    def __init__(self, arm: SimulatedArm, rate: float) -> None:
+        super().__init__(arm)
+        self._rate = rate
+
+    def set_force_control(self, goal: ForceGoal | None) -> None:
+        self._arm.set_force_control(goal)
+
+    def abilities(self) -> Abilities:
+        return Abilities(state_period=1.0 / self._rate, force_rate=self._rate)
+
+
 def place(cell: ContactCell, position: tuple[float, float], height: float) -> None:
     cell.place((*position, TABLE_TOP + height))
     cell.add_friction(FRICTION)
@@ -74,6 +90,25 @@ def test_arm_without_a_loop_in_its_driver_presses_at_the_ticks(cell: ContactCell
     task = cell.run("Press", ContactSpeed=0.01, ContactStiffness=2000.0, Force=8.0)
     assert task.state is State.Success, task.why
     assert cell.peak < 1.2 * 8.0
+
+
+def test_rate_of_an_adapter_that_regulates_is_logged(cell: ContactCell, caplog: pytest.LogCaptureFixture) -> None:
+    place(cell, BUTTON, 0.036)
+    assert isinstance(cell.compliant, SimulatedArm)
+    cell.compliant = SlowAdapter(cell.compliant, 30.0)  # type: ignore[assignment]
+    with caplog.at_level("INFO"):
+        cell.run("Press", seconds=0.2)
+    assert "the driver does not regulate forces, its adapter does at 30 Hz" in caplog.text
+
+
+def test_adapter_whose_rate_is_too_low_is_refused(cell: ContactCell) -> None:
+    place(cell, BUTTON, 0.036)
+    assert isinstance(cell.compliant, SimulatedArm)
+    cell.compliant = SlowAdapter(cell.compliant, 3.0)  # type: ignore[assignment]
+    task = cell.run("Press", seconds=0.5)
+    assert task.skill.progress_code == codes.NOT_READY
+    assert "forces are not regulated at 3.0 Hz, the rate of its states: 5 Hz are needed" in task.why
+    assert cell.peak < 1.0, "it has not moved"
 
 
 def test_press_without_a_surface_fails(cell: ContactCell) -> None:

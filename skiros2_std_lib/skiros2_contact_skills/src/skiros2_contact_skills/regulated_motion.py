@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 
+from skiros2_common.core.errors import Refused
 from skiros2_contact_skills.contact_primitive import ContactPrimitive, axis_of, difference, dot, moved, pressed
 from skiros2_contact_skills.core.part_poses import held_frame
 from skiros2_contact_skills.core.tick_force import TickForce
@@ -11,6 +13,10 @@ from skiros2_motion.core.compliant_arm import ArmState, RegulatesForce
 from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, rotated
 
+log = logging.getLogger(__name__)
+
+#: Lowest rate of a loop for forces (Hz): the tool moves by a part of the surface's unevenness between its updates.
+LEAST_RATE = 5.0
 #: Stiffness along the tool axis, whose reference the loop leads (N/m).
 _STIFFNESS = 2000.0
 #: Admittance of a contact at speed (m/(s N)).
@@ -26,6 +32,7 @@ class RegulatedMotion(ContactPrimitive):
     damping = (2.0, 2.0, 1.0, 2.0, 2.0, 2.0)
 
     def begin(self, state: ArmState) -> None:
+        self._check_rate()
         self.set_stiffness(_STIFFNESS)
         self._tip = IDENTITY.position
         if "Part" in self.params:
@@ -33,6 +40,21 @@ class RegulatedMotion(ContactPrimitive):
             self._tip = held_frame(self.wmi, part, feature).position
         self._ticks: TickForce | None = None
         self._has_touched = False
+
+    def _check_rate(self) -> None:
+        """Logs at which rate an adapter regulates forces.
+
+        :raises Refused: it is too low.
+        """
+        rate, arm = self.abilities.force_rate, self.label_of("Arm")
+        if rate < LEAST_RATE:
+            low = f"forces are not regulated at {rate:.1f} Hz, the rate of its states"
+            raise Refused(f"{low}: {LEAST_RATE:g} Hz are needed")
+        if not isinstance(self.arm, RegulatesForce):
+            log.info("%s of %s: forces are regulated at the ticks", arm, self.label)
+        elif rate < math.inf:
+            how = "the driver does not regulate forces, its adapter does"
+            log.info("%s of %s: %s at %.0f Hz", arm, self.label, how, rate)
 
     def press_with(self, force: float, speed: float, admittance: float) -> None:
         """Regulates the force along the tool axis from now on.

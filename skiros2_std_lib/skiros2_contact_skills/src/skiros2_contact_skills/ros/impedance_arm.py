@@ -6,6 +6,7 @@ A thread per arm sends commands in their order: services are called there, so th
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import threading
 import time
@@ -13,33 +14,45 @@ from collections.abc import Callable, Sequence
 
 import rospy
 from genpy import Message
+from geometry_msgs.msg import Point, PoseStamped, Quaternion, Vector3, Wrench, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, Vector3, Wrench, WrenchStamped
-from std_msgs.msg import Header
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.failure_kind import FailureKind
+from skiros2_contact_skills.core.state_force import ForceAdapter, StateForce
 from skiros2_contact_skills.ros.profiles import wrench_from
+from skiros2_motion.core.arm_abilities import Abilities, StatePeriod
 from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
-from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
+from skiros2_motion.core.force_control import ForceGoal, checked_goal
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_motion.core.state_age import StateAge
 from skiros2_motion.core.wrench_guard import FORCE, SENSOR_AGE, TORQUE, is_finite, violation_text
 from skiros2_sim_msgs.msg import ImpedanceState
-from skiros2_sim_msgs.srv import OverlayMotion, OverlayMotionRequest, SetWrenchLimits, SetWrenchLimitsRequest
+from skiros2_sim_msgs.srv import (
+    OverlayMotion,
+    OverlayMotionRequest,
+    SetForceControl,
+    SetForceControlRequest,
+    SetWrenchLimits,
+    SetWrenchLimitsRequest,
+)
 
 log = logging.getLogger(__name__)
 
 #: Time in which the driver must be there, and answer a request (s of wall time).
 _CONNECTION_TIME = 5.0
+#: Time in which a driver that is there answers for a service that it need not have (s of wall time).
+_OPTIONAL_TIME = 0.2
 #: Period with which `state` sends a commanded wrench again (s): without that, the driver lets it expire.
 _REFRESH = 0.2
 
 
-class ImpedanceArm:
+class ImpedanceArm(ForceAdapter):
     """Adapter of `CompliantArm`.
 
     :param name: of the arm, for people.
@@ -60,6 +73,10 @@ class ImpedanceArm:
         #: The commanded wrench, and when it was sent (s).
         self._wrench: Sequence[float] = ()
         self._wrench_at = 0.0
+        #: Whether the driver regulates forces; if not, the loop at its states, and the pose that is wanted besides.
+        self._has_loop = self._has_goal = False
+        self._force, self._wanted = StateForce(), IDENTITY
+        self._period = StatePeriod()
         self._lock = threading.Lock()
         self._last: ImpedanceState | None = None
         #: The last pose that is finite, which the arm holds at the end.
@@ -77,13 +94,17 @@ class ImpedanceArm:
                 ("set_cartesian_wrench", WrenchStamped),
             )
         }
-        self._subscriber = rospy.Subscriber(f"{space}/state", ImpedanceState, self._on_state, queue_size=1)
+        self._subscribers = [
+            rospy.Subscriber(f"{space}/state", ImpedanceState, self._on_state, queue_size=1),
+            rospy.Subscriber(f"{space}/peak_force", Float64, lambda message: self._note(message.data), queue_size=10),
+        ]
         threading.Thread(target=self._work, name=f"commands of {name}", daemon=True).start()
 
     def close(self) -> None:
         """Disconnects from the driver. Commands that were given are still sent, if it is there."""
         self._commands.put((self._stop_working, False))
-        self._subscriber.unregister()
+        for subscriber in self._subscribers:
+            subscriber.unregister()
 
     # -- the port ------------------------------------------------------------------------------------------------
 
@@ -108,20 +129,32 @@ class ImpedanceArm:
 
     def begin(self) -> None:
         self._fault, self._wrench = "", ()
+        with self._lock:
+            self._force.set_goal(None)
+            self._period.restart()
         on, off = self._controllers
         request = SwitchControllerRequest(
             start_controllers=[on], stop_controllers=[off], strictness=SwitchControllerRequest.BEST_EFFORT
         )
-        self._request(lambda: self._call(self._switch, SwitchController, request, f"does not switch to {on}"))
+        self._request(lambda: call_service(self._switch, SwitchController, request, f"does not switch to {on}"))
+        self._request(self._find_loop)
         self.set_wrench_limits(*self._limits)
 
     def end(self) -> None:
         self._wrench = ()
+        with self._lock:
+            self._force.set_goal(None)
         # in the thread: the pose is then the last one
         self._request(self._rest)
 
     def set_reference(self, pose: Pose) -> None:
-        reference = composed(self._mount, checked_reference(pose))
+        wanted = checked_reference(pose)
+        with self._lock:
+            self._wanted = wanted
+            self._force.refresh()
+            if self._force.is_active:  # the next state moves the reference
+                return
+        reference = composed(self._mount, wanted)
         self._command(lambda: self._publish_reference(reference))
 
     def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
@@ -138,6 +171,24 @@ class ImpedanceArm:
         self._wrench = checked("wrench", (*force, *torque), MAX_WRENCH)
         self._send_wrench()
 
+    def set_force_control(self, goal: ForceGoal | None) -> None:
+        if goal is not None:
+            checked_goal(goal)
+        if self._has_loop:
+            self._has_goal, request = goal is not None, force_request(goal)
+            service = f"{self._space}/set_force_control"
+            self._request(lambda: call_service(service, SetForceControl, request, "does not regulate forces"))
+            return
+        with self._lock:
+            if goal is not None and not self._force.is_active and self._last is not None:
+                self._wanted = arm_state(self._last, self._mount, 0.0).pose
+            self._force.set_goal(goal)
+
+    def abilities(self) -> Abilities:
+        with self._lock:
+            period = self._period.longest
+            return Abilities(state_period=period, force_rate=math.inf if self._has_loop else self._force.rate(period))
+
     def start_spiral(self, spiral: SpiralGoal) -> None:
         request = OverlayMotionRequest(
             start=True,
@@ -147,21 +198,21 @@ class ImpedanceArm:
             direction=Vector3(*spiral.direction),
             allow_decrease=spiral.allow_decrease,
         )
-        self._request(lambda: self._call(f"{self._space}/overlay_motion", OverlayMotion, request, "refuses a spiral"))
+        self._request(lambda: call_service(f"{self._space}/overlay_motion", OverlayMotion, request, "refuses a spiral"))
 
     def stop_overlay(self) -> None:
         request = OverlayMotionRequest(start=False)
         service = f"{self._space}/overlay_motion"
-        self._request(lambda: self._call(service, OverlayMotion, request, "does not stop its overlay motion"))
+        self._request(lambda: call_service(service, OverlayMotion, request, "does not stop its overlay motion"))
 
     def set_wrench_limits(self, force: float, torque: float) -> None:
         self._limits = checked_limits(force, torque)
         request = SetWrenchLimitsRequest(*self._limits)
         service = f"{self._space}/set_wrench_limits"
-        self._request(lambda: self._call(service, SetWrenchLimits, request, "refuses limits"))
+        self._request(lambda: call_service(service, SetWrenchLimits, request, "refuses limits"))
 
     def zero_sensor(self) -> None:
-        self._request(lambda: self._call(f"{self._wrist}/zero", Trigger, None, "does not zero its sensor"))
+        self._request(lambda: call_service(f"{self._wrist}/zero", Trigger, None, "does not zero its sensor"))
 
     # -- the thread ----------------------------------------------------------------------------------------------
 
@@ -201,17 +252,16 @@ class ImpedanceArm:
             threading.Event().wait(0.02)
         raise _Closed
 
-    def _call(self, name: str, kind: type, request: Message | None, problem: str) -> None:
-        """Calls a service.
-
-        :raises Refused: it answers that it has not done it.
-        :raises rospy.ROSException: there is no such service.
-        """
-        rospy.wait_for_service(name, _CONNECTION_TIME)
-        call = rospy.ServiceProxy(name, kind)
-        answer = call() if request is None else call(request)
-        if not getattr(answer, "ok", getattr(answer, "success", True)):
-            raise Refused(f"{problem}: {getattr(answer, 'message', '') or name}")
+    def _find_loop(self) -> None:
+        """Notes whether the driver regulates forces, and ends that."""
+        service = f"{self._space}/set_force_control"
+        try:
+            rospy.wait_for_service(service, _OPTIONAL_TIME)
+        except rospy.ROSException:
+            self._has_loop = False
+            return
+        call_service(service, SetForceControl, force_request(None), "keeps regulating a force")
+        self._has_loop, self._has_goal = True, False
 
     def _rest(self) -> None:
         message = self._last
@@ -221,19 +271,17 @@ class ImpedanceArm:
             p, q = self._finite.position, self._finite.orientation
             self._publish_reference(Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
         self._topics["set_cartesian_wrench"].publish(WrenchStamped())
+        if self._has_goal:
+            self._find_loop()
         if message.overlay:
-            self._call(f"{self._space}/overlay_motion", OverlayMotion, OverlayMotionRequest(), "keeps moving")
+            call_service(f"{self._space}/overlay_motion", OverlayMotion, OverlayMotionRequest(), "keeps moving")
 
     def _publish_reference(self, pose: Pose) -> None:
         message = self._last
         if message is None:
             raise Refused(f"no state on {self._space}/state yet: its frame is not known")
         header = Header(frame_id=message.header.frame_id)
-        position, orientation = pose
-        made = PoseMessage()
-        made.position.x, made.position.y, made.position.z = position
-        made.orientation.x, made.orientation.y, made.orientation.z, made.orientation.w = orientation
-        self._topics["reference_pose"].publish(PoseStamped(header, made))
+        self._topics["reference_pose"].publish(PoseStamped(header, pose_message(pose)))
 
     def _send_wrench(self) -> None:
         self._wrench_at = float(rospy.get_time())
@@ -262,7 +310,26 @@ class ImpedanceArm:
             if _is_finite(message):
                 self._finite = message.pose
             self._age.receive()
+            self._period.add(message.header.stamp.to_sec())
             self._received += 1
+            regulated = self._regulated(message)
+        if regulated is not None:
+            self._publish_reference(composed(self._mount, regulated))
+
+    def _regulated(self, message: ImpedanceState) -> Pose | None:
+        """Notes the measured force, and returns the reference that regulates it; None without one."""
+        state = arm_state(message, self._mount, message.header.stamp.to_sec())
+        if not is_finite(*state.pose, state.wrench):
+            return None
+        if message.stopped_by or not message.active:
+            self._force.set_goal(None)
+        force = message.stiffness.force
+        return self._force.update(state, self._wanted, (force.x, force.y, force.z))
+
+    def _note(self, peak: float) -> None:
+        """Notes the largest force (N) since the driver's last report."""
+        with self._lock:
+            self._force.note(peak)
 
     def _why_stopped(self, message: ImpedanceState) -> str:
         late = self._age.overdue()
@@ -283,6 +350,32 @@ class ImpedanceArm:
                 f"the driver has the limits {limits}, not those that were set: it was restarted, or they were changed"
             )
         return ""
+
+
+def call_service(name: str, kind: type, request: Message | None, problem: str) -> None:
+    """Calls a service.
+
+    :raises Refused: it answers that it has not done it.
+    :raises rospy.ROSException: there is no such service.
+    """
+    rospy.wait_for_service(name, _CONNECTION_TIME)
+    call = rospy.ServiceProxy(name, kind)
+    answer = call() if request is None else call(request)
+    if not getattr(answer, "ok", getattr(answer, "success", True)):
+        raise Refused(f"{problem}: {getattr(answer, 'message', '') or name}")
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """Returns a pose as a message."""
+    return PoseMessage(Point(*pose.position), Quaternion(*pose.orientation))
+
+
+def force_request(goal: ForceGoal | None) -> SetForceControlRequest:
+    """Returns the request to regulate forces; None for the one that ends it."""
+    if goal is None:
+        return SetForceControlRequest(start=False)
+    force, tip = Vector3(*goal.force), Point(*goal.tip)
+    return SetForceControlRequest(True, force, list(goal.axes), goal.speed, goal.admittance, tip)
 
 
 def _is_finite(message: ImpedanceState) -> bool:

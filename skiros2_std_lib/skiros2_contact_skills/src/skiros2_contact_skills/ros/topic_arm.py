@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.failure_kind import FailureKind
+from skiros2_contact_skills.core.state_force import MAX_RATE, ForceAdapter, StateForce
 from skiros2_contact_skills.ros.controllers import Controllers
 from skiros2_contact_skills.ros.driver_calls import DriverCalls, call, message_class, reconfigure
 from skiros2_contact_skills.ros.driver_topics import DriverTopics
@@ -28,6 +29,7 @@ from skiros2_motion.core.compliant_arm import (
     checked_reference,
     turned_wrench,
 )
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
 from skiros2_motion.core.reference_lead import bounded_reference
@@ -47,7 +49,7 @@ _LEAST_STIFFNESS, _MAX_OFFSET = (50.0,) * 3 + (5.0,) * 3, 0.15
 _ZERO: Wrench = (0.0,) * 6
 
 
-class TopicArm:
+class TopicArm(ForceAdapter):
     """Adapter of `CompliantArm` to a profile.
 
     A thread of its own sends commands and calls services, in their order. What the driver lacks is done here: a spiral
@@ -61,6 +63,8 @@ class TopicArm:
     :param mount: pose of the arm in the profile's `base_frame`, if that is not the frame of the arm.
     :raises ConfigurationError: a message or a service of the driver is not installed.
     """
+
+    FORCE_RATE = MAX_RATE
 
     def __init__(self, profile: Profile, names: Mapping[str, str], mount: Pose = IDENTITY) -> None:
         self._profile, self._names, self._mount = profile, names, mount
@@ -88,6 +92,7 @@ class TopicArm:
         self._reference: Pose | None = None
         self._spiral: Spiral | None = None
         self._spiral_at = 0.0
+        self._force = StateForce(self.FORCE_RATE)
         kind = message_class(profile.state[1])
         self._topic = names.get("state", self._format(profile.state[0]))
         self._guard = ReadingGuard(self._topic, names.get("sensor", NOISY) == NOISY)
@@ -130,6 +135,7 @@ class TopicArm:
         with self._lock:
             self._calls.problem, self._stop = "", None
             self._reference = self._spiral = None
+            self._force.set_goal(None)
             self._wrench, self._stiffness_sent = _ZERO, ()
         self._calls.request(self._activate)
 
@@ -140,6 +146,7 @@ class TopicArm:
                 return
             self._wrench, self._spiral = _ZERO, None
             self._reference = reading.pose
+            self._force.set_goal(None)
         self._calls.later(self._send_wrench)
         self._calls.later(self._send_reference)
 
@@ -149,6 +156,7 @@ class TopicArm:
             if self._stop:  # until limits are set again; the state has the reason
                 return
             self._reference = reference
+            self._force.refresh()
         self._calls.later(self._send_reference)
 
     def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
@@ -171,6 +179,11 @@ class TopicArm:
                 return
             self._wrench = (fx, fy, fz, tx, ty, tz)
         self._calls.later(self._send_wrench)
+
+    def set_force_control(self, goal: ForceGoal | None) -> None:
+        with self._lock:
+            if not self._stop:
+                self._force.set_goal(goal)
 
     def start_spiral(self, spiral: SpiralGoal) -> None:
         with self._lock:
@@ -195,7 +208,7 @@ class TopicArm:
         with self._lock:
             period = self._period.longest
         takes_wrench, takes_damping = self._topics.takes("wrench"), self._topics.takes("damping")
-        return Abilities(False, takes_wrench, overlay=False, damping=takes_damping, state_period=period)
+        return Abilities(False, takes_wrench, False, takes_damping, period, self._force.rate(period))
 
     @property
     def has_state(self) -> bool:
@@ -225,10 +238,19 @@ class TopicArm:
             stops = reason is not None and self._stop is None
             if stops:
                 self._stop, self._spiral, self._wrench = reason, None, _ZERO
+                self._force.set_goal(None)
                 self._reference = self._reading.pose if self._reading is not None else None
+            moves = stops or (reason is None and self._regulates())
         if stops:  # at once, before what is queued
             self._send_wrench()
+        if moves:
             self._send_reference()
+
+    def _regulates(self) -> bool:
+        """Notes the measured force, and returns whether it moves the reference."""
+        assert self._reading is not None
+        state = ArmState(self._reading.pose, without_zero(self._reading, self._zero), self._stamp)
+        return self._force.update(state, self._reference, self._stiffness[:3]) is not None
 
     def _pose_of(self, frame: str) -> Pose:
         found = self._transforms.find(self._base, frame)
@@ -269,7 +291,7 @@ class TopicArm:
         with self._lock:
             if self._reference is None and self._reading is not None:
                 self._reference = self._reading.pose  # once: an offset of the current pose would drift
-            reference, reading = self._reference, self._reading
+            reference, reading = self._force.sent or self._reference, self._reading
             if reference is None:
                 return
             now, offset = self.now(), [0.0, 0.0, 0.0]

@@ -53,6 +53,8 @@ class TrajectoryArm(TopicArm):
     :raises ConfigurationError: there is no URDF with the links `base_frame` and `tool_frame`.
     """
 
+    FORCE_RATE = 1.0 / _DURATION  # the arm takes a step in that time
+
     def __init__(self, profile: Profile, names: Mapping[str, str], mount: Pose = IDENTITY) -> None:
         super().__init__(profile, names, mount)
         parameter = self._name("description")

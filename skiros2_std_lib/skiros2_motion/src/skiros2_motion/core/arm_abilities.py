@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from itertools import pairwise
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -16,6 +17,8 @@ class Abilities(NamedTuple):
     :param overlay: whether the driver adds spirals to the reference. If not, the adapter does at each tick.
     :param damping: whether damping factors have an effect.
     :param state_period: longest time between two of the last states (s of wall time); 0 if it was not measured.
+    :param force_rate: rate of the loop that regulates forces (Hz); infinite for that of the driver's control. If it is
+        finite, the adapter closes the loop at its states.
     """
 
     limits: bool = True
@@ -23,6 +26,7 @@ class Abilities(NamedTuple):
     overlay: bool = True
     damping: bool = True
     state_period: float = 0.0
+    force_rate: float = math.inf
 
     @property
     def reaction_time(self) -> float:

@@ -217,7 +217,7 @@ class ArmController:
         if not all(abs(value) <= _MAX_REACH for value in pose.position):
             raise WrongValue(f"position {pose.position} in the robot's frame: expected up to {_MAX_REACH:g} m")
         self.check_active()
-        self.impedance.set_reference(self.force.controlled(pose))
+        self.impedance.set_reference(self.force.commanded(pose))
         self.impedance.velocities = np.zeros(len(self.arm.joints))
 
     def set_wrench(self, values: Sequence[float], timeout: float = math.inf) -> None:
@@ -321,7 +321,7 @@ class ArmController:
             self.impedance.overlay = self.overlay.update(dt)
             if self.overlay.has_ended:
                 self.overlay = None
-        state = self.force.state(self._state())
+        state = self.force.state(self._state(), dt)
         try:
             if self.force.is_active:
                 self.force.update(state, self.arm.measured_wrench(), dt)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +12,8 @@ import numpy.typing as npt
 from skiros2_motion.core.force_control import ForceControl, ForceGoal
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_motion.core.impedance import ArmState, Impedance, rotation_matrix
+
+log = logging.getLogger(__name__)
 
 Array = npt.NDArray[np.float64]
 
@@ -25,10 +29,13 @@ class ForceRegulation:
         self._impedance = impedance
         self._loop: ForceControl | None = None
         self.frame = IDENTITY
+        #: Time until the goal expires (s), and that time after each reference.
+        self._left = self._timeout = math.inf
 
-    def set_goal(self, goal: ForceGoal | None) -> None:
+    def set_goal(self, goal: ForceGoal | None, timeout: float = math.inf) -> None:
         """Starts, changes or ends the regulation. The reference of the tool stays.
 
+        :param timeout: time (s) without a reference after which it ends.
         :raises WrongValue: a number is not finite or out of range.
         """
         if goal is None:
@@ -37,6 +44,7 @@ class ForceRegulation:
             self._loop.change(goal)
         else:
             self._loop = ForceControl(goal)
+        self._left = self._timeout = timeout
         frame = IDENTITY if goal is None else goal.frame
         if frame != self.frame:
             tool = composed(self._impedance.reference, inverted(self.frame))
@@ -52,8 +60,21 @@ class ForceRegulation:
         """Returns the pose of the controlled frame at a pose of the tool."""
         return tool if self.frame == IDENTITY else composed(tool, self.frame)
 
-    def state(self, state: ArmState) -> ArmState:
-        """Returns the state of the controlled frame, from that of the tool."""
+    def commanded(self, tool: Pose) -> Pose:
+        """Returns the reference of the controlled frame, by that of the tool, which is commanded now."""
+        self._left = self._timeout
+        return self.controlled(tool)
+
+    def state(self, state: ArmState, dt: float) -> ArmState:
+        """Returns the state of the controlled frame, from that of the tool. Ends a goal that has expired.
+
+        :param dt: time since the last update (s).
+        """
+        self._left -= dt
+        if self._left <= 0.0:
+            log.warning("no reference for %g s: force control has ended, the arm holds its pose", self._timeout)
+            self.set_goal(None)
+            self._impedance.set_reference(state.tool)
         if self.frame == IDENTITY:
             return state
         x, y, z = rotation_matrix(state.tool.orientation) @ np.array(self.frame.position)

@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 import rospy
 from genpy import Message
 from geometry_msgs.msg import PoseStamped, Vector3, WrenchStamped
-from std_msgs.msg import Header
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
+from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import composed, inverted
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_sim.core.arm_controller import ArmController
@@ -31,6 +32,9 @@ from skiros2_sim_msgs.srv import (
     OverlayMotion,
     OverlayMotionRequest,
     OverlayMotionResponse,
+    SetForceControl,
+    SetForceControlRequest,
+    SetForceControlResponse,
     SetWrenchLimits,
     SetWrenchLimitsRequest,
     SetWrenchLimitsResponse,
@@ -73,6 +77,7 @@ class CompliantArm:
         stiff = names.controller_topics(robot.name, arm.name, arm.position_controller)
         wrist = names.WRIST.format(robot=robot.name, part=arm.name)
         faults = (robot.id, arm.id)
+        self._peak = LateTopic(f"{space}/peak_force", Float64, faults)
         self._state = LateTopic(f"{space}/state", ImpedanceState, faults)
         self._wrist = LateTopic(f"{wrist}/wrench", WrenchStamped, faults)
         self._subscribers = [
@@ -94,6 +99,11 @@ class CompliantArm:
                 SetWrenchLimits,
                 answered(SetWrenchLimitsResponse, self._on_position_limits),
             ),
+            rospy.Service(
+                f"{space}/set_force_control",
+                SetForceControl,
+                answered(SetForceControlResponse, self._on_force_control),
+            ),
             rospy.Service(f"{wrist}/zero", Trigger, self._on_zero),
         ]
 
@@ -113,6 +123,7 @@ class CompliantArm:
     def _publish(self) -> None:
         controller = self._controllers[self._arm.id]
         for topic, message, is_measured in (
+            (self._peak, lambda one: Float64(one.guard.take_peak()), True),
             (self._state, self._state_message, True),
             (self._wrist, self._wrist_message, controller.sensor_age == 0.0),
         ):
@@ -175,6 +186,22 @@ class CompliantArm:
     def _on_limits(self, request: SetWrenchLimitsRequest) -> SetWrenchLimitsResponse:
         self._call(lambda controller: controller.set_limits(request.force, request.torque))
         return SetWrenchLimitsResponse(ok=True)
+
+    def _on_force_control(self, request: SetForceControlRequest) -> SetForceControlResponse:
+        if not request.start:
+            self._call(lambda controller: controller.force.set_goal(None))
+            return SetForceControlResponse(ok=True)
+        fx, fy, fz = vector_from(request.force, "force")
+        x, y, z = vector_from(request.tip, "tip")
+        along_x, along_y, along_z = (bool(value) for value in request.axes)
+        goal = ForceGoal((fx, fy, fz), (along_x, along_y, along_z), request.speed, request.admittance, (x, y, z))
+
+        def start(controller: ArmController) -> None:
+            controller.check_active()
+            controller.force.set_goal(goal, self._wrench_timeout)
+
+        self._call(start)
+        return SetForceControlResponse(ok=True)
 
     def _on_position_limits(self, request: SetWrenchLimitsRequest) -> SetWrenchLimitsResponse:
         self._call(lambda controller: controller.set_position_limits(request.force, request.torque))

@@ -44,8 +44,8 @@ test: setup  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest
 		--dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 # One after the other: these measure times and load the machine themselves. Their tests state their own time limits.
-test-long: setup  ## run the long tests, tests/long: kills, soak, schemas, attacks (PYTEST_ARGS="-k NAME" selects)
-	@exec .ci/in_ros $(python) -m pytest --numprocesses 0 -o timeout=3600 tests/long $(PYTEST_ARGS)
+test-long: setup  ## run the long tests: kills, soak, schemas, attacks, other runs of the demos (PYTEST_ARGS="-k NAME" selects)
+	@exec .ci/in_ros $(python) -m pytest --numprocesses 0 -o timeout=3600 -m long tests/long tests $(PYTEST_ARGS)
 
 # Each of pytest's processes would otherwise compile all tests at the same time.
 compiled-tests: setup

@@ -1,6 +1,7 @@
 """What holds for all tests.
 
 - Every test has the marker of the folder it lies in: `pytest -m "unit or contract"` needs no mark in the files.
+- Tests in other folders that are marked `long` are run by `make test-long`, with `-m`, and by their own names.
 - A run that is told to end (SIGTERM) ends like one that is interrupted: with all that it has started.
 - Tests of skills have the fixtures of `skiros2_skill.testing`, and those of recorded runs the fixture `replayed`.
 - Generated tests have no time limit for an example, and use the same examples each time, unless FUZZ is set, which also
@@ -32,6 +33,7 @@ from support.ros import Ros, RosMaster, SharedSystem, forks_cpu  # noqa: E402
 pytest_plugins = ["skiros2_skill.testing", "skiros2_bags.testing"]
 
 TESTS = Path(__file__).parent
+LONG = TESTS / "long"
 
 #: The slowest tests are listed after a run of at least this many tests.
 _MANY_TESTS, _SLOWEST = 1000, 20
@@ -71,11 +73,20 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
             print(f"FAILED {report.nodeid}\n{report.longreprtext}", *map("\n".join, report.sections), file=failures)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
-        if TESTS not in item.path.parents:
-            continue  # a bag that was named on the command line
-        item.add_marker(item.path.relative_to(TESTS).parts[0])
+        if TESTS in item.path.parents:  # it is no bag that was named on the command line
+            item.add_marker(item.path.relative_to(TESTS).parts[0])
+    if not config.option.markexpr and not any("::" in name for name in config.args):
+        later = [item for item in items if item.get_closest_marker("long") and LONG not in item.path.parents]
+        config.hook.pytest_deselected(items=later)
+        items[:] = [item for item in items if item not in later]
+
+
+def pytest_collection_finish() -> None:
+    """Takes what is there for good out of garbage collections: all tests, and the modules that they import."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

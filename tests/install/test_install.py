@@ -96,6 +96,7 @@ def test_overlay_workspace_is_built_and_runs_with_the_environments_python(instal
     assert run("bash", "-ec", script).strip() == str(PYTHON)
 
 
+@pytest.mark.long
 def test_catkin_make_builds_a_workspace_with_a_clone(tmp_path: Path) -> None:
     clone(tmp_path / "src/skiros2")
     run("catkin_make", f"-DPYTHON_EXECUTABLE={PYTHON}", "-DCATKIN_ENABLE_TESTING=OFF", cwd=tmp_path)

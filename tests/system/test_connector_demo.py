@@ -29,6 +29,7 @@ def demo(tmp_path: Path) -> Iterator[Program]:
     program.stop()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_two_arms_plug_in_a_connector_that_latches(demo: Program, tmp_path: Path) -> None:
     status = demo.wait(580)

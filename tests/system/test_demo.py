@@ -50,6 +50,7 @@ def test_bag_proves_that_product_a_is_in_tray_b(run: DemoRun) -> None:
     assert all(finding.holds for finding in check(recorded))
 
 
+@pytest.mark.long
 def test_satisfied_goal_runs_nothing(run: DemoRun) -> None:
     status, shown = run.end("--product", "Product A", "--tray", "Tray A")
     assert status == 0, shown
@@ -110,6 +111,7 @@ def test_missing_element_is_named(run: DemoRun, arguments: list[str], culprit: s
     assert run.nothing_left()
 
 
+@pytest.mark.long
 def test_unreachable_goal_is_reported(run: DemoRun) -> None:
     status, shown = run.end("--product", "Workstation 1", "--tray", "Tray B")
     assert status == 1

@@ -268,6 +268,7 @@ def test_job_that_asks_after_a_restart_continues_when_it_is_resumed(cell: JobCel
     assert cell.wait_for(["asks"])["asks"]["response"]["outcome"] in ("succeeded", "nothing_to_do")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("node", ["/gateway", "/tm", "/wm"])
 def test_job_is_done_once_or_reported_although_a_node_is_killed(cell: JobCell, node: str) -> None:
     before, number = cell.carried(), ("/gateway", "/tm", "/wm").index(node) + 3

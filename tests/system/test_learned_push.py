@@ -12,6 +12,7 @@ import pytest
 from support.ros import ROOT
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_the_applied_configuration_brings_the_block_to_the_goal(tmp_path: Path) -> None:
     path = os.pathsep.join([str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])

@@ -17,7 +17,7 @@ from skiros2_sim_msgs.srv import GetPose
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import ROOT, Ros
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(240)]
 
 GOAL = (0.58, 0.2)
 LIBRARIES = ["skiros2_std_skills", "skiros2_sim_skills", "skiros2_learning.demo_skills", "support.reset_skills"]

@@ -42,6 +42,7 @@ def test_two_arms_insert_the_piston_of_a_displaced_block(demo: Program, tmp_path
     assert (tmp_path / "demo" / "force_over_depth.png").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("demo", [["--disturb", "force"]], indirect=True)
 @pytest.mark.timeout(600)
 def test_goal_ends_at_the_force_limit_until_a_person_sends_it_again(demo: Program) -> None:

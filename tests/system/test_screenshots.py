@@ -14,7 +14,7 @@ from python_qt_binding.QtGui import QImage
 from support.programs import Program, descendants
 from support.ros import install_environment
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
 PICTURES = ("start", "goal", "skills", "running", "dark", "world", "rviz")
 SCREENSHOTS = (sys.executable, "-m", "support.window.screenshots")

@@ -17,7 +17,7 @@ from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, wait_until
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
 ROBOTS = ("mobile_1", "mobile_2", "stationary")
 #: Which product is to lie in which tray.

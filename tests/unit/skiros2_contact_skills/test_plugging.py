@@ -68,6 +68,7 @@ def test_plug_that_is_displaced_by_a_millimetre_latches_and_holds(cell: MakeCell
     assert made.most[LEFT] < LIMIT
 
 
+@pytest.mark.long
 def test_stiff_latch_is_not_passed(cell: MakeCell) -> None:
     made = cell(force=40.0)
     task = made.run(made.plug_into_socket(), made.hold())
@@ -87,6 +88,7 @@ def test_missing_latch_is_no_click(cell: MakeCell) -> None:
     assert made.depth() == pytest.approx(DEPTH, abs=0.001), "deep enough, but not latched"
 
 
+@pytest.mark.long
 def test_weak_latch_is_a_click_at_a_wrong_force(cell: MakeCell) -> None:
     made = cell(force=6.5)
     task = made.run(made.plug_into_socket(), made.hold())
@@ -94,6 +96,7 @@ def test_weak_latch_is_a_click_at_a_wrong_force(cell: MakeCell) -> None:
     assert signature(task)[0] == pytest.approx(6.5, abs=1.5)
 
 
+@pytest.mark.long
 def test_latch_that_clicks_and_does_not_hold_fails_the_pull_test(cell: MakeCell) -> None:
     made = cell(retention=4.0)
     task = made.run(made.plug_into_socket(), made.hold())
@@ -102,6 +105,7 @@ def test_latch_that_clicks_and_does_not_hold_fails_the_pull_test(cell: MakeCell)
     assert "does not hold" in task.why
 
 
+@pytest.mark.long
 def test_housing_that_nobody_holds_is_lifted_by_the_pull(cell: MakeCell) -> None:
     made = cell()
     made.world.arms[LEFT].gripper.drive(0.08)

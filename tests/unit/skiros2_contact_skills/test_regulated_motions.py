@@ -125,6 +125,7 @@ def test_surface_is_followed_to_a_wall(cell: ContactCell) -> None:
     assert cell.peak < 1.2 * 40.0
 
 
+@pytest.mark.long
 def test_surface_is_followed_to_an_edge(cell: ContactCell) -> None:
     place(cell, (0.5, -0.37), 0.015)  # the table ends at y = -0.4; the tool points down, its y is -y of the map
     task = cell.run("FollowSurface", Direction=90.0, Distance=0.2, WallForce=30.0)

@@ -284,6 +284,23 @@ def test_exceeded_limit_stops_the_arm_with_the_reason_until_limits_are_set_again
     assert not rig.advance(0.2).stopped
 
 
+def test_limit_of_one_axis_of_the_tool_stops_the_arm_until_limits_are_set_without_it(rig: Rig) -> None:
+    """The tool points down, with its y axis along -y of the map."""
+    rig.arm.zero_sensor()
+    rig.arm.set_wrench_limits(60.0, 30.0, (0.0, 10.0, 0.0, 0.0, 0.0, 0.0))
+    rig.advance(0.2)
+    rig.push((20.0, 0.0, 0.0), 0.2)
+    assert not rig.advance(1.0).stopped
+    rig.push((0.0, 20.0, 0.0), 0.2)
+    stopped = rig.advance(1.0)
+    assert "along y above the limit of 10 N" in stopped.stopped
+    assert stopped.kind is FailureKind.LIMIT
+    rig.arm.set_wrench_limits(60.0, 30.0)
+    rig.advance(0.2)
+    rig.push((0.0, 20.0, 0.0), 0.2)
+    assert not rig.advance(1.0).stopped
+
+
 def test_begin_ends_a_stop_and_keeps_the_limits(rig: Rig) -> None:
     rig.arm.zero_sensor()
     rig.arm.set_wrench_limits(10.0, 5.0)
@@ -317,6 +334,8 @@ def test_end_leaves_the_arm_at_rest_where_it_is(rig: Rig) -> None:
         (lambda a: a.set_damping((3.0,) * 6), ["damping factor 3"]),
         (lambda a: a.set_wrench((0.0, 0.0, 31.0)), ["wrench 31 of z"]),
         (lambda a: a.set_wrench_limits(-1.0, 5.0), ["expected 0 N"]),
+        (lambda a: a.set_wrench_limits(1.0, 5.0, (1.0, 2.0)), ["along and about x, y, z"]),
+        (lambda a: a.set_wrench_limits(1.0, 5.0, (math.nan,) * 6), ["along and about x, y, z"]),
     ],
 )
 def test_command_out_of_range_is_refused_with_all_problems(rig: Rig, command, problems: list[str]) -> None:  # type: ignore[no-untyped-def]

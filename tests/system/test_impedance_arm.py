@@ -138,6 +138,16 @@ def test_state_with_a_number_that_is_not_finite_stops_the_arm(driver: Driver, ar
     assert (held.x, held.y, held.z) == (0.5, 0.0, 0.0), "the last pose that was known"
 
 
+def test_states_between_two_ticks_are_kept(driver: Driver, arm: ImpedanceArm) -> None:
+    arm.take_states()
+    forces = iter(range(1, 1000))
+    driver.change = lambda message: setattr(message.measured_wrench.force, "z", next(forces))
+    last = wait_for(arm, lambda s: s.wrench[2] >= 5.0)
+    measured = [state.wrench[2] for state in arm.take_states()]
+    assert [force for force in measured if force][:4] == [1.0, 2.0, 3.0, 4.0]
+    assert measured[-1] >= last.wrench[2]
+
+
 def test_driver_without_the_limits_that_were_set_was_restarted(driver: Driver, arm: ImpedanceArm) -> None:
     driver.state.force_limit = 0.0
     stopped = wait_for(arm, lambda s: s.stopped)

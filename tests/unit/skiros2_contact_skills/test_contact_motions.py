@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,86 +14,17 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import OutOfLimits, WrongValue
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.world_element import Element
-from skiros2_contact_skills import contact_motions, force_motions, free_motions
+from skiros2_contact_skills import contact_motions, force_motions, free_motions, plugging
 from skiros2_contact_skills import contact_primitive as codes
 from skiros2_contact_skills.arms import provided_arms
 from skiros2_contact_skills.core.part_poses import aligned_tool, depth_and_tilt, smallest_rotation
-from skiros2_motion.core.compliant_arm import ArmState, Wrench
+from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, angle_between, from_euler, rotated
 from skiros2_perception.core.fusion import covariance_text
 from skiros2_skill.core.skill import RetryOnFail, SelectorStar, Skill
 from skiros2_skill.testing import SkillBench
 from skiros2_std_reasoners.core.spatial_data import set_pose
-
-DOWN = (1.0, 0.0, 0.0, 0.0)
-SURFACE, OPENING = 0.30, 0.25  # m, heights of the surface and of the floor of the opening
-
-
-class SurfaceArm:
-    """A tool that follows its reference at once, above a surface that pushes back with the commanded stiffness.
-
-    :ivar opens: the tool falls into an opening in the surface.
-    """
-
-    def __init__(self) -> None:
-        self.calls: list[str] = []
-        self.time = 0.0
-        self.pose = Pose((0.5, 0.0, 0.32), DOWN)
-        self.reference = self.pose
-        self.stiffness = 0.0
-        self.exerted = 0.0
-        self.stopped, self.silent, self.opens = "", False, False
-        self.kind = FailureKind.RETRYABLE
-
-    def step(self) -> None:
-        """A period of the ticks passes."""
-        self.time += 0.04
-        x, y, z = self.reference.position
-        floor = OPENING if self.opens else SURFACE
-        z -= self.exerted / self.stiffness if self.stiffness else 0.0
-        self._pressed = self.stiffness * max(0.0, floor - z)
-        self.pose = Pose((x, y, max(z, floor)), self.reference.orientation)
-
-    _pressed = 0.0
-
-    def now(self) -> float:
-        return self.time
-
-    def state(self) -> ArmState | None:
-        wrench: Wrench = (0.0, 0.0, self._pressed, 0.0, 0.0, 0.0)
-        return None if self.silent else ArmState(self.pose, wrench, self.time, self.stopped, self.kind)
-
-    def begin(self) -> None:
-        self.calls.append("begin")
-
-    def end(self) -> None:
-        self.calls.append("end")
-        self.reference, self.exerted = self.pose, 0.0
-
-    def set_reference(self, pose: Pose) -> None:
-        self.reference = pose
-
-    def set_stiffness(self, translational: Vector, rotational: Vector) -> None:
-        self.stiffness = translational[2]
-
-    def set_damping(self, factors: Sequence[float]) -> None:
-        pass
-
-    def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
-        self.exerted = force[2]
-
-    def start_spiral(self, spiral: Any) -> None:
-        self.calls.append("start_spiral")
-        self.spiral = spiral
-
-    def stop_overlay(self) -> None:
-        self.calls.append("stop_overlay")
-
-    def set_wrench_limits(self, force: float, torque: float) -> None:
-        self.calls.append(f"limits {force:g} {torque:g}")
-
-    def zero_sensor(self) -> None:
-        self.calls.append("zero_sensor")
+from support.surface_arm import DOWN, OPENING, SURFACE, SurfaceArm
 
 
 class Rig:
@@ -142,7 +74,26 @@ def test_motion_until_contact_ends_at_the_surface_and_reports_it(rig: Rig) -> No
     assert task.state is State.Success, task.why
     assert task.skill.params["Surface"].values == pytest.approx([0.5, 0.0, SURFACE])
     assert "N" in task.skill.progress_msg
-    assert rig.arm.calls == ["begin", "limits 40 15", "end"]
+    assert rig.arm.calls == ["begin", "40 15", "end"]
+
+
+def test_limits_of_axes_are_set_and_slow_the_motion_down(rig: Rig) -> None:
+    task = rig.run(rig.command("MoveUntilContact", MaxForceAxes=[0.0, 5.0, 10.0], MaxTorqueAxes=[1.0, 0.0, 0.0]))
+    assert "40 15 0 5 10 1 0 0" in rig.arm.calls
+    assert task.state is State.Success, task.why
+    assert "stay below 10 N" in task.skill.progress_msg
+
+
+def test_limit_of_an_axis_that_is_not_a_number_is_refused(rig: Rig) -> None:
+    with pytest.raises(OutOfLimits, match="MaxForceAxes"):
+        rig.command("MoveUntilContact", MaxForceAxes=[math.nan, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("limits", [[10.0], [math.inf, 0.0, 0.0]])
+def test_limits_of_axes_that_are_not_three_numbers_do_not_start(rig: Rig, limits: list[float]) -> None:
+    task = rig.run(rig.command("MoveUntilContact", MaxForceAxes=limits))
+    assert task.state is State.Failure
+    assert "MaxForceAxes" in task.why
 
 
 def test_motion_without_contact_fails_with_its_code(rig: Rig) -> None:
@@ -243,7 +194,7 @@ def test_stopped_motion_is_not_retried(rig: Rig, kind: FailureKind) -> None:
     task.tick(10)
     assert task.state is State.Failure
     assert task.cause().failure_kind is kind
-    assert rig.arm.calls == ["begin", "limits 40 15", "end"]
+    assert rig.arm.calls == ["begin", "40 15", "end"]
 
 
 @pytest.mark.parametrize(("kind", "retracts"), [(FailureKind.LIMIT, True), (FailureKind.CONTROLLER, False)])
@@ -313,6 +264,26 @@ def test_search_without_an_opening_ends_in_time(rig: Rig) -> None:
     assert code(task) == codes.NOT_FOUND
 
 
+def test_part_that_finds_no_opening_is_lifted_off_the_rim(rig: Rig) -> None:
+    task = pressed(rig).run(rig.command("SpiralSearch", SearchTime=1.0))
+    assert code(task) == codes.NOT_FOUND
+    assert "it is lifted" in task.skill.progress_msg
+    assert rig.arm.pose.position[2] > SURFACE + 0.004
+
+
+def test_part_that_cannot_be_lifted_is_reported_with_where_it_is(rig: Rig) -> None:
+    pressed(rig)
+    stuck = rig.arm.pose
+    task = rig.command("SpiralSearch", SearchTime=1.0)
+    for _ in range(200):
+        if task.tick() is not State.Running:
+            break
+        rig.arm.step()
+        rig.arm.pose = stuck
+    assert code(task) == codes.NOT_FOUND
+    assert "it cannot be lifted and stays 0.0 mm deep" in task.skill.progress_msg
+
+
 def pressed(rig: Rig) -> Rig:
     rig.arm.set_reference(Pose((0.5, 0.0, SURFACE), DOWN))
     rig.arm.step()
@@ -367,6 +338,75 @@ def test_pull_test_fails_when_the_part_moves(rig: Rig) -> None:
     task = rig.run(rig.command("PullTest"))
     assert code(task) == codes.NOT_HELD
     assert "the part does not hold" in task.skill.progress_msg
+
+
+class HeldArm(SurfaceArm):
+    """The tool is held by something elastic.
+
+    :ivar elasticity: N/m.
+    :ivar most: the largest force with which it was pulled (N).
+    """
+
+    elasticity, most = 2000.0, 0.0
+
+    def step(self) -> None:
+        self.time += 0.04
+        pull = -self.exerted / (1.0 + self.stiffness / self.elasticity)
+        x, y, z = self.reference.position
+        self.pose = Pose((x, y, z + pull / self.elasticity), DOWN)
+        self._pressed = -pull
+        self.most = max(self.most, pull)
+
+
+def test_pull_test_ends_when_the_force_was_measured(rig: Rig) -> None:
+    rig.arm = rig.source.arm_here = arm = HeldArm()
+    task = rig.run(rig.command("PullTest", Force=10.0, MaxDistance=0.01))
+    assert task.state is State.Success, task.why
+    assert 9.0 < arm.most < 10.5
+    assert "withstands 9." in task.skill.progress_msg or "withstands 10.0" in task.skill.progress_msg
+
+
+def test_pull_that_does_not_reach_its_force_proves_nothing(rig: Rig) -> None:
+    rig.arm = rig.source.arm_here = HeldArm()
+    rig.arm.elasticity = 100.0  # the spring of the arm takes up the largest wrench
+    task = rig.run(rig.command("PullTest", Force=20.0, MaxDistance=0.05))
+    assert code(task) == codes.NO_PROGRESS
+    assert "has not reached 20 N" in task.skill.progress_msg
+
+
+class LateArm(SurfaceArm):
+    """A plug has clicked and reached its floor between two ticks; the driver has kept the states.
+
+    :ivar kept: depth (mm) and force (N) of each.
+    """
+
+    kept = ((2.0, 0.5), (14.0, 1.0), (15.5, 9.0), (16.9, 12.0), (18.5, 0.2), (20.0, 7.0))
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ticks = 0
+
+    def at(self, depth: float, force: float) -> ArmState:
+        return ArmState(Pose((0.5, 0.0, SURFACE - depth / 1000.0), DOWN), (0.0, 0.0, force, 0.0, 0.0, 0.0), self.time)
+
+    def state(self) -> ArmState:
+        return self.at(*self.kept[-1])
+
+    def take_states(self) -> list[ArmState]:
+        self.ticks += 1
+        return [] if self.ticks == 1 else [self.at(*each) for each in self.kept]
+
+
+def test_click_between_two_ticks_is_felt(rig: Rig) -> None:
+    rig.bench.load(plugging.plug_in)
+    rig.arm = rig.source.arm_here = LateArm()
+    socket = rig.bench.add("skiros:Bore", "socket", rig.bench.robot, "skiros:hasA")
+    for key, value in (("Depth", 0.02), ("LatchDepth", 0.017), ("LatchForce", 12.0)):
+        socket.setProperty(f"skiros:{key}", value)
+    rig.bench.wmi.update_element_properties(socket)
+    task = rig.run(rig.command("PlugIn", Socket=socket, Surface=[0.5, 0.0, SURFACE]), 5)
+    assert task.state is State.Success, task.why
+    assert task.skill.params["Signature"].values == pytest.approx([12.0, 0.0169, 0.2, 0.020])
 
 
 def test_retraction_moves_back_along_the_tool_axis(rig: Rig) -> None:

@@ -15,7 +15,7 @@ from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.geometry import Pose
 from skiros2_motion.core.motion import State
 from skiros2_motion.core.spiral import SpiralGoal
-from skiros2_motion.core.wrench_guard import SENSOR_AGE
+from skiros2_motion.core.wrench_guard import SENSOR_AGE, Limits
 from skiros2_sim.core import reference_motion as codes
 from skiros2_sim.core.cartesian_motion import FORCE_LIMIT
 from skiros2_sim.core.joint_motion import PATH_TOLERANCE_VIOLATED, JointMotion
@@ -292,7 +292,7 @@ def test_stopped_arm_refuses_commands_until_its_limits_are_set_again(arm: MovedR
 def test_invalid_limits_are_refused(arm: MovedRobot, limits: tuple[float, float]) -> None:
     with pytest.raises(WrongValue, match="limits of force and torque"):
         arm.controller.set_limits(*limits)
-    assert arm.controller.limits == (0.0, 0.0)
+    assert arm.controller.limits == Limits()
 
 
 def test_guided_arm_follows_a_hand_and_stays_where_it_is_left(arm: MovedRobot) -> None:
@@ -439,7 +439,7 @@ def test_limits_of_one_controller_do_not_hold_for_the_other(arm: MovedRobot) -> 
 def test_invalid_position_limits_are_refused(stiff_arm: MovedRobot, limits: tuple[float, float]) -> None:
     with pytest.raises(WrongValue, match="limits of force and torque"):
         stiff_arm.controller.set_position_limits(*limits)
-    assert stiff_arm.controller.position_limits == (0.0, 0.0)
+    assert stiff_arm.controller.position_limits == Limits()
 
 
 def test_runs_with_one_seed_are_identical() -> None:

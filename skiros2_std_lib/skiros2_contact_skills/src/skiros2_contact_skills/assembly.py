@@ -266,6 +266,7 @@ class insert_piston(SkillBase):
                         self.skill("CheckGrip", ""),
                         self.skill("ReleasePart", "", remap={"Container": "Bore"}, specify={"Width": _RELEASED}),
                         self.skill("RetractTool", "", specify=SWING),
+                        self.skill("CheckRelease", ""),
                     ),
                 ),
                 # the ring must pass below the piston afterwards

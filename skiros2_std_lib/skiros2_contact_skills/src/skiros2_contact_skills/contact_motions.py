@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.arms import finger_width
 from skiros2_contact_skills.contact_primitive import (
     NO_CONTACT,
@@ -20,6 +21,7 @@ from skiros2_contact_skills.contact_primitive import (
     pressed,
 )
 from skiros2_contact_skills.core.evidence import Evidence, FloorTest, Judgement
+from skiros2_contact_skills.core.pull_out import PullOut
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
 from skiros2_contact_skills.fit import grip_width
 from skiros2_motion.core.compliant_arm import ArmState
@@ -34,14 +36,14 @@ _APPROACH_STIFFNESS = 800.0
 _FOLLOWING_STIFFNESS = 300.0
 #: A search ends after that many passes between the centre and the radius, and the time until the part is pressed (s).
 _PASSES, _PRESSING_TIME = 2.0, 2.0
+#: Lead of the reference with which a part is lifted after a search (m): up to 8 N.
+_LIFT = 0.01
 #: Stiffness along the tool axis of insertions (N/m).
 _INSERTION_STIFFNESS = 2000.0
 #: An insertion brakes within this time before its end (s), down to this speed (m/s).
 _BRAKING_TIME, _SLOWEST = 0.4, 0.005
 #: Maximum distance of the reference beyond the wanted depth (m).
 _BEYOND = 0.005
-#: A failed part is pulled out to this height above the surface (m), with this speed (m/s), within some more time (s).
-_CLEAR, _PULLING_SPEED, _PULLING_TIME = 0.005, 0.05, 3.0
 #: Depth that counts as progress of an insertion (m).
 _PROGRESS = 0.0005
 #: Time constant with which the reference follows the tool across the axis during an insertion (s).
@@ -86,12 +88,15 @@ class spiral_search(ContactPrimitive):
         self._radius = self.number("Radius", fit.search_radius)
         distance, velocity = self.value("PathDistance"), self.value("PathVelocity")
         self._before = self.number("Searched", 0.0)
+        self._failed: PullOut | None = None
         self._time = min(self.value("SearchTime"), self.value("TotalTime") - self._before)
         if self._radius and distance and velocity:  # a driver refuses a spiral of a point
             self.arm.start_spiral(SpiralGoal(self._radius, distance, velocity, allow_decrease=True))
             self._time = min(self._time, _PASSES * math.pi * self._radius**2 / distance / velocity + _PRESSING_TIME)
 
     def move(self, state: ArmState, dt: float) -> State:
+        if self._failed is not None:
+            return self._lift(state, dt, self._failed)
         self.arm.set_wrench((0.0, 0.0, self.value("Force")))
         depth = self.depth(state)
         if depth >= self._drop_depth:
@@ -101,12 +106,27 @@ class spiral_search(ContactPrimitive):
         self.params["Searched"].values = [self._before + passed]
         if passed > self._time:
             text = f"No opening within {1000 * self._radius:.1f} mm in {passed:.1f} s ({forces(state)})"
-            return self.fail(text, NOT_FOUND)
+            self.arm.stop_overlay()
+            self.arm.set_wrench((0.0, 0.0, 0.0))
+            self.set_stiffness(_APPROACH_STIFFNESS)
+            self._failed = PullOut(text, NOT_FOUND, "lifted", depth, state.stamp, _LIFT)
+            return self.step(text)
+        self.arm.set_reference(self._reference(state, 0.0))
+        return self.step(f"Searching for the opening: {passed:.1f} s, {1000 * depth:.2f} mm deep, {forces(state)}")
+
+    def _lift(self, state: ArmState, dt: float, failed: PullOut) -> State:
+        """Lifts the part off the rim, and fails: it must not stay there."""
+        depth = self.depth(state)
+        if text := failed.result(depth, state.stamp):
+            return self.fail(text, failed.code)
+        self.arm.set_reference(self._reference(state, failed.ahead(depth, dt)))
+        return self.step(f"Lifting the part: {1000 * depth:.1f} mm deep, {forces(state)}")
+
+    def _reference(self, state: ArmState, ahead: float) -> Pose:
+        """Returns the reference on the axis of the start, some distance ahead of the tool (m)."""
         axis = axis_of(self.start)
         along = dot(axis, difference(state.pose.position, self.start.pose.position))
-        position = moved(self.start.pose.position, axis, along)
-        self.arm.set_reference(Pose(position, self.start.pose.orientation))
-        return self.step(f"Searching for the opening: {passed:.1f} s, {1000 * depth:.2f} mm deep, {forces(state)}")
+        return Pose(moved(self.start.pose.position, axis, along + ahead), self.start.pose.orientation)
 
 
 class insert_part(ContactPrimitive):
@@ -134,14 +154,14 @@ class insert_part(ContactPrimitive):
         self._best_at = state.stamp
         self._centre = state.pose.position
         self._test: FloorTest | None = None
-        self._failed: tuple[str, int] | None = None  # text and code, while the part is pulled out
+        self._failed: PullOut | None = None
         part, gripper = self.optional_element("Part"), self._gripper
         width = grip_width(self.wmi, part) if part is not None else None
         self._evidence = Evidence(opening(gripper) if gripper is not None else math.inf, self._wanted, width)
 
     def move(self, state: ArmState, dt: float) -> State:
         if self._failed is not None:
-            return self._pull_out(state, dt, *self._failed)
+            return self._pull_out(state, dt, self._failed)
         depth, wanted, evidence = self.depth(state), self._wanted, self._evidence
         evidence.see_fingers(self._width())
         evidence.tool_depth = depth
@@ -194,20 +214,17 @@ class insert_part(ContactPrimitive):
         if not code:
             return self.success(text)
         if judgement is Judgement.NOT_HELD:
-            return self.fail(text, code)
-        self._failed, self._failed_at, self._target = (text, code), state.stamp, self.depth(state)
+            return self.fail(text, code, FailureKind.LOST)  # nobody knows where it is
+        pull = self.value("Force") / _INSERTION_STIFFNESS
+        self._failed = PullOut(text, code, "pulled out", self.depth(state), state.stamp, pull)
         return self.step(text)
 
-    def _pull_out(self, state: ArmState, dt: float, text: str, code: int) -> State:
+    def _pull_out(self, state: ArmState, dt: float, failed: PullOut) -> State:
         """Pulls the part out of the bore after a failure, and fails: it must not stay jammed."""
         depth = self.depth(state)
-        if depth < -_CLEAR + _PROGRESS:
-            return self.fail(f"{text}; it is pulled out", code)
-        if state.stamp - self._failed_at > (self._evidence.tool_depth + _CLEAR) / _PULLING_SPEED + _PULLING_TIME:
-            return self.fail(f"{text}; it cannot be pulled out and stays {1000 * depth:.1f} mm deep", code)
-        pull = depth - self.value("Force") / _INSERTION_STIFFNESS
-        self._target = max(self._target - _PULLING_SPEED * dt, pull, -_CLEAR - _BEYOND)
-        self.arm.set_reference(self._reference(state, dt, self._target - depth))
+        if text := failed.result(depth, state.stamp):
+            return self.fail(text, failed.code)
+        self.arm.set_reference(self._reference(state, dt, failed.ahead(depth, dt)))
         return self.step(f"Pulling the part out: {1000 * depth:.1f} mm deep, {forces(state)}")
 
     def _width(self) -> float | None:

@@ -23,9 +23,10 @@ from skiros2_contact_skills.arms import give_back, take_arm
 from skiros2_contact_skills.fit import Fit, fit_of
 from skiros2_motion.core.arm_abilities import Abilities, abilities_of
 from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak
-from skiros2_motion.core.geometry import Vector, rotated
+from skiros2_motion.core.geometry import Vector, conjugated, rotated
 from skiros2_motion.core.impact import DEFAULT_MASS, DEFAULT_STIFFNESS, permitted_speed
 from skiros2_motion.core.impedance import MAX_STIFFNESS
+from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.time_scaling import MAX_PERIOD
 from skiros2_motion.core.wrench_guard import is_finite
 
@@ -44,6 +45,7 @@ OVERSHOT = -128
 NO_CLICK = -131
 WRONG_CLICK = -132
 WRONG_SOCKET = -133
+NOT_RELEASED = -134
 
 #: Default limits of the measured wrench (N, Nm).
 MAX_FORCE, MAX_TORQUE = 40.0, 15.0
@@ -92,7 +94,9 @@ class ContactPrimitive(PrimitiveBase):
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
             self._has_arm = True
             self.arm.begin()
-            self.arm.set_wrench_limits(self.number("MaxForce", MAX_FORCE), self.number("MaxTorque", MAX_TORQUE))
+            self._axes = [*self._limits_of("MaxForceAxes"), *self._limits_of("MaxTorqueAxes")]
+            axes = [self._axes] if any(self._axes) else []  # arms of others may have none
+            self.arm.set_wrench_limits(self.limit, self.number("MaxTorque", MAX_TORQUE), *axes)
         except SkirosError as error:
             give_back(self)
             return self.startError(f"{self.label_of('Arm')}: {error}", NOT_READY)
@@ -172,6 +176,11 @@ class ContactPrimitive(PrimitiveBase):
             give_back(self)
         return True
 
+    def _limits_of(self, key: str) -> list[float]:
+        """Returns the limits of three axes; 0 for none."""
+        values = self.params[key].values if key in self.params else []
+        return finite(values, 3, key) if values else [0.0] * 3
+
     # -- for subclasses ----------------------------------------------------------------------------------------
 
     def element(self, key: str) -> Element:
@@ -236,14 +245,21 @@ class ContactPrimitive(PrimitiveBase):
         else:
             mass = float(element.value_of(APPARENT_MASS) or DEFAULT_MASS)
         late = self.abilities.added_force(1.0, self._along)
-        permitted = permitted_speed(self.limit - preload, mass, stiffness, late)
+        limit = self._limit_along(direction)
+        permitted = permitted_speed(limit - preload, mass, stiffness, late)
         if speed <= permitted:
             return speed
         to = f"slowed from {1000 * speed:.0f} to {1000 * permitted:.0f} mm/s"
-        self._slowed = f"{to}: {mass:.1f} kg that meet {stiffness:.2g} N/m stay below {self.limit:g} N"
+        self._slowed = f"{to}: {mass:.1f} kg that meet {stiffness:.2g} N/m stay below {limit:g} N"
         if late:
             self._slowed += f", noticed within {1000 * self.abilities.reaction_time:.0f} ms"
         return permitted
+
+    def _limit_along(self, direction: Vector) -> float:
+        """Returns the largest force along a direction in the base frame that is within all limits (N)."""
+        way = rotated(conjugated(self.start.pose.orientation), direction)
+        pairs = zip(self._axes[:3], map(abs, way), strict=True)
+        return min([self.limit, *(limit / part for limit, part in pairs if limit and part > limit / self.limit)])
 
     def set_stiffness(self, along: float) -> None:
         """Sets the stiffness of the parameters, and that along the tool axis (N/m)."""

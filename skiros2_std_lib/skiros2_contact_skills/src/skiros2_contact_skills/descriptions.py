@@ -33,7 +33,9 @@ class ContactMotion(SkillDescription):
         self.addParam(
             "MaxTorque", float, Optional, description="The driver stops above it (15)", unit="Nm", minimum=0.1
         )
-
+        along = "Three limits: {} x, y, z of the tool; 0: none"
+        self.addParam("MaxForceAxes", [float], Optional, description=along.format("along"), unit="N", minimum=0)
+        self.addParam("MaxTorqueAxes", [float], Optional, description=along.format("about"), unit="Nm", minimum=0)
         self.addParam("PeakForce", [float], Optional, description="Result: the largest measured force", unit="N")
 
     def add_number(self, key: str, value: float, unit: str, minimum: float, maximum: float, description: str) -> None:

@@ -30,6 +30,8 @@ WIDTH = "skiros:GripWidth"
 USUAL_DEPTH, USUAL_RADIUS, USUAL_ATTEMPTS = 0.06, 0.0052, 6
 #: Depth below the rim at which a part is in the bore, and the largest part of the bore's depth that this may be.
 _DROP, _LARGEST_DROP = 0.0012, 0.5
+#: Of the earth (m/s2).
+_GRAVITY = 9.81
 #: Standard deviations that a search covers, errors of grasp and arm, and its largest radius.
 _SIGMAS, _OTHER_ERRORS, _LARGEST_RADIUS = 3.0, 0.002, 0.02
 
@@ -90,6 +92,15 @@ def grip_width(wmi: WorldModelPort, part: Element) -> float | None:
     grasps = [each["dst"] for each in part.getRelations("-1", "skiros:hasA", "")]
     widths = [_number(wmi.get_element(grasp), WIDTH) for grasp in grasps]
     return next((width for width in widths if width is not None), None)
+
+
+def weight_of(part: Element) -> float | None:
+    """Returns the weight of a part (N), from `skiros:Weight` (kg); None if the world model does not state it.
+
+    :raises WrongValue: it is not a number of 0 or more.
+    """
+    mass = _number(part, "skiros:Weight")
+    return None if mass is None else mass * _GRAVITY
 
 
 def _of_either(bore: Element | None, part: Element | None, key: str) -> float | None:

@@ -6,6 +6,7 @@ import math
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills.contact_primitive import (
+    NO_PROGRESS,
     NOT_HELD,
     ContactPrimitive,
     axis_of,
@@ -17,11 +18,14 @@ from skiros2_contact_skills.contact_primitive import (
 from skiros2_contact_skills.descriptions import ApplyForce, HoldPose, PullTest
 from skiros2_contact_skills.regulated_motion import SOFT, RegulatedMotion
 from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.impedance import MAX_WRENCH
 
 #: Stiffness along the tool axis (N/m).
 _STIFFNESS = 600.0
 #: Maximum speed of a tool that a force accelerates before it touches something (m/s).
 _FREE_SPEED = 0.02
+#: Part of the force of a pull test that must be measured, and time until it is (s).
+_PULLED, _PULLING_TIME = 0.9, 3.0
 #: Time until a force that was set at a tick is exerted (s).
 _DELAY = 0.12
 
@@ -99,7 +103,8 @@ class apply_force(RegulatedMotion):
 
 
 class pull_test(_Force):
-    """Pulls with a growing force for the duration; the filter of the driver makes it grow smoothly."""
+    """Pulls with a growing force until it was measured for the duration; the filter of the driver makes it grow
+    smoothly. The spring of the held pose, which resists the pull as the hand yields, is added to it."""
 
     direction = -1.0
 
@@ -109,12 +114,25 @@ class pull_test(_Force):
     def begin(self, state: ArmState) -> None:
         super().begin(state)
         self._surplus = 2.0  # per tick: a part that is pulled at once slips in the fingers
+        self._pulled_since = math.inf
+        self._least = math.inf
+
+    def exert(self, state: ArmState) -> None:
+        spring = _STIFFNESS * max(0.0, self.advance(state))
+        pull = min(self.value("Force"), max(0.0, -pressed(state)) + self._surplus)
+        self.arm.set_wrench((0.0, 0.0, -min(pull + spring, MAX_WRENCH[2])))
 
     def move(self, state: ArmState, dt: float) -> State:
         self.exert(state)
         if reason := self.too_far(state):
             return self.fail(f"{reason}: the part does not hold", NOT_HELD)
-        passed = state.stamp - self.start.stamp
-        if passed >= self.value("Duration"):
-            return self.success(f"The part holds for {passed:.1f} s ({forces(state)})")
+        wanted, pull = self.value("Force"), -pressed(state)
+        if pull < _PULLED * wanted:
+            self._pulled_since, self._least = math.inf, math.inf
+        else:
+            self._pulled_since, self._least = min(self._pulled_since, state.stamp), min(self._least, pull)
+        if state.stamp - self._pulled_since >= self.value("Duration"):
+            return self.success(f"The part withstands {self._least:.1f} N for {self.value('Duration'):.1f} s")
+        if state.stamp - self.start.stamp > self.value("Duration") + _PULLING_TIME:
+            return self.fail(f"The pull has not reached {wanted:g} N ({forces(state)})", NO_PROGRESS)
         return self.step(f"Pulling: {forces(state)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from control_msgs.msg import GripperCommandGoal, GripperCommandResult
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.core.evidence import NOTHING_BETWEEN
@@ -66,16 +67,22 @@ class check_grip(GripperMotion):
     def buildGoal(self) -> GripperCommandGoal:
         return self.grip()
 
+    #: Of the failure if nothing is between the fingers.
+    kind = FailureKind.LOST
+
     def onDone(self, status: int, msg: GripperCommandResult) -> State:
         if not self.ended_well(status, msg):
             return self.failed(self.status_text(), status)
         if msg.position <= NOTHING_BETWEEN:
-            return self.fail(f"{self.label_of('Part')} is not between the fingers: they have closed", NOT_HELD)
+            text = f"{self.label_of('Part')} is not between the fingers: they have closed"
+            return self.fail(text, NOT_HELD, self.kind)
         return self.success(f"{self.doing()}: {1000 * msg.position:.0f} mm between the fingers")
 
 
 class grip_part(check_grip):
     """Closes the fingers, and moves the part into the gripper in the world model, at its grasping pose."""
+
+    kind = FailureKind.RETRYABLE
 
     def createDescription(self) -> None:
         self.setDescription(GripPart(), self.__class__.__name__)

@@ -20,9 +20,9 @@ from skiros2_contact_skills.contact_primitive import (
 )
 from skiros2_contact_skills.core.latch_signature import Expected, LatchSignature, Verdict
 from skiros2_contact_skills.descriptions import ContactMotion
-from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.compliant_arm import ArmState, KeepsStates
 from skiros2_motion.core.geometry import Pose
-from skiros2_skill.core.processors import ParallelFs, RetryOnFail, SelectorStar, SerialStar
+from skiros2_skill.core.processors import NoFail, ParallelFs, RetryOnFail, SelectorStar, SerialStar
 from skiros2_skill.core.skill import SkillBase
 from skiros2_std_reasoners.core.places import CONTAINER_STATE
 
@@ -45,8 +45,8 @@ _TRANSFER = 0.12
 #: the pull test.
 HOLD = {"Force": 20.0, "Stiffness": 2000.0, "RotationalStiffness": 300.0, "MaxDistance": 0.05}
 #: Less than what pulls a latched plug out. It travels back from the floor to the latch (3 mm), and the hands yield by
-#: another 6 mm.
-_PULL = {"Force": 10.0, "Duration": 1.5, "MaxDistance": 0.0093}
+#: another 8 mm.
+_PULL = {"Force": 10.0, "Duration": 0.5, "MaxDistance": 0.0115}
 _CODES = {Verdict.NO_CLICK: NO_CLICK, Verdict.WRONG_FORCE: WRONG_CLICK, Verdict.WRONG_DEPTH: WRONG_CLICK}
 
 
@@ -60,7 +60,7 @@ class PlugIn(ContactMotion):
         self.add_number("Speed", 0.01, "m/s", 0.001, 0.1, "Of the reference")
         self.add_number("Force", 20.0, "N", 1.0, 40.0, "Pushed with at most")
         self.add_number("SeatForce", 6.0, "N", 0.5, 30.0, "Of the floor, above the friction: the plug is seated")
-        self.add_number("ForceTolerance", 0.4, "", 0.01, 1.0, "Of the force of the click, as a part of the latch's")
+        self.add_number("ForceTolerance", 0.25, "", 0.01, 1.0, "Of the force of the click, as a part of the latch's")
         self.add_number("TravelTolerance", 0.0015, "m", 0.0001, 0.01, "Of the way from the click to the floor")
         self.add_number("Patience", 1.0, "s", 0.2, 30.0, "Without progress, after which the motion ends")
         self.addParam(
@@ -92,6 +92,7 @@ class ConnectPlug(Handling):
         self.add_arm()
         self.add_arm("HousingArm", "HousingGripper")
         self.add_stand("WorkPlace", "Place", "HousingArm", "connector:WorkPlace")
+        self.add_stand("PlugHolder", "PlugPlace")  # where the plug is put down if it must be gripped again
         self.addPreCondition(self.getRelationCond("HousingHasSocket", "skiros:hasA", "Housing", "Socket", True))
         self.addPreCondition(self.getPropCond("SocketIsEmpty", CONTAINER_STATE, "Socket", "=", "Empty", True))
         self.add_move("Part", "Gripper", "Socket")
@@ -115,13 +116,15 @@ class plug_in(ContactPrimitive):
         self.set_stiffness(_STIFFNESS)
         self._best = self._target = self.depth(state)
         self._best_at = state.stamp
+        self._states(state)  # those before are not of this motion
 
     def move(self, state: ArmState, dt: float) -> State:
         if not self._has_latch:
             wants = "expected skiros:LatchForce, and skiros:LatchDepth below skiros:Depth"
             return self.fail(f"{self.label_of('Socket')} has no latch: {wants}", WRONG_SOCKET)
+        for each in self._states(state):
+            self._signature.add(self.depth(each), pressed(each))
         depth, force = self.depth(state), pressed(state)
-        self._signature.add(depth, force)
         clicked, seat = self._signature.has_clicked, self.value("SeatForce")
         if depth > self._best + _PROGRESS:
             self._best, self._best_at = depth, state.stamp
@@ -135,6 +138,10 @@ class plug_in(ContactPrimitive):
         position = moved(self.start.pose.position, axis_of(self.start), ahead)
         self.arm.set_reference(Pose(position, self.start.pose.orientation))
         return self.step(f"Plugging in: {1000 * depth:.1f} mm, {forces(state)}")
+
+    def _states(self, state: ArmState) -> list[ArmState]:
+        """Returns the states since the last tick: a late tick must not miss the peak of the click."""
+        return (self.arm.take_states() if isinstance(self.arm, KeepsStates) else []) or [state]
 
     def _result(self, state: ArmState) -> State:
         self.params["Signature"].values = self._signature.values()
@@ -167,7 +174,8 @@ class plug_into_socket(SkillBase):
 
 class connect_plug(SkillBase):
     """One arm puts the housing down and holds it, the other one plugs in, pulls to prove that the latch holds, and
-    releases the plug. When it does not latch or hold, the plug is retracted."""
+    releases the plug. When it does not latch or hold, the plug is retracted and put back into its holder, from where
+    the next plan takes it again."""
 
     def createDescription(self) -> None:
         self.setDescription(ConnectPlug(), self.__class__.__name__)
@@ -193,7 +201,15 @@ class connect_plug(SkillBase):
                         self.skill("ReleasePart", "", remap={"Container": "Socket"}),
                         self.skill("RetractTool", "", specify=SWING),
                     ),
-                    self.skill("RetractAfterFailure", "", specify=RETREAT | {"Height": _TRANSFER}),
+                    self.skill(SerialStar())(
+                        # a plug that has slipped in the fingers fails each time: the next plan takes it again
+                        self.skill(NoFail(SerialStar()))(
+                            self.skill("RetractTool", "", specify=RETREAT | {"Height": _TRANSFER}),
+                            self.skill("CheckGrip", ""),
+                            self.skill("PutDownPart", "", remap={"Container": "PlugHolder", "Place": "PlugPlace"}),
+                        ),
+                        self.skill("RetractAfterFailure", "", specify=RETREAT | {"Height": _TRANSFER}),
+                    ),
                 ),
             ),
             self.skill("ReleasePart", "", remap=housing | {"Container": "WorkPlace"}),

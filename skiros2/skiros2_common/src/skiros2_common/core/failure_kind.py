@@ -10,6 +10,8 @@ class FailureKind(StrEnum):
     processor nor a new plan. A person decides how the work continues."""
 
     RETRYABLE = "retryable"
+    #: A part is not where the robot has left it, and nothing measures where it is.
+    LOST = "lost"
     #: A limit has stopped the robot, such as that of a force.
     LIMIT = "limit"
     #: A measured value is missing, invalid or frozen.
@@ -27,7 +29,7 @@ class FailureKind(StrEnum):
     @property
     def allows_reaction(self) -> bool:
         """Whether a reaction such as a retreat may follow: the robot still has its controller and its sensors."""
-        return self in (FailureKind.RETRYABLE, FailureKind.LIMIT)
+        return self in (FailureKind.RETRYABLE, FailureKind.LOST, FailureKind.LIMIT)
 
     @property
     def severity(self) -> int:
@@ -50,6 +52,7 @@ class FailureKind(StrEnum):
 
 
 _WORDS = {
+    FailureKind.LOST: "a part was lost",
     FailureKind.LIMIT: "a limit was exceeded",
     FailureKind.SENSOR: "a sensor cannot be trusted",
     FailureKind.CONTROLLER: "the controller was switched off by somebody else",

@@ -10,7 +10,8 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 
 import rospy
 from genpy import Message
@@ -31,11 +32,13 @@ from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, inver
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_motion.core.state_age import StateAge
-from skiros2_motion.core.wrench_guard import FORCE, SENSOR_AGE, TORQUE, is_finite, violation_text
+from skiros2_motion.core.wrench_guard import SENSOR_AGE, Limits, is_finite, is_limit, violation_text
 from skiros2_sim_msgs.msg import ImpedanceState
 from skiros2_sim_msgs.srv import (
     OverlayMotion,
     OverlayMotionRequest,
+    SetAxisLimits,
+    SetAxisLimitsRequest,
     SetForceControl,
     SetForceControlRequest,
     SetWrenchLimits,
@@ -50,6 +53,9 @@ _CONNECTION_TIME = 5.0
 _OPTIONAL_TIME = 0.2
 #: Period with which `state` sends a commanded wrench again (s): without that, the driver lets it expire.
 _REFRESH = 0.2
+_REFUSED = "refuses limits"
+#: Maximum number of states that are kept for `take_states`: two seconds.
+_KEPT = 200
 
 
 class ImpedanceArm(ForceAdapter):
@@ -68,7 +74,9 @@ class ImpedanceArm(ForceAdapter):
     ) -> None:
         self._name, self._space, self._wrist, self._switch = name, space, wrist, switch
         self._controllers, self._mount = controllers, mount
-        self._limits = (0.0, 0.0)
+        self._limits = Limits()
+        #: States since `take_states`.
+        self._recent: deque[ImpedanceState] = deque(maxlen=_KEPT)
         self._fault = ""
         #: The commanded wrench, and when it was sent (s).
         self._wrench: Sequence[float] = ()
@@ -205,11 +213,19 @@ class ImpedanceArm(ForceAdapter):
         service = f"{self._space}/overlay_motion"
         self._request(lambda: call_service(service, OverlayMotion, request, "does not stop its overlay motion"))
 
-    def set_wrench_limits(self, force: float, torque: float) -> None:
-        self._limits = checked_limits(force, torque)
-        request = SetWrenchLimitsRequest(*self._limits)
-        service = f"{self._space}/set_wrench_limits"
-        self._request(lambda: call_service(service, SetWrenchLimits, request, "refuses limits"))
+    def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
+        self._limits = checked_limits(force, torque, axes)
+        request = SetWrenchLimitsRequest(force, torque)
+        self._request(lambda: call_service(f"{self._space}/set_wrench_limits", SetWrenchLimits, request, _REFUSED))
+        if axes:
+            more = SetAxisLimitsRequest(Wrench(Vector3(*axes[:3]), Vector3(*axes[3:])))
+            self._request(lambda: call_service(f"{self._space}/set_axis_limits", SetAxisLimits, more, _REFUSED))
+
+    def take_states(self) -> list[ArmState]:
+        with self._lock:
+            messages = list(self._recent)
+            self._recent.clear()
+        return [arm_state(message, self._mount, message.header.stamp.to_sec()) for message in messages]
 
     def zero_sensor(self) -> None:
         self._request(lambda: call_service(f"{self._wrist}/zero", Trigger, None, "does not zero its sensor"))
@@ -221,7 +237,7 @@ class ImpedanceArm(ForceAdapter):
         while True:
             command, is_request = self._commands.get()
             try:
-                connected = connected or command == self._stop_working or self._connect()
+                connected = connected or command == self._stop_working or _await_listeners(self._topics)
                 command()
             except _Closed:
                 for topic in self._topics.values():
@@ -236,21 +252,6 @@ class ImpedanceArm(ForceAdapter):
                         self._pending -= 1
                         # the next state may have been on its way before the answer
                         self._effect = self._received + 2
-
-    def _connect(self) -> bool:
-        """Waits until the driver listens to all topics: what is published before that is lost.
-
-        :raises TimedOut: it does not.
-        """
-        deadline = time.monotonic() + _CONNECTION_TIME
-        while not rospy.is_shutdown():
-            missing = [name for name, topic in self._topics.items() if not topic.get_num_connections()]
-            if not missing:
-                return True
-            if time.monotonic() > deadline:
-                raise TimedOut(f"no driver listens to {self._space}/{missing[0]}")
-            threading.Event().wait(0.02)
-        raise _Closed
 
     def _find_loop(self) -> None:
         """Notes whether the driver regulates forces, and ends that."""
@@ -312,6 +313,7 @@ class ImpedanceArm(ForceAdapter):
             self._age.receive()
             self._period.add(message.header.stamp.to_sec())
             self._received += 1
+            self._recent.append(message)
             regulated = self._regulated(message)
         if regulated is not None:
             self._publish_reference(composed(self._mount, regulated))
@@ -344,12 +346,28 @@ class ImpedanceArm(ForceAdapter):
             return f"no state on {self._space}/state for {late:.1f} s"
         if not _is_finite(message):
             return f"the state on {self._space}/state is not finite"
-        if (message.force_limit, message.torque_limit) != self._limits:
+        if (message.force_limit, message.torque_limit) != self._limits[:2]:
             limits = f"{message.force_limit:g} N and {message.torque_limit:g} Nm"
             return (
                 f"the driver has the limits {limits}, not those that were set: it was restarted, or they were changed"
             )
         return ""
+
+
+def _await_listeners(topics: Mapping[str, rospy.Publisher]) -> bool:
+    """Waits until the driver listens to all topics, and returns True: what is published before that is lost.
+
+    :raises TimedOut: it does not.
+    """
+    deadline = time.monotonic() + _CONNECTION_TIME
+    while not rospy.is_shutdown():
+        missing = [topic.name for topic in topics.values() if not topic.get_num_connections()]
+        if not missing:
+            return True
+        if time.monotonic() > deadline:
+            raise TimedOut(f"no driver listens to {missing[0]}")
+        threading.Event().wait(0.02)
+    raise _Closed
 
 
 def call_service(name: str, kind: type, request: Message | None, problem: str) -> None:
@@ -391,7 +409,7 @@ def _kind_of(message: ImpedanceState, fault: str) -> FailureKind:
     :param fault: of a request that was refused; "" if none was.
     """
     if message.stopped_by:
-        return FailureKind.LIMIT if message.stopped_by in (FORCE, TORQUE) else FailureKind.SENSOR
+        return FailureKind.LIMIT if is_limit(message.stopped_by) else FailureKind.SENSOR
     if fault:
         return FailureKind.RETRYABLE
     return FailureKind.SENSOR if message.active else FailureKind.CONTROLLER

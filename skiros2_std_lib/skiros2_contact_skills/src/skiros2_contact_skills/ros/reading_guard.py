@@ -8,7 +8,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.profiles import Reading
 from skiros2_motion.core.compliant_arm import Wrench, turned_wrench
 from skiros2_motion.core.geometry import conjugated
-from skiros2_motion.core.wrench_guard import WrenchGuard, exceeded_limit, is_finite
+from skiros2_motion.core.wrench_guard import Limits, WrenchGuard, exceeded_limit, is_finite
 
 #: Values of the setting `sensor`: each measurement of a working one differs from that before; or it may be equal.
 NOISY, EXACT = "noisy", "exact"
@@ -40,11 +40,10 @@ class ReadingGuard:
         self._in_base.restart()
         self._in_tool.restart()
 
-    def check(self, reading: Reading, zero: Wrench, limits: tuple[float, float], time: float) -> Reason | None:
+    def check(self, reading: Reading, zero: Wrench, limits: Limits, time: float) -> Reason | None:
         """Returns why the arm must stop; None if it need not. Without limits only numbers are checked.
 
         :param zero: of the sensor, along the axes of the tool.
-        :param limits: of force (N) and torque (Nm), 0 for none.
         :param time: by the clock of the arm (s); that of a paused simulation stands still.
         """
         if not is_finite(*reading.pose, reading.wrench):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -30,12 +29,12 @@ from skiros2_motion.core.compliant_arm import (
     turned_wrench,
 )
 from skiros2_motion.core.force_control import ForceGoal
-from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated, inverted
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated, inverted, rotation_of
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
 from skiros2_motion.core.reference_lead import bounded_reference
 from skiros2_motion.core.spiral import Spiral, SpiralGoal
 from skiros2_motion.core.state_age import StateAge
-from skiros2_motion.core.wrench_guard import is_finite, limited_wrench
+from skiros2_motion.core.wrench_guard import Limits, is_finite, limited_wrench
 from skiros2_std_reasoners.ros.transforms import Transforms
 
 log = logging.getLogger(__name__)
@@ -84,7 +83,7 @@ class TopicArm(ForceAdapter):
         self._is_active = False
         self._controllers = Controllers(self._name("switch"), self._name("controllers"), names)
         self._needed, self._period = 0, StatePeriod()
-        self._limits = (0.0, 0.0)
+        self._limits = Limits()
         self._zero = _ZERO
         self._stiffness: Sequence[float] = STIFFNESS
         self._stiffness_sent: Sequence[float] = ()
@@ -195,8 +194,8 @@ class TopicArm(ForceAdapter):
             if self._spiral is not None:
                 self._spiral.stop()
 
-    def set_wrench_limits(self, force: float, torque: float) -> None:
-        limits = checked_limits(force, torque)
+    def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
+        limits = checked_limits(force, torque, axes)
         with self._lock:
             self._limits, self._stop = limits, None
             self._guard.restart()
@@ -381,17 +380,10 @@ def shifted(reference: Pose, offset: Sequence[float], wrench: Wrench, stiffness:
         for f, k, least in zip(wrench, stiffness, _LEAST_STIFFNESS, strict=True)
     ]
     x, y, z = (a + b for a, b in zip(offset, shift[:3], strict=True))
-    return composed(reference, Pose((x, y, z), small_rotation(shift[3:])))
+    return composed(reference, Pose((x, y, z), rotation_of(shift[3:])))
 
 
-def limited(wrench: Wrench, limits: tuple[float, float]) -> Wrench:
-    """Returns a wrench whose force (N) and torque (Nm) are shortened to the limits; 0 for none."""
+def limited(wrench: Wrench, limits: Limits) -> Wrench:
+    """Returns a wrench that is shortened to the limits."""
     fx, fy, fz, tx, ty, tz = limited_wrench(np.array(wrench), limits).tolist()
     return fx, fy, fz, tx, ty, tz
-
-
-def small_rotation(turn: Sequence[float]) -> tuple[float, float, float, float]:
-    """Returns the quaternion of a rotation vector (rad)."""
-    angle = math.hypot(*turn)
-    factor = math.sin(angle / 2.0) / angle if angle > 1e-9 else 0.5
-    return turn[0] * factor, turn[1] * factor, turn[2] * factor, math.cos(angle / 2.0)

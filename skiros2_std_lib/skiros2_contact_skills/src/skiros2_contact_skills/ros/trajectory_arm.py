@@ -13,7 +13,7 @@ per second: it is slow, and an impact is not softened.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import actionlib
@@ -28,9 +28,9 @@ from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryG
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_contact_skills.ros.driver_calls import CONNECT_TIME, connected
 from skiros2_contact_skills.ros.profiles import Profile
-from skiros2_contact_skills.ros.topic_arm import TopicArm, small_rotation, without_zero
+from skiros2_contact_skills.ros.topic_arm import TopicArm, without_zero
 from skiros2_motion.core.arm_kinematics import difference
-from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, normalized, rotated
+from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, normalized, rotated, rotation_of
 from skiros2_motion.core.urdf_chain import read_chain
 
 Array = npt.NDArray[np.float64]
@@ -91,9 +91,9 @@ class TrajectoryArm(TopicArm):
             self._reference = self._commanded
         self._await_states()
 
-    def set_wrench_limits(self, force: float, torque: float) -> None:
+    def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
         has_stopped = bool(self._stop)
-        super().set_wrench_limits(force, torque)
+        super().set_wrench_limits(force, torque, axes)
         if has_stopped:
             self._calls.request(self._activate)
 
@@ -124,7 +124,7 @@ class TrajectoryArm(TopicArm):
         if float(np.linalg.norm(step[:3])) < _AT_REST and float(np.linalg.norm(step[3:])) < _TURNED:
             return
         x, y, z = (a + b for a, b in zip(commanded.position, step[:3].tolist(), strict=True))
-        turned = normalized(multiplied(small_rotation(step[3:].tolist()), commanded.orientation))
+        turned = normalized(multiplied(rotation_of(step[3:].tolist()), commanded.orientation))
         solution = self._chain.kinematics.inverse(Pose((x, y, z), turned), start, restarts=0)
         if not solution.converged:
             raise Refused(f"the next pose is out of reach: off by {solution.off:.3f} m, {solution.turned:.3f} rad")

@@ -19,6 +19,7 @@ from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Quaternion, Vector, normalized, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.spiral import SpiralGoal
+from skiros2_motion.core.wrench_guard import Limits
 
 Wrench = tuple[float, float, float, float, float, float]
 
@@ -112,10 +113,12 @@ class CompliantArm(Protocol):
         """Returns to the reference without an overlay motion."""
         ...
 
-    def set_wrench_limits(self, force: float, torque: float) -> None:
+    def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
         """Sets the limits of the measured force (N) and torque (Nm), 0 for none, and ends a stop at a limit.
 
-        :raises WrongValue: a limit is negative or not finite.
+        :param axes: limits of the magnitude along (N) and about (Nm) x, y, z of the tool frame, 0 for none; () for none
+            at all.
+        :raises WrongValue: a limit is negative or not finite, or there are not six of the axes.
         """
         ...
 
@@ -141,6 +144,15 @@ class MeasuresPeak(Protocol):
 
     def take_peak(self) -> float:
         """Returns the largest magnitude of the measured force since the last call (N)."""
+        ...
+
+
+@runtime_checkable
+class KeepsStates(Protocol):
+    """An arm that keeps the states between two ticks."""
+
+    def take_states(self) -> list[ArmState]:
+        """Returns the states since the last call, the oldest first; at most those of two seconds."""
         ...
 
 
@@ -174,15 +186,18 @@ def checked_reference(pose: Pose) -> Pose:
     return Pose(pose.position, normalized(pose.orientation))
 
 
-def checked_limits(force: float, torque: float) -> tuple[float, float]:
-    """Returns limits of force (N) and torque (Nm).
+def checked_limits(force: float, torque: float, axes: Sequence[float] = ()) -> Limits:
+    """Returns limits of force (N) and torque (Nm), and along and about the axes of the tool.
 
-    :raises WrongValue: one is negative or not finite.
+    :raises WrongValue: one is negative or not finite, or there are neither six of the axes nor none.
     """
     limits = finite((force, torque), 2, "limits of force and torque")
     if min(limits) < 0.0:
         raise WrongValue(f"limits of force and torque {limits}: expected 0 N, 0 Nm or more")
-    return limits[0], limits[1]
+    each = finite(axes, 6, "limits along and about x, y, z of the tool") if len(axes) else []
+    if min(each, default=0.0) < 0.0:
+        raise WrongValue(f"limits along and about x, y, z of the tool {each}: expected 0 N, 0 Nm or more")
+    return Limits(limits[0], limits[1], tuple(each))
 
 
 def turned_wrench(orientation: Quaternion, wrench: Sequence[float]) -> Wrench:

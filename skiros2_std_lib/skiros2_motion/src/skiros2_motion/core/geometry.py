@@ -106,6 +106,13 @@ def to_euler(q: Sequence[float]) -> Vector:
     return roll, math.asin(sine), yaw
 
 
+def rotation_of(turn: Sequence[float]) -> Quaternion:
+    """Returns the quaternion of a rotation vector (rad)."""
+    angle = math.hypot(*turn)
+    factor = math.sin(angle / 2.0) / angle if angle > 1e-9 else 0.5
+    return turn[0] * factor, turn[1] * factor, turn[2] * factor, math.cos(angle / 2.0)
+
+
 def angle_between(a: Sequence[float], b: Sequence[float]) -> float:
     """Returns the angle between two orientations (rad, 0 to pi)."""
     x, y, z, w = multiplied(conjugated(normalized(a)), normalized(b))

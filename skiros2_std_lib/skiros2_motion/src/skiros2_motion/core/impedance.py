@@ -33,7 +33,7 @@ import numpy.typing as npt
 from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, between, conjugated, multiplied, rotated
 from skiros2_motion.core.numbers import finite
-from skiros2_motion.core.wrench_guard import is_finite, limited_wrench
+from skiros2_motion.core.wrench_guard import Limits, is_finite, limited_wrench
 
 Array = npt.NDArray[np.float64]
 
@@ -121,8 +121,8 @@ class Impedance:
         #: Pose error in the tool frame (m, rad) and joint torques (Nm) of the last update.
         self.error = np.zeros(6)
         self.commanded_torques = np.zeros(len(efforts))
-        #: Limits of spring and wrench together (N, Nm); 0 for none.
-        self.limits = (0.0, 0.0)
+        #: Limits of spring and wrench together.
+        self.limits = Limits()
         #: Wrench of spring, damping and command of the last update, in the tool frame (N, Nm).
         self.exerted = np.zeros(6)
         self._braking_time = 0.0

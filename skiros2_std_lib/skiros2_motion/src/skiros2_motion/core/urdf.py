@@ -124,7 +124,7 @@ def limits_of(joint: xml.Element) -> JointLimits:
 
     :raises ValueError: one is not a finite number; the text names it.
     """
-    lower, upper, velocity = (_number(joint, key) for key in JointLimits._fields)
+    lower, upper, velocity = (_number(joint, key) for key in ("lower", "upper", "velocity"))
     if joint.find("limit") is None or joint.get("type") == "continuous":
         lower, upper = -math.inf, math.inf
     return JointLimits(lower, upper, velocity)

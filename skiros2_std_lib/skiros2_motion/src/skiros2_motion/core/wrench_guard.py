@@ -28,6 +28,13 @@ _TEXTS = {
     DISAGREEMENT: ("difference of measured and commanded force of {:.1f}", "N"),
 }
 
+#: The axes of a wrench, with the words for them.
+_AXES = {
+    f"{quantity}_{axis}": (f"{_TEXTS[quantity][0]} {unit} {way} {axis}", unit)
+    for quantity, unit, way in ((FORCE, "N", "along"), (TORQUE, "Nm", "about"))
+    for axis in "xyz"
+}
+
 #: Maximum age of the measured wrench while it is limited (s).
 SENSOR_TIMEOUT = 0.02
 #: Time (s) and number of measurements without a change after which a noisy sensor is frozen.
@@ -38,10 +45,20 @@ DISAGREEMENT_PART, DISAGREEMENT_MIN = 0.4, 10.0
 _BALANCED_SPEED, _BALANCE_FILTER = 0.05, 0.05
 
 
+class Limits(NamedTuple):
+    """Limits of a wrench: of force (N) and torque (Nm), and of the magnitude along and about each axis of the tool; 0
+    and () for none."""
+
+    force: float = 0.0
+    torque: float = 0.0
+    axes: tuple[float, ...] = ()
+
+
 class Violation(NamedTuple):
     """Why an arm must stop.
 
-    :param quantity: `FORCE`, `TORQUE`, `SENSOR_AGE`, `NOT_FINITE`, `FROZEN` or `DISAGREEMENT`.
+    :param quantity: `FORCE`, `TORQUE`, one of these with an axis (`force_x`), `SENSOR_AGE`, `NOT_FINITE`, `FROZEN` or
+        `DISAGREEMENT`.
     """
 
     quantity: str
@@ -93,7 +110,7 @@ class WrenchGuard:
     def check(
         self,
         wrench: Sequence[float],
-        limits: tuple[float, float],
+        limits: Limits,
         time: float,
         age: float = 0.0,
         balance: Balance | None = None,
@@ -101,8 +118,7 @@ class WrenchGuard:
         """Returns why the arm must stop; None if it need not. Without limits only numbers are checked. A limit must be
         exceeded in two checks in a row.
 
-        :param wrench: measured: force (N), torque (Nm).
-        :param limits: of force (N) and torque (Nm), 0 for none.
+        :param wrench: measured: force (N), torque (Nm), along and about the axes of the tool.
         :param time: of the measurement, by a clock that does not jump (s).
         :param age: of the measurement (s).
         :param balance: for the comparison with the commanded force; None for none.
@@ -150,24 +166,37 @@ class WrenchGuard:
         return None if value <= most else Violation(DISAGREEMENT, value, most)
 
 
-def exceeded_limit(wrench: Sequence[float], limits: tuple[float, float]) -> Violation | None:
-    """Returns which limit of force (N) or torque (Nm) a wrench exceeds, also by a number that is not finite; None if it
-    exceeds none. A limit of 0 is none."""
-    for quantity, part, limit in ((FORCE, wrench[:3], limits[0]), (TORQUE, wrench[3:], limits[1])):
+def exceeded_limit(wrench: Sequence[float], limits: Limits) -> Violation | None:
+    """Returns which limit a wrench exceeds, also by a number that is not finite; None if it exceeds none.
+
+    :param wrench: along and about the axes of the tool (N, Nm).
+    """
+    for quantity, part, limit in ((FORCE, wrench[:3], limits.force), (TORQUE, wrench[3:], limits.torque)):
         value = math.hypot(*part)
         if limit and not value <= limit:
             return Violation(quantity, value, limit)
+    for quantity, value, limit in zip(_AXES, wrench, limits.axes, strict=False):  # without limits of axes: none
+        if limit and not abs(value) <= limit:
+            return Violation(quantity, abs(value), limit)
     return None
 
 
-def limited_wrench(wrench: Array, limits: tuple[float, float]) -> Array:
-    """Returns a wrench whose force (N) and torque (Nm) are shortened to limits; 0 for none."""
+def is_limit(quantity: str) -> bool:
+    """Whether a violation is that of a limit of force or torque, not that of a sensor."""
+    return quantity in (FORCE, TORQUE, *_AXES)
+
+
+def limited_wrench(wrench: Array, limits: Limits) -> Array:
+    """Returns a wrench along the axes of the tool (N, Nm) that is shortened to limits."""
     limited = wrench
-    for part, limit in ((slice(0, 3), limits[0]), (slice(3, 6), limits[1])):
-        length = math.sqrt(float(wrench[part] @ wrench[part]))
+    if limits.axes:
+        most = np.where(limits.axes, limits.axes, np.inf)
+        limited = np.minimum(np.maximum(wrench, -most), most)
+    for part, limit in ((slice(0, 3), limits.force), (slice(3, 6), limits.torque)):
+        length = math.sqrt(float(limited[part] @ limited[part]))
         if limit and not length <= limit:
             limited = limited.copy() if limited is wrench else limited
-            limited[part] = wrench[part] * (limit / length)
+            limited[part] *= limit / length
     return limited
 
 
@@ -179,4 +208,7 @@ def is_finite(*groups: Iterable[float]) -> bool:
 def violation_text(quantity: str, value: float, limit: float) -> str:
     """Formats a violation, also one of a driver with further quantities."""
     text, unit = _TEXTS.get(quantity, (quantity + " of {:.1f}", ""))
+    if quantity in _AXES:
+        text, unit = _AXES[quantity]
+        return f"{text.format(value)} above the limit of {limit:g} {unit}"
     return f"{text.format(value)} {unit} above the limit of {limit:g} {unit}".replace("  ", " ").rstrip()

@@ -24,13 +24,13 @@ from skiros2_motion.core.impedance import ArmState, Impedance
 from skiros2_motion.core.motion import Outcome
 from skiros2_motion.core.spiral import Spiral, SpiralGoal
 from skiros2_motion.core.wrench_guard import (
-    FORCE,
     NOT_FINITE,
-    TORQUE,
     Balance,
+    Limits,
     Violation,
     WrenchGuard,
     is_finite,
+    is_limit,
     violation_text,
 )
 from skiros2_sim.core.arm import Arm
@@ -66,7 +66,7 @@ class Stop(NamedTuple):
     @property
     def kind(self) -> FailureKind:
         """`LIMIT` for a force or torque, else `SENSOR`."""
-        return FailureKind.LIMIT if self.quantity in (FORCE, TORQUE) else FailureKind.SENSOR
+        return FailureKind.LIMIT if is_limit(self.quantity) else FailureKind.SENSOR
 
     def __str__(self) -> str:
         return violation_text(self.quantity, self.value, self.limit)
@@ -88,8 +88,8 @@ class ArmController:
         #: The loop for forces; `check_active` comes before a new goal.
         self.force = ForceRegulation(self.impedance)
         self.overlay: Spiral | None = None
-        #: Limits of the measured force (N) and torque (Nm) under compliant and under position control; 0 for none.
-        self.limits = self.position_limits = (0.0, 0.0)
+        #: Limits of the measured wrench under compliant and under position control.
+        self.limits = self.position_limits = Limits()
         #: Time until the commanded wrench expires (s).
         self._wrench_time = math.inf
         #: The stop at a limit, since which the arm holds.
@@ -244,12 +244,13 @@ class ArmController:
         if self.overlay is not None:
             self.overlay.stop()
 
-    def set_limits(self, force: float, torque: float) -> None:
-        """Sets the limits of the measured force (N) and torque (Nm) under compliant control, 0 for none. Ends a stop.
+    def set_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
+        """Sets the limits of the measured force (N) and torque (Nm) under compliant control, 0 for none, and those
+        along and about the axes of the tool. Ends a stop.
 
         :raises WrongValue: a limit is negative or not finite.
         """
-        self.limits = self.impedance.limits = checked_limits(force, torque)
+        self.limits = self.impedance.limits = checked_limits(force, torque, axes)
         if self.compliant:
             self.stop = None
             self.guard.restart()

@@ -13,7 +13,7 @@ from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.geometry import Pose, between
 from skiros2_motion.core.motion import Outcome, State
 from skiros2_motion.core.time_scaling import PEAK_SPEED, minimum_jerk
-from skiros2_motion.core.wrench_guard import FORCE, TORQUE
+from skiros2_motion.core.wrench_guard import is_limit
 from skiros2_sim.core.arm_controller import ArmController
 
 #: Codes of the action's result.
@@ -108,7 +108,7 @@ class ReferenceMotion:
         stop = self._controller.stop
         if stop is None:
             return CONTROLLER_INACTIVE
-        return FORCE_LIMIT if stop.quantity in (FORCE, TORQUE) else STALE_SENSOR
+        return FORCE_LIMIT if is_limit(stop.quantity) else STALE_SENSOR
 
     def _check_arrival(self) -> None:
         goal = self._goal

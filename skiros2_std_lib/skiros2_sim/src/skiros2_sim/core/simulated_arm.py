@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.failure_kind import FailureKind
-from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
+from skiros2_motion.core.compliant_arm import ArmState, checked_reference, turned_wrench
 from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted, rotated
 from skiros2_motion.core.impedance import MAX_WRENCH, checked
@@ -88,8 +88,8 @@ class SimulatedArm:
     def stop_overlay(self) -> None:
         self._controller.stop_overlay()
 
-    def set_wrench_limits(self, force: float, torque: float) -> None:
-        self._controller.set_limits(*checked_limits(force, torque))
+    def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
+        self._controller.set_limits(force, torque, axes)
 
     def apparent_mass(self, direction: Vector) -> float:
         return self._controller.apparent_mass(rotated(self._mount.orientation, direction))

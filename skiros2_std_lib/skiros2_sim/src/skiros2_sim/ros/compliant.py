@@ -32,6 +32,9 @@ from skiros2_sim_msgs.srv import (
     OverlayMotion,
     OverlayMotionRequest,
     OverlayMotionResponse,
+    SetAxisLimits,
+    SetAxisLimitsRequest,
+    SetAxisLimitsResponse,
     SetForceControl,
     SetForceControlRequest,
     SetForceControlResponse,
@@ -93,6 +96,9 @@ class CompliantArm:
             rospy.Service(f"{space}/overlay_motion", OverlayMotion, answered(OverlayMotionResponse, self._on_overlay)),
             rospy.Service(
                 f"{space}/set_wrench_limits", SetWrenchLimits, answered(SetWrenchLimitsResponse, self._on_limits)
+            ),
+            rospy.Service(
+                f"{space}/set_axis_limits", SetAxisLimits, answered(SetAxisLimitsResponse, self._on_axis_limits)
             ),
             rospy.Service(
                 f"{stiff}/set_wrench_limits",
@@ -202,6 +208,11 @@ class CompliantArm:
 
         self._call(start)
         return SetForceControlResponse(ok=True)
+
+    def _on_axis_limits(self, request: SetAxisLimitsRequest) -> SetAxisLimitsResponse:
+        axes = [*vector_from(request.limits.force, "force"), *vector_from(request.limits.torque, "torque")]
+        self._call(lambda controller: controller.set_limits(*controller.limits[:2], axes))
+        return SetAxisLimitsResponse(ok=True)
 
     def _on_position_limits(self, request: SetWrenchLimitsRequest) -> SetWrenchLimitsResponse:
         self._call(lambda controller: controller.set_position_limits(request.force, request.torque))

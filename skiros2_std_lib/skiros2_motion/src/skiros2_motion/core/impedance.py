@@ -7,6 +7,10 @@ the damping factors z, the commanded wrench F, the bias of gravity and Coriolis 
 the nullspace of the tool: (I - J' J'+) (k (q0 - q) - 2 z0 sqrt(k) dq). (Khatib, A Unified Approach for Motion and Force
 Control of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots, 2003.)
 
+A joint that is nearer to a limit than LIMIT_MARGIN is repelled from it in the nullspace, by a torque that grows with
+the square of the depth: the elbow gives way, and the tool does not feel it. (Khatib, Real-Time Obstacle Avoidance for
+Manipulators and Mobile Robots, 1986.) An arm without a nullspace, as one with six joints, cannot give way.
+
 In directions without stiffness D is FREE_DAMPING: the arm stops after a push. With a stiffness of 0 in all directions
 the arm is guided by hand: reference and posture follow it, so that it stays where it was left when it gets stiff again.
 
@@ -58,6 +62,9 @@ _REFERENCE_FILTER, _COMMAND_FILTER = 0.02, 0.1
 _MAX_DISTANCE, _MAX_TURN = 0.15, 0.5
 #: Stiffness (Nm/rad) and damping factor of the posture.
 _POSTURE_STIFFNESS, _POSTURE_DAMPING = 10.0, 0.7
+#: Distance from a joint's limit within which it is repelled (rad), at most that fraction of its range, and the torque
+#: at the limit (Nm).
+LIMIT_MARGIN, LIMIT_PART, LIMIT_TORQUE = 0.4, 0.15, 120.0
 #: Largest stiffness and damping that are stable with torques that change once per update, as a fraction of the inertia
 #: over the length of an update, squared for the stiffness.
 _STABLE_STIFFNESS, _STABLE_DAMPING = 0.2, 0.5
@@ -99,10 +106,12 @@ class Impedance:
     """The controller's commanded values and filters. `restart` must be called before the first `torques`.
 
     :param efforts: maximum torque of each joint (Nm).
+    :param limits: lowest and highest position of each joint (rad, m); None for joints without limits.
     """
 
-    def __init__(self, efforts: Sequence[float]) -> None:
+    def __init__(self, efforts: Sequence[float], limits: tuple[Array, Array] | None = None) -> None:
         self._efforts = np.array(efforts)
+        self._limits = limits
         self._reference = IDENTITY
         self._stiffness = np.array(STIFFNESS)
         self._damping = np.array(DAMPING_FACTORS)
@@ -237,6 +246,8 @@ class Impedance:
         if load is not None:
             wrench[:3] += into @ load
         posture = _POSTURE_STIFFNESS * (self.posture - state.positions) - posture_damping * too_fast
+        if self._limits is not None:
+            posture += limit_repulsion(state.positions, *self._limits)
         # both act along the tool's axes: the wrench, and the part of the posture that would move the tool
         wrench -= np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
         wanted = jacobian.T @ wrench + posture + state.bias
@@ -289,6 +300,17 @@ def _limited(vector: Vector, most: float) -> Vector:
         return vector
     x, y, z = vector
     return x * most / length, y * most / length, z * most / length
+
+
+def limit_repulsion(positions: Array, lower: Array, upper: Array) -> Array:
+    """Returns the torques that repel joints from their limits (Nm).
+
+    :param positions: rad, as the limits.
+    """
+    margin = np.minimum(LIMIT_MARGIN, LIMIT_PART * (upper - lower))
+    depth = np.clip((lower + margin - positions) / margin, 0.0, 1.0)
+    height = np.clip((positions - upper + margin) / margin, 0.0, 1.0)
+    return np.asarray(LIMIT_TORQUE * (depth**2 - height**2))
 
 
 def check_state(state: ArmState) -> None:

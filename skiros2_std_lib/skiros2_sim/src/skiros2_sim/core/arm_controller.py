@@ -83,7 +83,8 @@ class ArmController:
         self.outcome: Outcome | None = None
         self.compliant = False
         #: The law of the compliant controller.
-        self.impedance = Impedance([joint.effort for joint in arm.joints])
+        limits = self.kinematics.lower, self.kinematics.upper
+        self.impedance = Impedance([joint.effort for joint in arm.joints], limits)
         self.impedance.set_damping_factors(_DAMPING_FACTORS)
         #: The loop for forces; `check_active` comes before a new goal.
         self.force = ForceRegulation(self.impedance)

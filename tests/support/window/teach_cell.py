@@ -29,14 +29,18 @@ class Arm:
     """What the stand-ins do with the arm."""
 
     def __init__(self) -> None:
-        self.is_released = self.is_recorded = False
+        self.is_released = self.is_recorded = self.is_teleoperated = False
 
     def release(self, skill):
         return skill.step("arm is guided by hand") if self.is_released else skill.success("arm holds its pose")
 
+    def teleoperate(self, skill):
+        return skill.step("arm is moved by twists") if self.is_teleoperated else skill.success("arm holds its pose")
+
     def end(self, skill):
         self.is_recorded = False
-        self.is_released = self.is_released and bool(skill.params["KeepReleased"].value)
+        keeps = bool(skill.params["KeepReleased"].value)
+        self.is_released, self.is_teleoperated = self.is_released and keeps, self.is_teleoperated and keeps
         return skill.success("arm holds its pose")
 
     def record_path(self, skill):
@@ -74,6 +78,8 @@ class Arm:
             stand_in(describe(name, params), label=label, execute=execute, **dict(hooks))
             for name, params, label, execute, *hooks in (
                 ("TeachRelease", [_ARM], "teach_release", self.release, ("onStart", self.begin("is_released"))),
+                ("TeleoperateArm", [_ARM, ("WaitTime", 10.0, OPTIONAL)], "teleoperate_arm", self.teleoperate,
+                 ("onStart", self.begin("is_teleoperated"))),
                 ("TeachEnd", [_ARM, keep], "teach_end", self.end),
                 ("TeachPose", [_ARM, _OBJECT, _NAME, _REPLACE], "teach_pose", self.record_pose),
                 ("TeachLiftingPose", [_ARM, _POSE], "teach_lifting_pose", self.record_lifting),

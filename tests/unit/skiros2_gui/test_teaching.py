@@ -88,3 +88,26 @@ def test_force_goes_to_the_gripper_of_the_chosen_arm(cell: TeachCell, teach: Tea
     teach.ask_simulator()
     teach.push((1.0, 2.0, 3.0), 0.1)
     assert cell.simulator.pushes == [(cell.gripper.id, (1.0, 2.0, 3.0), 0.1)]
+
+
+def test_arm_that_is_teleoperated_is_recorded_and_held(
+    window: Window, cell: TeachCell, world: WorldPresenter, teach: TeachPresenter
+) -> None:
+    def status() -> str:
+        window.process_events()
+        teach.refresh()
+        return teach.status
+
+    assert teach.obstacle(Action.TELEOPERATE) == ""
+    teach.do(Action.TELEOPERATE)
+    until(lambda: "arm is moved by twists" in status())
+    assert teach.obstacle(Action.RELEASE) == "arm is teleoperated; hold it first"
+    assert teach.obstacle(Action.TELEOPERATE) == "arm is teleoperated; hold it first"
+    teach.name = "wipe"
+    teach.do(Action.RECORD_PATH)
+    until(lambda: "samples" in status())
+    teach.do(Action.STORE_PATH)
+    until(lambda: "arm is moved by twists" in status())
+    assert teach.is_teleoperated
+    teach.do(Action.HOLD)
+    until(lambda: status() and not teach.is_teleoperated)

@@ -25,6 +25,7 @@ class Action(enum.Enum):
     """An action of the user; the value is the skill that it starts, "" for a change of the scene."""
 
     RELEASE = "skiros:TeachRelease"
+    TELEOPERATE = "skiros:TeleoperateArm"
     HOLD = "skiros:TeachEnd"
     RECORD_POSE = "skiros:TeachPose"
     RECORD_LIFTING = "skiros:TeachLiftingPose"
@@ -40,6 +41,10 @@ class Action(enum.Enum):
 #: The actions that change taught elements, and those that move the arm.
 _RECORDING = (Action.RECORD_POSE, Action.RECORD_LIFTING, Action.RECORD_PATH)
 _MOTIONS = (Action.MOVE_TO_POSE, Action.REPLAY_PATH)
+#: The actions in which a person moves the arm.
+_GUIDED = (Action.RELEASE, Action.TELEOPERATE)
+#: The time in which the device has to send its first twist (s).
+_FIRST_TWIST = 60.0
 
 #: The time after a call in which its change of the scene may arrive (s).
 _ARRIVAL = 5.0
@@ -110,24 +115,28 @@ class TeachPresenter:
         return self._is_running(Action.RELEASE)
 
     @property
+    def is_teleoperated(self) -> bool:
+        return self._is_running(Action.TELEOPERATE)
+
+    @property
     def is_recording(self) -> bool:
         return self._is_running(Action.RECORD_PATH)
 
     @property
     def status(self) -> str:
-        """Describes the recording, the last failure, or the release, in this order."""
+        """Describes the recording, the last failure, or the release or teleoperation, in this order."""
         arm, action = self.arm, self._last_action
         if arm is None:
             return ""
         failure = self._calls.failure(arm.manager, action.value) if action is not None else ""
         recording = self._calls.running(arm.manager, Action.RECORD_PATH.value)
-        released = self._calls.running(arm.manager, Action.RELEASE.value)
+        guided = next((task for one in _GUIDED if (task := self._calls.running(arm.manager, one.value))), None)
         if recording is not None:
             return message_text(recording)
         if failure:
             return failure
-        if released is not None:
-            return message_text(released)
+        if guided is not None:
+            return message_text(guided)
         done = self._calls.task(arm.manager, action.value) if action is not None else None
         return message_text(done) if done is not None else ""
 
@@ -155,15 +164,17 @@ class TeachPresenter:
     def _obstacle_of_state(self, action: Action) -> str:
         assert self.arm is not None
         name = self.arm.label
-        if action is Action.HOLD and not (self.is_released or self.is_recording):
+        if action is Action.HOLD and not (self.is_released or self.is_teleoperated or self.is_recording):
             return f"{name} is not released"
         if action is Action.STORE_PATH and not self.is_recording:
             return "No path is being recorded"
-        if action in (*_MOTIONS, Action.RELEASE) and self.is_recording:
+        if action in (*_MOTIONS, *_GUIDED) and self.is_recording:
             return "A path is being recorded; store it first"
-        if action in _MOTIONS and self.is_released:
+        if action in (*_MOTIONS, Action.TELEOPERATE) and self.is_released:
             return f"{name} is released; hold it first"
-        if action is Action.RELEASE and any(self._is_running(motion) for motion in _MOTIONS):
+        if action in (*_MOTIONS, *_GUIDED) and self.is_teleoperated:
+            return f"{name} is teleoperated; hold it first"
+        if action in _GUIDED and any(self._is_running(motion) for motion in _MOTIONS):
             return f"{name} is moving"
         if action is Action.RECORD_LIFTING or action in _MOTIONS:
             kind = PATH if action is Action.REPLAY_PATH else POSE
@@ -209,7 +220,9 @@ class TeachPresenter:
             given["Path"] = element_value(self.chosen.eid, PATH)
         elif action is Action.STORE_PATH:
             action = Action.HOLD
-            given["KeepReleased"] = self.is_released
+            given["KeepReleased"] = self.is_released or self.is_teleoperated
+        elif action is Action.TELEOPERATE:
+            given["WaitTime"] = _FIRST_TWIST
         self._start(action, given)
 
     def rename(self, taught: Taught, name: str) -> None:

@@ -33,6 +33,7 @@ _READ_PERIOD, _SIMULATOR_PERIOD = 400, 3000
 
 _TIPS = {
     Action.RELEASE: "Lets the arm be guided by hand, with its weight compensated",
+    Action.TELEOPERATE: "The arm follows the twists of a hand-held device, on ROBOT/ARM/teleoperation",
     Action.HOLD: "The arm holds its pose; a path that is being recorded is stored",
     Action.RECORD_POSE: "Stores the pose of the tool, relative to the object",
     Action.RECORD_LIFTING: "Stores the pose of the tool as the lifting pose of the chosen pose",
@@ -190,6 +191,7 @@ class TeachPanel(QWidget):
         row.addWidget(PlainLabel("Arm"))
         row.addWidget(self._arm, 1)
         row.addWidget(self._button(Action.RELEASE, "Release arm"))
+        row.addWidget(self._button(Action.TELEOPERATE, "Teleoperate"))
         row.addWidget(self._button(Action.HOLD, "Hold arm"))
         column.addLayout(row)
         column.addWidget(self._status)

@@ -96,6 +96,7 @@ def test_a_port_in_use_is_named(run: DemoRun, package: str, name: str) -> None:
     assert run.program.output == f"{name}: port {port} is in use; pass a free one, or none"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "culprit"),
     [

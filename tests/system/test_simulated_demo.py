@@ -64,6 +64,7 @@ def test_product_is_in_the_other_tray_despite_disturbances(run: DemoRun) -> None
     assert run.nothing_left()
 
 
+@pytest.mark.long
 def test_ctrl_c_while_driving_ends_all_processes_in_order(run: DemoRun) -> None:
     program = run.start("--no-pictures")
     program.wait_for_line("▶ drive", 60)

@@ -52,7 +52,10 @@ def test_an_insertion_is_the_same_bit_for_bit_and_differs_with_the_seed(insertio
     assert first != other
 
 
-@pytest.mark.parametrize("zero", ["Force", "Radius", "PathVelocity", "PathDistance"])
+@pytest.mark.parametrize(
+    "zero",
+    ["Force", *(pytest.param(zero, marks=pytest.mark.long) for zero in ("Radius", "PathVelocity", "PathDistance"))],
+)
 def test_a_search_without_force_or_motion_is_a_bad_result_after_one_failure(insertion: Scenario, zero: str) -> None:
     wanted = dataclasses.replace(insertion, repetitions=4, simulation=Simulation(time_limit=6.5))
     result = evaluate(wanted, {**GOOD, f"SpiralSearch.{zero}": 0.0}, 3)

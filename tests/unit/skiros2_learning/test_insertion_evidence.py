@@ -74,7 +74,7 @@ def test_good_insertion_names_fingers_and_floor_as_its_evidence(study: Insertion
     assert run.evidence["floor_force"] > 12.0
 
 
-@pytest.mark.parametrize("depth", [-1.0, 0.03])
+@pytest.mark.parametrize("depth", [-1.0, pytest.param(0.03, marks=pytest.mark.long)])
 def test_insertion_with_an_open_gripper_fails(study: InsertionStudy, depth: float) -> None:
     run = study.run(seed=3, disturb=once_deep(depth, open_gripper))
     assert not run.reported
@@ -99,7 +99,7 @@ def test_part_that_slips_too_far_fails(study: InsertionStudy) -> None:
     assert "it is pulled out" in run.why
 
 
-@pytest.mark.parametrize("depth", [0.0575, 0.0592])
+@pytest.mark.parametrize("depth", [pytest.param(0.0575, marks=pytest.mark.long), 0.0592])
 def test_joint_at_its_limit_is_no_floor(study: InsertionStudy, depth: float) -> None:
     run = study.run(seed=3, parameters=ONCE, disturb=once_deep(depth, stop_joints))
     assert run.depth < 0.0598

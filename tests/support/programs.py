@@ -17,6 +17,9 @@ from support.forks import Fork, ForkServer, is_readable
 #: What terminals take for colours and titles; roslaunch and rospy print it also when there is none.
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
 
+#: Interrupts a program when the thread that has started it ends, also by a kill: of tests that are stopped nothing stays.
+_WITH_PARENT = ("setpriv", "--pdeathsig", "INT", "--")
+
 #: What tests wait for takes a second or two; beside much other load, longer (s).
 PATIENCE = 60.0
 
@@ -50,7 +53,7 @@ class Program:
             self._process = forks.start(self.command, env or os.environ, cwd, write, write)
         else:
             self._process = subprocess.Popen(
-                self.command,
+                [*_WITH_PARENT, *self.command],
                 env=None if env is None else dict(env),
                 cwd=cwd,
                 stdin=subprocess.DEVNULL,

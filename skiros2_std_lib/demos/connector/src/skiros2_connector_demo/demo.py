@@ -48,6 +48,11 @@ class ConnectorDemo(Demo):
     robot = "/connector_cell"
     # from behind the stands: the arms would hide the plug
     view = (-0.12, 0.5, 0.42)
+    next = {
+        "make demo DEMO=connector DEMO_ARGS='--disturb none --seed 3'": "the housing is misplaced, and nothing slips",
+        "make demo DEMO=piston": "a piston with a tight fit, and a ring that guards its bore",
+        "make demo DEMO=connector GUI=1": "with the window of the simulator",
+    }
     _forces: ForceLog
 
     def launch_arguments(self) -> list[str]:

@@ -157,6 +157,7 @@ class Demo:
     #: Name of the skill manager.
     robot = ROBOT
     view = VIEW  # of the pictures, see `camera_view`
+    next = NEXT  # what to type next, and what it shows
 
     def __init__(self, options: argparse.Namespace, out: TextIO) -> None:
         self._options = options
@@ -363,7 +364,7 @@ def run_demo(demo: Demo, program: str) -> int:
     try:
         if not demo.run():
             return 1
-        sys.stdout.write(next_commands(NEXT))
+        sys.stdout.write(next_commands(demo.next))
         return 0
     except KeyboardInterrupt as interrupt:
         sys.stderr.write(f"\n{program}: stopped; everything that it started has ended\n")

@@ -18,6 +18,9 @@ from matplotlib.figure import Figure
 #: Depths outside are not part of the insertion (m).
 _SHALLOWEST, _DEEPEST = -0.02, 0.065
 
+#: Ends a line of the plot.
+_GAP = (math.nan, math.nan, math.nan)
+
 
 class ForceLog:
     """Records depth and force. Needs an initialised node.
@@ -39,14 +42,17 @@ class ForceLog:
         self._subscriber.unregister()
 
     def record(self, is_inserting: bool) -> None:
-        """Records while an insertion runs."""
+        """Records while an insertion runs. Another one is another line in the plot."""
+        if is_inserting and not self._is_recording:
+            with self._lock:
+                self._points.append(_GAP)
         self._is_recording = is_inserting
 
     @property
     def max_force(self) -> float:
         """The largest measured force (N)."""
         with self._lock:
-            return max((force for _, _, force in self._points), default=0.0)
+            return max((force for _, _, force in self._points if math.isfinite(force)), default=0.0)
 
     def save(self, file: Path, limit: float) -> Path:
         """Saves a plot of the forces over the depth, with the limit (N).
@@ -54,7 +60,7 @@ class ForceLog:
         :returns: the file.
         """
         with self._lock:
-            points = [p for p in self._points if _SHALLOWEST < p[0] < _DEEPEST]
+            points = [p for p in self._points if p is _GAP or _SHALLOWEST < p[0] < _DEEPEST]
         figure = Figure(figsize=(8.0, 4.5))
         axes = figure.add_subplot()
         depths = [1000.0 * depth for depth, _, _ in points]

@@ -84,6 +84,7 @@ def test_insertion_with_an_open_gripper_fails(study: InsertionStudy, depth: floa
     assert run.evidence["width_after"] > run.evidence["part_width"] + 0.003
 
 
+@pytest.mark.long
 def test_part_that_slips_in_the_fingers_is_still_pushed_to_the_floor(study: InsertionStudy) -> None:
     run = study.run(seed=3, disturb=once_deep(0.03, slip(0.004)))
     assert run.success, run.why

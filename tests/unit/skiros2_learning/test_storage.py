@@ -123,6 +123,7 @@ def server() -> Iterator[Postgres]:
         yield server
 
 
+@pytest.mark.long
 @needs_postgres
 def test_several_runs_work_on_one_study(file: Path, tmp_path: Path, server: Postgres) -> None:
     file.write_text(file.read_text().replace(":parabola", ":waits_for_two"))

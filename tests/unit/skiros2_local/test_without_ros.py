@@ -91,6 +91,7 @@ def test_learning_names_the_extra_that_it_needs(env: dict[str, str], tmp_path: P
     assert done.stderr.endswith("; it needs: pip install 'skiros2[learning]'\n")
 
 
+@pytest.mark.long
 def test_parameter_is_learned_and_applied_to_the_cell(tmp_path: Path) -> None:
     for module in ("pybullet", "optuna", "sklearn", "matplotlib"):
         pytest.importorskip(module, reason="needs requirements/sim.txt and learning.txt")

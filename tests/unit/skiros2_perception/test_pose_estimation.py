@@ -48,6 +48,7 @@ def runs(shared_table: World, block: Shape) -> list[Run]:
     return found
 
 
+@pytest.mark.long
 def test_displaced_block_is_located_to_half_a_millimetre_and_a_tenth_of_a_degree(runs: list[Run]) -> None:
     assert max(np.linalg.norm(run.error[:3]) for run in runs) < 0.0005
     assert max(math.degrees(np.linalg.norm(run.error[3:])) for run in runs) < 0.1

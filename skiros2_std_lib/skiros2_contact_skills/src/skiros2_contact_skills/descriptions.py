@@ -122,6 +122,19 @@ class PullTest(ContactMotion):
         self.add_number("MaxDistance", 0.003, "m", 0.0005, 0.05, "At which the part does not hold")
 
 
+class IdentifyPayload(ContactMotion):
+    """Identifies mass and centre of mass of what the hand holds: turns the tool about its origin, free of contact."""
+
+    def createDescription(self) -> None:
+        self.add_arm(1000.0, 100.0)
+        self.add_number("Angle", 25.0, "deg", 10.0, 60.0, "Of the turns about x and y of the tool, to both sides")
+        self.addParam(
+            "Part", Element("skiros:Manipulatable"), Optional, description="The held part, whose skiros:Weight is set"
+        )
+        self.addParam("Mass", [float], Optional, description="Result", unit="kg")
+        self.addParam("CentreOfMass", [float], Optional, description="Result: in the tool frame (m)")
+
+
 class ApproachTarget(CompliantLine):
     """Moves a held part, or the tool, above a target and aligns their axes; yields to what is in the way."""
 

@@ -17,7 +17,7 @@ from support.forks import Fork, ForkServer, is_readable
 #: What terminals take for colours and titles; roslaunch and rospy print it also when there is none.
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
 
-#: Interrupts a program when the thread that has started it ends, also by a kill: nothing stays of tests that are stopped.
+#: Interrupts a program when the thread that has started it ends, also by a kill: stopped tests leave nothing.
 _WITH_PARENT = ("setpriv", "--pdeathsig", "INT", "--")
 
 #: What tests wait for takes a second or two; beside much other load, longer (s).

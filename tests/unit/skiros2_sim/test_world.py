@@ -10,9 +10,9 @@ import pybullet
 import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongType, WrongValue
-from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, from_euler, rotated, to_euler
+from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, angle_between, from_euler, rotated, to_euler
 from skiros2_sim.core.contacts import Contact
-from skiros2_sim.core.scene_spec import CameraSpec, SceneSpec
+from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, SceneSpec
 from skiros2_sim.core.world import GROUND, World
 from support.simulated_cell import (
     ARM,
@@ -466,3 +466,17 @@ def test_window_without_display_is_rejected(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setenv("DISPLAY", ":9999")
     with pytest.raises(Refused, match=":9999"):
         World(SceneSpec(), gui=True)
+
+
+@pytest.mark.parametrize("far", [0.0, 900.0])
+def test_things_come_to_rest_on_the_ground_wherever_it_is(far: float) -> None:
+    size = (0.1, 0.06, 0.04)
+    falling = BodySpec("box", label="box", pose=Pose((far, 0.0, 0.05), IDENTITY.orientation), size=size, movable=True)
+    with World(SceneSpec(bodies=(falling,)), rate=1000) as world:
+        world.step(1000)
+        before = world.pose_of("box")
+        world.step(2000)
+        after = world.pose_of("box")
+    assert after.position[2] == pytest.approx(size[2] / 2, abs=1e-4)
+    assert math.dist(before.position, after.position) < 1e-6
+    assert angle_between(before.orientation, after.orientation) < 1e-5

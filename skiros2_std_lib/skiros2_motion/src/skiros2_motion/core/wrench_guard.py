@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from skiros2_motion.core.geometry import Vector
 
 Array = npt.NDArray[np.float64]
 
@@ -43,6 +46,7 @@ FROZEN_TIME, FROZEN_COUNT = 0.05, 5
 DISAGREEMENT_PART, DISAGREEMENT_MIN = 0.4, 10.0
 #: Maximum speed of the tool at which the forces are in balance (m/s), and time constant of the difference (s).
 _BALANCED_SPEED, _BALANCE_FILTER = 0.05, 0.05
+_NONE = (0.0, 0.0, 0.0)
 
 
 class Limits(NamedTuple):
@@ -77,7 +81,7 @@ class Balance(NamedTuple):
     :param dt: time since the last check (s).
     """
 
-    force: Array
+    force: Vector
     speed: float
     dt: float
 
@@ -95,7 +99,7 @@ class WrenchGuard:
         self._repeated = 0
         #: Whether a limit was exceeded at the last check.
         self.was_exceeded = False
-        self._difference = np.zeros(3)
+        self._difference: Vector = _NONE
         self._peak = 0.0
 
     def take_peak(self) -> float:
@@ -105,7 +109,7 @@ class WrenchGuard:
 
     def restart(self) -> None:
         """Forgets earlier measurements."""
-        self._last, self.was_exceeded, self._difference = (), False, np.zeros(3)
+        self._last, self.was_exceeded, self._difference = (), False, _NONE
 
     def check(
         self,
@@ -158,10 +162,11 @@ class WrenchGuard:
         The difference accelerates the tool. At a low speed it cannot do so for long.
         """
         if balance is None or not limit or balance.speed > _BALANCED_SPEED:
-            self._difference = np.zeros(3)
+            self._difference = _NONE
             return None
         part = 1.0 - math.exp(-balance.dt / _BALANCE_FILTER)
-        self._difference += part * (np.array(wrench[:3]) + balance.force - self._difference)
+        (dx, dy, dz), (x, y, z), (fx, fy, fz) = self._difference, wrench[:3], balance.force
+        self._difference = dx + part * (x + fx - dx), dy + part * (y + fy - dy), dz + part * (z + fz - dz)
         value, most = math.hypot(*self._difference), max(DISAGREEMENT_MIN, DISAGREEMENT_PART * limit)
         return None if value <= most else Violation(DISAGREEMENT, value, most)
 
@@ -192,8 +197,9 @@ def limited_wrench(wrench: Array, limits: Limits) -> Array:
     if limits.axes:
         most = np.where(limits.axes, limits.axes, np.inf)
         limited = np.minimum(np.maximum(wrench, -most), most)
+    numbers = limited.tolist()
     for part, limit in ((slice(0, 3), limits.force), (slice(3, 6), limits.torque)):
-        length = math.sqrt(float(limited[part] @ limited[part]))
+        length = math.hypot(*numbers[part])
         if limit and not length <= limit:
             limited = limited.copy() if limited is wrench else limited
             limited[part] *= limit / length
@@ -202,7 +208,7 @@ def limited_wrench(wrench: Array, limits: Limits) -> Array:
 
 def is_finite(*groups: Iterable[float]) -> bool:
     """Whether all numbers are finite."""
-    return all(math.isfinite(value) for group in groups for value in group)
+    return all(map(math.isfinite, chain.from_iterable(groups)))
 
 
 def violation_text(quantity: str, value: float, limit: float) -> str:

@@ -62,7 +62,10 @@ class Arm:
         self._columns = [self._dofs.index(index) for index in self._indices]
         #: The links after the last joint: their contacts produce the wrench.
         self._hand = frozenset(links_after(physics, body, self._indices[-1]))
-        self._is_torque_driven = False
+        #: Whether torques drive the joints, in place of the position motors.
+        self.is_torque_driven = False
+        #: The torques of the last step.
+        self._torques: list[float] = []
         #: The wrench of the last step, once it is read.
         self._wrench: Wrench | None = None
         #: The measured wrench of the last step, once it is read.
@@ -213,7 +216,7 @@ class Arm:
         count = len(self.joints)
         wanted = finite(positions, count, f"{self.id}: positions")
         speeds = [0.0] * count if velocities is None else finite(velocities, count, f"{self.id}: velocities")
-        self._is_torque_driven = False
+        self.is_torque_driven = False
         self._physics.drive_positions(self.body, self._indices, wanted, speeds, self._efforts)
 
     def drive_torques(self, torques: Sequence[float]) -> None:
@@ -222,12 +225,16 @@ class Arm:
         :raises WrongValue: these are not finite numbers, one per joint.
         """
         wanted = finite(torques, len(self.joints), f"{self.id}: torques")
-        if not self._is_torque_driven:
-            self._is_torque_driven = True
+        if not self.is_torque_driven:
+            self.is_torque_driven = True
             none = [0.0] * len(self.joints)
             self._physics.drive_velocities(self.body, self._indices, none, none)
-        limited = [min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)]
-        self._physics.drive_torques(self.body, self._indices, limited)
+        self._torques = [min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)]
+        self.keep_torques()
+
+    def keep_torques(self) -> None:
+        """Sets the last joint torques for the next step too: the engine forgets them after each one."""
+        self._physics.drive_torques(self.body, self._indices, self._torques)
 
     def dynamics(self, with_masses: bool) -> Dynamics:
         """Returns the current state of the joints with the bias, and the mass matrix, of the arm's dynamics."""

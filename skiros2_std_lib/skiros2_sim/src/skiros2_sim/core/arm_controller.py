@@ -300,11 +300,15 @@ class ArmController:
         is_due = self._steps % self._period == 0
         if is_due or self.guard.was_exceeded:
             self._check_limits(self._period * dt if is_due else dt)
+        self._steps += 1
         if is_due and self.compliant and not self._is_held:
             self._control(self._period * dt)
-        self._steps += 1
-        if self.compliant and not self._is_held:
+        if not self.compliant or self._is_held:
+            return
+        if is_due or not self.arm.is_torque_driven:
             self.arm.drive_torques(self.impedance.commanded_torques.tolist())
+        else:
+            self.arm.keep_torques()
 
     def _update_often(self) -> None:
         """Updates the controller in each step of the world, if it has something to do there."""
@@ -376,8 +380,10 @@ class ArmController:
 
 def _balance(law: Impedance, state: ArmState, payload: Payload, dt: float) -> Balance:
     """Returns what the law commands, along the axes of the tool, without what the zero of the sensor contains."""
-    force = law.exerted[:3] + payload.measured(state.tool.orientation)
-    return Balance(force, math.hypot(*(state.jacobian[:3] @ state.velocities)), dt)
+    fx, fy, fz = law.exerted[:3].tolist()
+    px, py, pz = payload.measured(state.tool.orientation)
+    speed = math.hypot(*state.jacobian[:3].dot(state.velocities).tolist())
+    return Balance((fx + px, fy + py, fz + pz), speed, dt)
 
 
 def _kinematics(world: World, robot: Robot, arm: Arm) -> ArmKinematics:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skiros2_motion.core.geometry import conjugated, rotated
+from skiros2_motion.core.geometry import Vector, conjugated, rotated
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.robot import Robot
 
@@ -33,13 +33,13 @@ class Payload:
         """The weight of the object in the hand is in the zero of the sensor from now on."""
         self._zeroed = self._lifting()
 
-    def measured(self, orientation: tuple[float, float, float, float]) -> Array:
+    def measured(self, orientation: tuple[float, float, float, float]) -> Vector:
         """Returns the compensating force that the sensor's measurement answers: that which its zero does not contain.
 
         :param orientation: of the tool in the robot's frame.
         :returns: along the axes of the tool (N).
         """
-        return np.array(rotated(conjugated(orientation), (self.force - self._zeroed).tolist()))
+        return rotated(conjugated(orientation), (self.force - self._zeroed).tolist())
 
     def _lifting(self) -> Array:
         felt = rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3])[2]

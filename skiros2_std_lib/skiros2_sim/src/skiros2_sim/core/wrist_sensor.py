@@ -3,6 +3,8 @@
 It measures what a real one does: contacts, a carried object, weight and inertia of the hand, noise and a bias. As in
 the drivers of real sensors, the weight of the hand is compensated from its mass and centre of mass, and the remaining
 bias is zeroed on request.
+
+It is read in each step: with six numbers, Python's floats take a third of the time of NumPy's arrays.
 """
 
 from __future__ import annotations
@@ -12,18 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.geometry import Pose, conjugated, cross, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.physics import Part, Physics
 
-Array = npt.NDArray[np.float64]
 #: Force (N) and torque (Nm).
 Wrench = tuple[float, float, float, float, float, float]
 
 _GRAVITY = -9.81
+_NONE: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -62,25 +63,33 @@ class WristSensor:
     def __init__(self, mass: float, centre: Sequence[float], model: SensorModel, random: np.random.Generator) -> None:
         self._mass, self._centre = mass, tuple(float(value) for value in centre)
         self._deviation = np.array([model.force_noise] * 3 + [model.torque_noise] * 3)
-        self._bias = np.array(model.bias)
+        self._bias = model.bias
         self._random = random
-        self._offset = np.zeros(6)
-        self._measured = np.zeros(6)
+        self._is_noisy = bool(self._deviation.any())
+        self._offset: Wrench = _NONE
+        self._measured: Wrench = _NONE
 
     def zero(self) -> None:
         """Makes the last measured wrench the zero of the following ones."""
-        self._offset = self._measured.copy()
+        self._offset = self._measured
 
-    def measure(self, wrench: Array, orientation: Sequence[float]) -> Array:
+    def measure(self, wrench: Sequence[float], orientation: Sequence[float]) -> Wrench:
         """Returns the measured wrench without the weight of the hand: force (N), torque (Nm) about the sensor.
 
         :param wrench: wrench that the hand and all that touches it exert on the sensor, in its frame.
         :param orientation: of the sensor, in the map.
         """
         weight = rotated(conjugated(orientation), (0.0, 0.0, self._mass * _GRAVITY))
-        noise = self._random.standard_normal(6) * self._deviation if self._deviation.any() else 0.0
-        self._measured = wrench - np.array((*weight, *cross(self._centre, weight))) + self._bias + noise
-        return self._measured - self._offset
+        noise = (self._random.standard_normal(6) * self._deviation).tolist() if self._is_noisy else _NONE
+        hand = (*weight, *cross(self._centre, weight))
+        fx, fy, fz, tx, ty, tz = map(_with_errors, wrench, hand, self._bias, noise)
+        self._measured = fx, fy, fz, tx, ty, tz
+        ox, oy, oz, ax, ay, az = self._offset
+        return fx - ox, fy - oy, fz - oz, tx - ax, ty - ay, tz - az
+
+
+def _with_errors(felt: float, hand: float, bias: float, noise: float) -> float:
+    return float(felt) - hand + bias + noise
 
 
 class MountedSensor:
@@ -113,7 +122,7 @@ class MountedSensor:
         self._sensor = WristSensor(self.mass, offset, model, random)
         #: Whether each measurement differs from the one before.
         self.is_noisy = model.force_noise > 0.0 or model.torque_noise > 0.0
-        self._measured: Array | None = None
+        self._measured: Wrench | None = None
 
     def after_step(self) -> None:
         """Called after each step. With noise it measures in each one, so that runs with one seed are identical."""
@@ -132,19 +141,19 @@ class MountedSensor:
 
         :param tool: pose of the tool in the map.
         """
-        measured = self._measure().tolist()
+        measured = self._measure()
         pose = self._pose
         force, torque = rotated(pose.orientation, measured[:3]), rotated(pose.orientation, measured[3:])
-        arm = [a - b for a, b in zip(pose.position, tool.position, strict=True)]
-        about_tool = [a + b for a, b in zip(torque, cross(arm, force), strict=True)]
+        (px, py, pz), (qx, qy, qz) = pose.position, tool.position
+        tx, ty, tz = cross((px - qx, py - qy, pz - qz), force)
         back = conjugated(tool.orientation)
-        return (*rotated(back, force), *rotated(back, about_tool))
+        return (*rotated(back, force), *rotated(back, (torque[0] + tx, torque[1] + ty, torque[2] + tz)))
 
-    def _measure(self) -> Array:
+    def _measure(self) -> Wrench:
         if self._measured is None:
-            reaction = np.array(self._physics.joint_states(self._part.body, (self._part.link,))[0].reaction)
+            reaction = self._physics.joint_states(self._part.body, (self._part.link,))[0].reaction
             self._pose = self._frame()
-            self._measured = self._sensor.measure(-reaction, self._pose.orientation)
+            self._measured = self._sensor.measure([-part for part in reaction], self._pose.orientation)
         return self._measured
 
     def _frame(self) -> Pose:

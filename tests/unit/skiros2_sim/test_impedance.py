@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.geometry import Pose, from_euler
 from skiros2_motion.core.impedance import TORQUE_RATE, ArmState, Impedance, rotation_matrix, rotation_vector
+from skiros2_motion.core.wrench_guard import Limits
 
 DT = 0.001
 EFFORTS = [1000.0] * 3 + [100.0] * 3
@@ -166,7 +167,7 @@ def test_light_wrist_stays_stable_at_the_maximum_stiffness() -> None:
 
 def test_reference_leads_by_the_force_limit_over_the_stiffness_only() -> None:
     impedance = controller()
-    impedance.limits = (40.0, 3.0)
+    impedance.limits = Limits(40.0, 3.0)
     impedance.set_reference(Pose((0.1, 0.1, 0.0), from_euler(0.0, 0.0, 0.4)))
     impedance.set_wrench((0.0, 0.0, 15.0, 0.0, 0.0, 2.0))
     torques = settled(impedance, state())

@@ -5,17 +5,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
 
 from skiros2_contact_skills.contact_motions import move_until_contact, spiral_search
 from skiros2_learning.local import insertion_study
-from skiros2_learning.local.insertion_study import InsertionStudy, piston_in_bore
+from skiros2_learning.local.insertion_study import InsertionStudy
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
-from support.contact_cell import TABLE_TOP, ContactCell, contact_cell
-from support.fault_watch import FAULTS, REST_SPEED, FaultWatch, Result, row
+from support.contact_cell import RATE, TABLE_TOP, TICK_RATE, ContactCell, contact_cell
+from support.fault_watch import AFTER, FAULTS, REST_SPEED, FaultWatch, Result, row
 from support.simulated_cell import bench
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(7200)]
@@ -25,13 +27,11 @@ COUNT, SEED = int(os.environ.get("FAULTS", "20")), 28
 LIMIT = 40.0
 TOLERATED = 1.5 * LIMIT
 NOISY = SensorModel(force_noise=0.1, torque_noise=0.005)
-#: Time after a fault that is observed (s).
-AFTER = 1.0
 
 
 @pytest.fixture(scope="module")
 def studies() -> Iterator[dict[bool, InsertionStudy]]:
-    with InsertionStudy(NOISY) as noisy, InsertionStudy(EXACT) as exact:
+    with InsertionStudy(sensor=NOISY) as noisy, InsertionStudy(sensor=EXACT) as exact:
         yield {True: noisy, False: exact}
 
 
@@ -43,26 +43,37 @@ def in_cell(cell: ContactCell, skill: str, fault: str, wait: float) -> Result:
     watch = FaultWatch(cell.world, cell.robot.controller, fault, wait, lambda: True)
     cell.world.motions.add(watch)
     more = {"Force": 10.0} if is_search else {"ContactForce": 20.0, "Speed": 0.03}
-    cell.run(skill, seconds=wait + AFTER, **more)
-    cell.world.step(round(AFTER * cell.world.rate))
+    cell.run(skill, seconds=wait + AFTER, is_done=lambda: watch.has_ended, **more)
+    while not watch.has_ended:
+        cell.world.step(RATE // TICK_RATE)
     watch.close()
     return watch.result
 
 
+class _Ended(Exception):
+    """Ends a run whose fault was observed."""
+
+
 def in_bore(study: InsertionStudy, fault: str, wait: float, seed: int) -> Result:
     """An insertion with an error of 1 mm; the fault comes some time after the piston has entered the bore."""
-    world, watches = study.world, []
+    watches: list[FaultWatch] = []
 
-    def controller_made(controller: ArmController) -> ArmController:
-        entered = lambda: controller.compliant and piston_in_bore(world)[0] > 0.003  # noqa: E731
-        watches.append(FaultWatch(world, controller, fault, wait, entered))
-        world.motions.add(watches[0])
+    def controller_of(*given: Any) -> ArmController:
+        controller = ArmController(*given)
+        entered = lambda: controller.compliant and study.part_in_bore()[0] > 0.003  # noqa: E731
+        watches.append(FaultWatch(study.world, controller, fault, wait, entered))
+        study.world.motions.add(watches[0])
         return controller
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(insertion_study, "ArmController", lambda *given: controller_made(ArmController(*given)))
-        study.run(seed=seed, position_error=0.001, time_limit=10.0)
-    world.step(round(AFTER * world.rate))
+    def end(study: InsertionStudy, seconds: float) -> None:
+        if watches[0].has_ended:
+            raise _Ended
+
+    with pytest.MonkeyPatch.context() as patch, suppress(_Ended):
+        patch.setattr(insertion_study, "ArmController", controller_of)
+        study.run(seed=seed, position_error=0.001, time_limit=10.0, disturb=end)
+    while watches[0].is_injected and not watches[0].has_ended:
+        study.world.step(RATE // TICK_RATE)
     watches[0].close()
     return watches[0].result
 

@@ -78,13 +78,20 @@ class ContactCell:
         none = [0.0] * len(joints)
         self.world.physics.drive_velocities(self.robot.arm.body, joints, none, [torque] * len(joints))
 
-    def run(self, skill: str, seconds: float = 30.0, each: Callable[[], None] = lambda: None, **params: Any) -> Any:
-        """Runs a skill to its end, or for a time. Returns its task."""
+    def run(
+        self,
+        skill: str,
+        seconds: float = 30.0,
+        each: Callable[[], None] = lambda: None,
+        is_done: Callable[[], bool] = lambda: False,
+        **params: Any,
+    ) -> Any:
+        """Runs a skill to its end, for a time, or until a condition holds after a tick. Returns its task."""
         self.forces.clear()
         self.pressed.clear()
         task = self.task = self.skills.command(skill, Arm=self.element, **params)
         for _ in range(round(seconds * TICK_RATE)):
-            if task.tick() not in (State.Running, State.Idle):
+            if task.tick() not in (State.Running, State.Idle) or is_done():
                 break
             each()
             self.world.step(RATE // TICK_RATE)

@@ -22,6 +22,8 @@ FAULTS = {
 }
 #: Time after a stop at which the arm rests (s), and speed of each joint then (rad/s).
 REST_TIME, REST_SPEED = 0.2, 0.03
+#: Time that is observed after a fault, and after a stop (s).
+AFTER, AFTER_STOP = 1.5, REST_TIME + 0.3
 
 
 @dataclass
@@ -57,6 +59,19 @@ class FaultWatch:
         self._wait, self._is_due = wait, is_due
         self._injected_at: float | None = None
         self.result = Result()
+
+    @property
+    def is_injected(self) -> bool:
+        """Whether the fault has come."""
+        return self._injected_at is not None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether enough was observed."""
+        if self._injected_at is None:
+            return False
+        stop, now = self._controller.stop, self._world.time
+        return now > self._injected_at + AFTER or (stop is not None and now > stop.time + AFTER_STOP)
 
     def update(self, dt: float) -> None:
         """Called before each step."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
@@ -213,6 +214,28 @@ def test_reference_that_is_sent_leads_by_the_limit_over_the_stiffness_only(rig: 
     p = rig.driver.references[sent].pose.position
     assert math.dist((p.x, p.y, p.z), start.pose.position) == pytest.approx(12.0 / 400.0, abs=0.003)
     rig.wait_for(lambda s: math.dist(s.pose.position, start.pose.position) > 0.12)
+
+
+def test_stiff_driver_whose_sensor_is_silent_is_held_where_the_tool_was_seen_last(fzi: Rig) -> None:
+    start = limited_at_rest(fzi)
+    fzi.arm.set_wrench((0.0, 0.0, 5.0))
+    fzi.arm.set_reference(moved(start.pose, z=0.1))
+    fzi.wait_for(lambda s: s.pose.position[2] > start.pose.position[2] + 0.02)
+    fzi.driver.is_silent = True
+
+    def is_held(state: ArmState) -> bool:
+        p, wrench = fzi.driver.references[-1].pose.position, fzi.driver.wrenches[-1].wrench
+        return math.dist((p.x, p.y, p.z), state.pose.position) < 1e-6 and wrench.force.z == 0.0
+
+    fzi.wait_for(lambda s: not s.stopped and is_held(s))
+    fzi.driver.is_silent = False
+    fzi.wait_for(lambda s: fzi.driver.wrenches[-1].wrench.force.z == 5.0 and not is_held(s))
+
+
+def test_stiff_driver_with_a_sensor_without_noise_is_refused(ros: Ros) -> None:
+    names = {"compliant": "compliance", "position": "position", "sensor": "exact"}
+    with pytest.raises(ConfigurationError, match="needs one that is noisy"):
+        TopicArm(PROFILES["cartesian_controllers"], names)
 
 
 def test_driver_that_stops_publishing_is_reported(rig: Rig) -> None:

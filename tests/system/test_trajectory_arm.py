@@ -68,6 +68,28 @@ def test_tool_follows_the_reference_in_small_steps(driver: JointDriver, arm: Tra
     assert driver.goals >= 5, "at most 5 mm each"
 
 
+def test_limit_shortens_the_steps(driver: JointDriver, arm: TrajectoryArm) -> None:
+    arm.set_wrench_limits(40.0, 15.0)
+    target = moved(wait_for(arm, lambda s: True).pose, x=0.015)
+    goals = driver.goals
+    arm.set_reference(target)
+    wait_for(arm, lambda s: math.dist(s.pose.position, target.position) < 0.001)
+    assert driver.goals - goals >= 7, "2 mm that meet 20 kN/m are 40 N"
+
+
+def test_frozen_sensor_ends_the_steps(driver: JointDriver, arm: TrajectoryArm) -> None:
+    start = wait_for(arm, lambda s: True).pose
+    arm.set_wrench_limits(40.0, 15.0)
+    arm.set_reference(moved(start, z=0.1))
+    wait_for(arm, lambda s: s.pose.position[2] > start.position[2] + 0.005)
+    driver.distort = lambda wrench: (0.0,) * 6
+    goals = driver.goals
+    stopped = wait_for(arm, lambda s: s.stopped)
+    driver.distort = lambda wrench: wrench
+    assert "without a change" in stopped.stopped
+    assert driver.goals - goals <= 1
+
+
 def test_arm_yields_to_a_push_by_force_over_stiffness(driver: JointDriver, arm: TrajectoryArm) -> None:
     arm.set_stiffness((500.0,) * 3, (50.0,) * 3)
     start = wait_for(arm, lambda s: True).pose

@@ -60,6 +60,10 @@ def rig(skill_bench: SkillBench) -> Iterator[Rig]:
 class _Source:
     def __init__(self, arm: SurfaceArm) -> None:
         self.arm_here = arm
+        self.fingers: float | None = None
+
+    def width(self, wmi: Any, robot: Element, gripper: Element) -> float | None:
+        return self.fingers
 
     def arm(self, wmi: Any, robot: Element, arm: Element) -> SurfaceArm:
         return self.arm_here
@@ -218,6 +222,24 @@ def test_arm_retracts_after_a_limit_and_leaves_a_foreign_controller_alone(
     assert rig.arm.calls.count("begin") == 1 + retracts
     assert task.state is State.Failure
     assert (task.cause().label, task.cause().failure_kind) == ("hold_pose", kind)
+
+
+@pytest.mark.parametrize(("width", "is_held"), [(0.0005, False), (0.08, False), (0.02, True), (None, True)])
+def test_arm_that_was_not_compliant_does_not_move_when_its_part_is_lost(
+    rig: Rig, width: float | None, is_held: bool
+) -> None:
+    gripper = rig.bench.add("rparts:GripperEffector", "gripper", rig.element, "skiros:hasA")
+    rig.bench.add("skiros:Product", "piston", gripper, "skiros:contain")
+    rig.source.fingers = width
+    rig.arm.stopped, rig.arm.kind = "the controller is not active", FailureKind.CONTROLLER
+    task = rig.command("RetractTool", Height=0.01)
+    rig.arm.stopped = ""  # `begin` activates it
+    rig.run(task)
+    assert (task.state is State.Success) is is_held, task.why
+    if not is_held:
+        assert "piston: not between the fingers" in task.why
+        assert (code(task), task.cause().failure_kind) == (codes.NOT_HELD, FailureKind.CONTROLLER)
+        assert rig.arm.pose.position[2] == 0.32
 
 
 def test_preempted_skill_leaves_the_arm_at_rest(rig: Rig) -> None:

@@ -7,18 +7,38 @@ from typing import Any
 
 import pytest
 
-from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.failure_kind import FailureKind
+from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_contact_skills.force_motions import hold_pose
-from skiros2_contact_skills.free_motions import retract_after_failure
-from skiros2_skill.core.skill import RetryOnFail, SelectorStar, Skill
+from skiros2_contact_skills.free_motions import retract_after_failure, retract_tool
+from skiros2_skill.core.skill import RetryOnFail, SelectorStar, SerialStar, Skill
+from skiros2_std_skills.core.controller_use import forget
 from support.contact_cell import RATE, TABLE_TOP, TICK_RATE, ContactCell, contact_cell
 from support.simulated_cell import GRIPPER, bench
 
 
+class SwitchAway(SkillDescription):
+    """Somebody switches the controllers."""
+
+    def createDescription(self) -> None:
+        pass
+
+
+class switch_away(PrimitiveBase):
+    switch = staticmethod(lambda: None)
+
+    def createDescription(self) -> None:
+        self.setDescription(SwitchAway(), self.__class__.__name__)
+
+    def execute(self) -> State:
+        self.switch()
+        return self.success()
+
+
 @pytest.fixture(scope="module")
 def shared_cell() -> Iterator[ContactCell]:
-    with contact_cell(bench(), hold_pose, retract_after_failure) as cell:
+    with contact_cell(bench(), hold_pose, retract_tool, retract_after_failure, switch_away) as cell:
         yield cell
 
 
@@ -57,6 +77,33 @@ def test_controller_that_somebody_switches_off_is_not_taken_back_before_the_next
     assert controller.compliant
     again.preempt()
     again.tick()
+
+
+@pytest.mark.parametrize("takes", [True, False], ids=["foreign", "own"])
+def test_controller_that_somebody_switches_off_between_two_skills_is_not_taken_back(
+    cell: ContactCell, takes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = cell.robot.controller
+
+    def switch() -> None:
+        controller.switch("position")
+        if not takes:  # as a skill of the task that switches
+            forget(cell.element.id)
+
+    monkeypatch.setattr(switch_away, "switch", staticmethod(switch))
+    retract = {"Arm": cell.element, "Height": 0.01}
+    nodes = [cell.skills.node("RetractTool", **retract) for _ in range(2)]
+    task = cell.skills.task(Skill("", SerialStar())(nodes[0], cell.skills.node("SwitchAway"), nodes[1]))
+    tick(cell, task, 4.0)
+    if not takes:
+        assert task.state is State.Success, task.why
+        return
+    assert task.state is State.Failure
+    assert not controller.compliant
+    assert (task.cause().label, task.cause().failure_kind) == ("retract_tool", FailureKind.CONTROLLER)
+    again = cell.skills.command("RetractTool", **retract)
+    tick(cell, again, 3.0)
+    assert again.state is State.Success, "the next task takes it"
 
 
 def test_arm_that_is_hit_retracts_once_and_the_task_fails(cell: ContactCell) -> None:

@@ -103,6 +103,37 @@ def test_noisy_sensor_that_freezes_in_the_air_stops_the_arm_at_once() -> None:
         assert arm.controller.stop.quantity == guard.FROZEN
 
 
+@pytest.mark.parametrize("fault", ["zero_sensor", "frozen_sensor"])
+def test_exact_sensor_that_freezes_during_a_motion_stops_the_arm_at_once(fault: str) -> None:
+    with World(bench(), rate=1000, sensor=EXACT) as world:
+        arm = robot_in(world)
+        x, y, z = arm.controller.tool_pose().position
+        arm.controller.set_reference(Pose((x, y, z + 0.05), DOWN))
+        world.step(100)
+        world.faults.set(fault, ARM)
+        world.step(80)
+        assert arm.controller.stop is not None
+        assert arm.controller.stop.quantity == guard.FROZEN
+
+
+def test_exact_sensor_that_freezes_in_a_contact_stops_the_arm_that_presses_more() -> None:
+    with World(bench(), rate=1000, sensor=EXACT) as world:
+        arm = robot_in(world)
+        x, y, z = arm.controller.tool_pose().position
+        for i in range(100):
+            arm.controller.set_reference(Pose((x, y, z - 0.0004 * i), DOWN))
+            world.step(10)
+        world.step(300)
+        assert true_force(arm) > 3.0
+        world.faults.set("frozen_sensor", ARM)
+        world.step(100)
+        assert arm.controller.stop is None, "nothing shows it while the arm rests"
+        arm.controller.set_reference(Pose((x, y, z - 0.05), DOWN))
+        world.step(100)
+        assert arm.controller.stop is not None
+        assert arm.controller.stop.quantity == guard.FROZEN
+
+
 def test_working_sensor_gives_no_false_alarm(arm: MovedRobot) -> None:
     start = arm.controller.tool_pose()
     x, y, z = start.position

@@ -12,23 +12,27 @@ import logging
 import math
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.task_context import current_task
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
 from skiros2_contact_skills.fit import Fit, fit_of
+from skiros2_contact_skills.held_parts import lost_part
 from skiros2_motion.core.arm_abilities import Abilities, abilities_of
-from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak, ResumesControl
 from skiros2_motion.core.geometry import Vector, conjugated, rotated
 from skiros2_motion.core.impact import DEFAULT_MASS, DEFAULT_STIFFNESS, permitted_speed
 from skiros2_motion.core.impedance import MAX_STIFFNESS
 from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.time_scaling import MAX_PERIOD
 from skiros2_motion.core.wrench_guard import is_finite
+from skiros2_std_skills.core.controller_use import is_left_compliant, leave_compliant
 
 log = logging.getLogger(__name__)
 
@@ -89,11 +93,11 @@ class ContactPrimitive(PrimitiveBase):
         self._waits_since: tuple[float, float] | None = None  # for the arm; None: it is ready
         self._last = self._peak = 0.0
         self._slowed, self._along = "", MAX_STIFFNESS[2]
-        self._begun = self._has_arm = False
+        self._begun = self._has_arm = self._resumes = self._was_inactive = False
         try:
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
             self._has_arm = True
-            self.arm.begin()
+            self._begin_control()
             self._axes = [*self._limits_of("MaxForceAxes"), *self._limits_of("MaxTorqueAxes")]
             axes = [self._axes] if any(self._axes) else []  # arms of others may have none
             self.arm.set_wrench_limits(self.limit, self.number("MaxTorque", MAX_TORQUE), *axes)
@@ -101,6 +105,18 @@ class ContactPrimitive(PrimitiveBase):
             give_back(self)
             return self.startError(f"{self.label_of('Arm')}: {error}", NOT_READY)
         return True
+
+    def _begin_control(self) -> None:
+        """Activates the controller. If an earlier skill of the task has, it is not taken back from somebody else."""
+        self._task, arm = current_task(), self.element("Arm").id
+        self._resumes = isinstance(self.arm, ResumesControl) and is_left_compliant(arm, self._task)
+        if self._resumes and isinstance(self.arm, ResumesControl):
+            self.arm.resume()
+            return
+        with suppress(Refused):  # by an earlier request
+            state = self.arm.state()
+            self._was_inactive = state is None or state.kind is FailureKind.CONTROLLER
+        self.arm.begin()
 
     def execute(self) -> State:
         try:
@@ -112,7 +128,7 @@ class ContactPrimitive(PrimitiveBase):
         state = self.arm.state()
         if state is not None and not state.stopped and not is_finite(*state.pose, state.wrench, (state.stamp,)):
             state = state._replace(stopped="its state has numbers that are not finite", kind=FailureKind.SENSOR)
-        if state is None or (state.stopped and not self._begun and state.kind is not FailureKind.LIMIT):
+        if state is None or (state.stopped and not self._begun and not self._is_final(state.kind)):
             return self._wait(state)
         self._note_peak(state)
         if state.stopped:
@@ -120,6 +136,9 @@ class ContactPrimitive(PrimitiveBase):
             return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}{peak}", STOPPED, state.kind)
         self._waits_since = None
         if not self._begun:
+            lost = lost_part(self.wmi, self.element("Robot"), self.element("Arm")) if self._was_inactive else ""
+            if lost:  # the driver may have been restarted
+                return self.fail(f"{self.label_of('Arm')} was not compliant; {lost}", NOT_HELD, FailureKind.CONTROLLER)
             self._begun, self.start, self._last = True, state, state.stamp
             self.abilities = abilities_of(self.arm)
             if not self.abilities.limits:
@@ -129,6 +148,10 @@ class ContactPrimitive(PrimitiveBase):
         dt, self._last = min(max(0.0, state.stamp - self._last), MAX_PERIOD), state.stamp
         result = self.move(state, dt)
         return self._judged(self.progress_msg) if result is State.Success else result
+
+    def _is_final(self, kind: FailureKind) -> bool:
+        """Whether waiting does not end a stop that is found at the start."""
+        return kind is FailureKind.LIMIT or (kind is FailureKind.CONTROLLER and self._resumes)
 
     def _wait(self, state: ArmState | None) -> State:
         """Waits until the driver follows commands. Only refused requests are repeated: what has stopped the arm since
@@ -169,6 +192,8 @@ class ContactPrimitive(PrimitiveBase):
             return True
         try:
             self.arm.end()
+            if self._begun:
+                leave_compliant(self.element("Arm").id, self._task)
         except SkirosError as error:
             self.fail(f"{self.label_of('Arm')}: {error}", NOT_READY)
             return False

@@ -8,6 +8,7 @@ from controller_manager_msgs.srv import SwitchController as Switch
 from controller_manager_msgs.srv import SwitchControllerRequest, SwitchControllerResponse
 from skiros2_common.core.abstract_skill import State
 from skiros2_sim_skills.motions import SwitchController
+from skiros2_std_skills.core.controller_use import forget
 from skiros2_std_skills.core.devices import name_of
 from skiros2_std_skills.core.driver_names import (
     COMPLIANT_CONTROLLER,
@@ -28,6 +29,7 @@ class switch_controller(DriverService):
         return rospy.ServiceProxy(SWITCH_CONTROLLER.format(robot=robot_name(self.element("Robot"))), Switch)
 
     def buildRequest(self) -> SwitchControllerRequest:
+        forget(self.element("Arm").id)
         on, off = self._controllers()
         return SwitchControllerRequest(
             start_controllers=[on], stop_controllers=[off], strictness=SwitchControllerRequest.BEST_EFFORT

@@ -41,6 +41,14 @@ class Kind(StrEnum):
     FORCE = "force"  # the floor withstands a push
 
 
+def holds_something(width: float, opening: float) -> bool:
+    """Whether fingers at a distance (m) hold something: they are neither closed nor open.
+
+    :param opening: distance of the open fingers (m).
+    """
+    return NOTHING_BETWEEN < width < opening - _OPEN
+
+
 @dataclass
 class Evidence:
     """What was measured.
@@ -79,7 +87,7 @@ class Evidence:
         if width is None or self.width_before is None:
             return False
         held = self.width_before if self.part_width is None else self.part_width
-        return not NOTHING_BETWEEN < width < self.opening - _OPEN or abs(width - held) > _CHANGE
+        return not holds_something(width, self.opening) or abs(width - held) > _CHANGE
 
     def see_floor(self, force: float) -> None:
         """Takes the force that the floor has withstood (N)."""

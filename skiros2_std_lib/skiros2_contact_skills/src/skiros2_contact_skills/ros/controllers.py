@@ -25,8 +25,8 @@ class Controllers:
         self._names = names["compliant"], names.get("position", "")
         self._checked_at: float | None = None  # s, monotonic; None: it is not active
 
-    def activate(self) -> None:
-        """Switches to the compliant controller.
+    def activate(self) -> bool:
+        """Switches to the compliant controller. Returns True.
 
         :raises Refused: it does not run then.
         """
@@ -37,6 +37,7 @@ class Controllers:
             known = ", ".join(f"{name} ({state})" for name, state in listed.items()) or "none"
             raise Refused(f"controller {on} does not run; {self._listing} lists: {known}")
         self._checked_at = time.monotonic()
+        return True
 
     def is_due(self) -> bool:
         """Whether `is_active` is to be called: once in each period since `activate`."""

@@ -148,6 +148,12 @@ class ImpedanceArm(ForceAdapter):
         self._request(self._find_loop)
         self.set_wrench_limits(*self._limits)
 
+    def resume(self) -> None:
+        if self._last is not None and self._last.active:
+            self.begin()
+        else:
+            self._fault, self._wrench = "", ()
+
     def end(self) -> None:
         self._wrench = ()
         with self._lock:

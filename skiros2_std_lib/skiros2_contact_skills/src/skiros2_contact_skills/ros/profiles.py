@@ -102,6 +102,8 @@ class Profile:
     :param action: `control_msgs/FollowJointTrajectory`, for drivers without `reference`.
     :param joint_states: topic `sensor_msgs/JointState`, for these.
     :param description: parameter with the URDF of the robot, for these.
+    :param is_stiff: whether a position controller is behind it: without a measured wrench, nothing but the way of the
+        tool bounds the force of a contact.
     """
 
     state: tuple[str, str]
@@ -119,6 +121,7 @@ class Profile:
     action: str = ""
     joint_states: str = ""
     description: str = ""
+    is_stiff: bool = False
 
 
 #: Of franka_msgs/FrankaState.robot_mode: why the arm does not follow.
@@ -207,6 +210,7 @@ PROFILES = {
         action="/follow_joint_trajectory",
         joint_states="/joint_states",
         description="/robot_description",
+        is_stiff=True,
     ),
     # FZI: cartesian_controllers/CartesianComplianceController
     "cartesian_controllers": Profile(
@@ -218,5 +222,6 @@ PROFILES = {
         stiffness=Stiffness("/{compliant}/stiffness/set_parameters", _each_axis(2000.0, 300.0)),
         wrench="/{compliant}/target_wrench",
         zero="/{compliant}/signal_taring",
+        is_stiff=True,
     ),
 }

@@ -12,7 +12,7 @@ import numpy as np
 import rospy
 from std_srvs.srv import Trigger
 
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.core.state_force import MAX_RATE, ForceAdapter, StateForce
 from skiros2_contact_skills.ros.controllers import Controllers
@@ -41,6 +41,8 @@ log = logging.getLogger(__name__)
 
 #: Period with which `state` sends a commanded wrench again (s): drivers may let it expire.
 REFRESH = 0.2
+#: Age of the measured wrench from which the tool of a stiff driver is held where it is (s, by the arm's clock).
+BLIND = 0.1
 #: Number of states by which their period is measured when the arm is taken.
 MEASURED_STATES = 5
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
@@ -55,12 +57,14 @@ class TopicArm(ForceAdapter):
     is added to the reference at each `state`; without a topic for it, a wrench becomes an offset of the reference, by
     the stiffness; the limits are checked at each message of the state, and above one the arm holds its current pose;
     so it does when a number of the state is not finite, or the noisy wrench no longer changes. With limits, the lead of
-    the reference is bounded (`reference_lead`). Damping factors have no effect on a driver without them.
+    the reference is bounded (`reference_lead`). A stiff driver gets its pose and no wrench while its sensor is silent.
+    Damping factors have no effect on a driver without them.
 
     :param names: names of the controllers (`compliant`, `position`), values of the other fields of the templates, and
         any name of the profile that differs.
     :param mount: pose of the arm in the profile's `base_frame`, if that is not the frame of the arm.
-    :raises ConfigurationError: a message or a service of the driver is not installed.
+    :raises ConfigurationError: a message or a service of the driver is not installed, or a stiff driver has a sensor
+        without noise: one that is frozen would not be found.
     """
 
     FORCE_RATE = MAX_RATE
@@ -68,6 +72,8 @@ class TopicArm(ForceAdapter):
     def __init__(self, profile: Profile, names: Mapping[str, str], mount: Pose = IDENTITY) -> None:
         self._profile, self._names, self._mount = profile, names, mount
         self._controller = names["compliant"]
+        if profile.is_stiff and names.get("sensor", NOISY) != NOISY:
+            raise ConfigurationError(f"sensor is {names['sensor']}: a position controller needs one that is {NOISY}")
         self._topics = DriverTopics(profile, names)
         self._name, self._format = self._topics.name, self._topics.format
         self._base, self._tool = self._name("base_frame"), self._name("tool_frame")
@@ -80,6 +86,8 @@ class TopicArm(ForceAdapter):
         self._stop: Reason | None = None
         #: Whether the last reference that was sent was nearer than the wanted one.
         self._is_bounded = False
+        #: Whether the sensor of a stiff driver is silent.
+        self._is_blind = False
         self._is_active = False
         self._controllers = Controllers(self._name("switch"), self._name("controllers"), names)
         self._needed, self._period = 0, StatePeriod()
@@ -130,13 +138,16 @@ class TopicArm(ForceAdapter):
         self._refresh(now)
         return ArmState(reading.pose, wrench, stamp)
 
-    def begin(self) -> None:
+    def begin(self, takes_back: bool = True) -> None:
         with self._lock:
             self._calls.problem, self._stop = "", None
             self._reference = self._spiral = None
             self._force.set_goal(None)
             self._wrench, self._stiffness_sent = _ZERO, ()
-        self._calls.request(self._activate)
+        self._calls.request(lambda: self._activate(takes_back))
+
+    def resume(self) -> None:
+        self.begin(takes_back=False)
 
     def end(self) -> None:
         with self._lock:
@@ -259,22 +270,24 @@ class TopicArm(ForceAdapter):
 
     # -- commands, by the thread of commands ------------------------------------------------------------------------
 
-    def _activate(self) -> None:
-        """Waits for the driver, recovers it from a stop and switches to the compliant controller."""
+    def _activate(self, takes_back: bool = True) -> None:
+        """Waits for the driver, recovers it from a stop and switches to the compliant controller.
+
+        :param takes_back: False: does neither, only notices whether the controller is active.
+        """
         self._topics.connect()
-        if self._reading is not None and self._reading.stopped:
+        if takes_back and self._reading is not None and self._reading.stopped:
             self._topics.recover()
-        self._controllers.activate()
-        self._await_states()
+        self._await_states(self._controllers.activate() if takes_back else self._controllers.is_active())
 
     def _check_active(self) -> None:
         """Notices that somebody else has switched off the controller."""
         self._is_active = self._is_active and self._controllers.is_active()
 
-    def _await_states(self) -> None:
+    def _await_states(self, is_active: bool = True) -> None:
         """Has `state` wait for new states: the next one may have been on its way, and the period is measured."""
         with self._lock:
-            self._is_active = True
+            self._is_active = is_active
             self._needed = self._messages + MEASURED_STATES
             self._period.restart()
 
@@ -304,6 +317,7 @@ class TopicArm(ForceAdapter):
             if reading is not None:
                 wrench = limited(self._wrench, self._limits) if takes_wrench else _ZERO
                 sent = bounded_reference(wanted, reading.pose, self._stiffness, wrench, self._limits)
+                sent = reading.pose if self._is_blind else sent
             self._is_bounded = sent != wanted
         self._move_to(composed(self._mount, sent))
 
@@ -313,7 +327,8 @@ class TopicArm(ForceAdapter):
 
     def _send_wrench(self) -> None:
         with self._lock:
-            wrench, self._wrench_sent = limited(self._wrench, self._limits), self.now()
+            wrench = _ZERO if self._is_blind else limited(self._wrench, self._limits)
+            self._wrench_sent = self.now()
         if not self._topics.takes("wrench"):
             self._send_reference()
             return
@@ -340,8 +355,10 @@ class TopicArm(ForceAdapter):
         if self._profile.stiffness.along_base:  # the tool may have turned
             self._send_stiffness()
         with self._lock:
-            resend = any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH
-            is_moving = self._spiral is not None or self._is_bounded
+            was_blind, self._is_blind = self._is_blind, self._profile.is_stiff and self._age.seconds > BLIND
+            turned = was_blind != self._is_blind
+            resend = turned or (any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH)
+            is_moving = turned or self._spiral is not None or self._is_bounded
         if self._controllers.is_due():
             self._calls.later(self._check_active)
         if resend:

@@ -9,10 +9,15 @@ step is f / (K + E), limited in length, where E is the assumed stiffness of the 
 (Hogan, Impedance Control, 1985; the step is one of Newton's method). Each step is a goal of
 `control_msgs/FollowJointTrajectory`; the next one is sent at the tick after its end. So the arm yields 5 to 10 times
 per second: it is slow, and an impact is not softened.
+
+The joints are stiff: a sensor that fails must not make the tool press on. With limits, a step is so short that it adds
+at most what is missing to the limit, on an environment of the stiffness E; and each step needs a wrench that was
+measured after the end of the one before, and differs from what it was then.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -30,6 +35,7 @@ from skiros2_contact_skills.ros.driver_calls import CONNECT_TIME, connected
 from skiros2_contact_skills.ros.profiles import Profile
 from skiros2_contact_skills.ros.topic_arm import TopicArm, without_zero
 from skiros2_motion.core.arm_kinematics import difference
+from skiros2_motion.core.compliant_arm import Wrench
 from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, normalized, rotated, rotation_of
 from skiros2_motion.core.urdf_chain import read_chain
 
@@ -41,9 +47,11 @@ _ENVIRONMENT, _TOUCH = np.array([20000.0] * 3 + [200.0] * 3), 2.0
 _LEAST = np.array([50.0] * 3 + [5.0] * 3)
 #: Maximum length of a step (m, rad); the tool is at the equilibrium within this (m, rad).
 _STEP, _TURN = 0.005, 0.03
+#: Part of the limit that a step may add to a force or torque that is near it: the tool must be able to yield.
+_LEAST_PART = 0.25
 _AT_REST, _TURNED = 0.00005, 0.0005
 #: Minimum duration of a step (s), and fraction of the joints' maximum velocities.
-_DURATION, _SPEED = 0.1, 0.3
+_DURATION, _SPEED = 0.05, 0.3
 _ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE)
 
 
@@ -68,6 +76,8 @@ class TrajectoryArm(TopicArm):
         self._target: Pose | None = None
         self._commanded: Pose | None = None
         self._solution: Array | None = None
+        #: The measured wrench after the end of the last step; None while it runs.
+        self._wrench_then: Wrench | None = None
 
     def close(self) -> None:
         super().close()
@@ -78,7 +88,7 @@ class TrajectoryArm(TopicArm):
         with self._lock:
             self._positions.update(zip(message.name, message.position, strict=False))
 
-    def _activate(self) -> None:
+    def _activate(self, takes_back: bool = True) -> None:
         if not self._client.wait_for_server(rospy.Duration.from_sec(CONNECT_TIME)):
             raise Refused(f"there is no action server {self._name('action')}")
         names = self._chain.joints
@@ -109,7 +119,13 @@ class TrajectoryArm(TopicArm):
     def _refresh(self, now: float) -> None:
         super()._refresh(now)
         with self._lock:
-            if self._is_active and self._client.get_state() not in _ACTIVE:
+            if not self._is_active or self._reading is None:
+                return
+            if self._client.get_state() in _ACTIVE:
+                self._wrench_then = None
+                return
+            before, self._wrench_then = self._wrench_then, self._reading.wrench
+            if before not in (None, self._wrench_then):
                 self._calls.later(self._step)
 
     def _step(self) -> None:
@@ -118,9 +134,11 @@ class TrajectoryArm(TopicArm):
             target, commanded, reading, start = self._target, self._commanded, self._reading, self._solution
             if not self._is_active or target is None or commanded is None or reading is None or start is None:
                 return
+            if self._client.get_state() in _ACTIVE:
+                return
             wrench = np.array(without_zero(reading, self._zero))
-            stiffness = np.maximum(np.array(self._stiffness), _LEAST)
-        step = self._next_step(target, commanded, wrench, stiffness)
+            stiffness, most = np.maximum(np.array(self._stiffness), _LEAST), longest_step(wrench, self._limits)
+        step = self._next_step(target, commanded, wrench, stiffness, most)
         if float(np.linalg.norm(step[:3])) < _AT_REST and float(np.linalg.norm(step[3:])) < _TURNED:
             return
         x, y, z = (a + b for a, b in zip(commanded.position, step[:3].tolist(), strict=True))
@@ -146,7 +164,9 @@ class TrajectoryArm(TopicArm):
                 self._calls.problem, self._is_active = f"{self._name('action')}: {reason}", False
 
     @staticmethod
-    def _next_step(target: Pose, commanded: Pose, wrench: Array, stiffness: Array) -> Array:
+    def _next_step(
+        target: Pose, commanded: Pose, wrench: Array, stiffness: Array, longest: tuple[float, float]
+    ) -> Array:
         """Returns the next step along the axes of the base (m, rad). The stiffness is along those of the tool."""
         to_tool = conjugated(commanded.orientation)
         away = -difference(target, commanded)
@@ -157,8 +177,24 @@ class TrajectoryArm(TopicArm):
         force = turned(wrench, to_tool) - stiffness * turned(away, to_tool)
         touches = float(np.linalg.norm(wrench[:3])) > _TOUCH
         step = turned(force / (stiffness + (_ENVIRONMENT if touches else 0.0)), commanded.orientation)
-        for part, most in ((slice(0, 3), _STEP), (slice(3, 6), _TURN)):
+        for part, most in zip((slice(0, 3), slice(3, 6)), longest, strict=True):
             length = float(np.linalg.norm(step[part]))
             if length > most:
                 step[part] *= most / length
         return step
+
+
+def longest_step(wrench: Sequence[float], limits: tuple[float, float]) -> tuple[float, float]:
+    """Returns the largest length and rotation of a step (m, rad) after which a tool that meets the assumed environment
+    exerts at most the limits.
+
+    :param wrench: measured (N, Nm).
+    :param limits: of force (N) and torque (Nm), 0 for none.
+    """
+    length, turn = (
+        min(most, max(limit - math.hypot(*part), _LEAST_PART * limit) / float(environment)) if limit else most
+        for most, limit, part, environment in zip(
+            (_STEP, _TURN), limits, (wrench[:3], wrench[3:]), (_ENVIRONMENT[0], _ENVIRONMENT[3]), strict=True
+        )
+    )
+    return length, turn

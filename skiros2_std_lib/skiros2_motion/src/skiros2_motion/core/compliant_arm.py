@@ -139,6 +139,16 @@ class KnowsMass(Protocol):
 
 
 @runtime_checkable
+class ResumesControl(Protocol):
+    """An arm that notices between two skills that somebody has switched off its compliant controller."""
+
+    def resume(self) -> None:
+        """As `begin`, for the next skill of a task: if the compliant controller is not active, it is not activated; the
+        state then has the kind `CONTROLLER`."""
+        ...
+
+
+@runtime_checkable
 class MeasuresPeak(Protocol):
     """An arm whose driver remembers the largest measured force between two states."""
 

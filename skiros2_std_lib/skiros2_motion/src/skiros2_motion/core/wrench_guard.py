@@ -27,7 +27,7 @@ _TEXTS = {
     TORQUE: ("torque of {:.1f}", "Nm"),
     SENSOR_AGE: ("sensor age of {:.3f}", "s"),
     NOT_FINITE: ("number of measurements that are not finite, {:.0f},", ""),
-    FROZEN: ("time without a change of the noisy wrench of {:.3f}", "s"),
+    FROZEN: ("time without a change of the measured wrench of {:.3f}", "s"),
     DISAGREEMENT: ("difference of measured and commanded force of {:.1f}", "N"),
 }
 
@@ -40,8 +40,11 @@ _AXES = {
 
 #: Maximum age of the measured wrench while it is limited (s).
 SENSOR_TIMEOUT = 0.02
-#: Time (s) and number of measurements without a change after which a noisy sensor is frozen.
+#: Time (s) and number of measurements without a change after which a sensor is frozen that is noisy, or whose tool has
+#: moved meanwhile or presses with another force.
 FROZEN_TIME, FROZEN_COUNT = 0.05, 5
+#: Way (m) from which a tool has moved, speed below which it rests (m/s), and change of the commanded force (N).
+_MOVED, _AT_REST, _PRESSED = 0.0001, 0.0005, 1.0
 #: Difference of measured and commanded force that stops an arm, as a fraction of the limit, and its minimum (N).
 DISAGREEMENT_PART, DISAGREEMENT_MIN = 0.4, 10.0
 #: Maximum speed of the tool at which the forces are in balance (m/s), and time constant of the difference (s).
@@ -89,7 +92,8 @@ class Balance(NamedTuple):
 class WrenchGuard:
     """The checks of one arm, with what they remember.
 
-    :param is_noisy: whether each measurement of a working sensor differs from the one before.
+    :param is_noisy: whether each measurement of a working sensor differs from the one before. Without noise it does so
+        while the tool moves, or the law presses with another force: to tell that, `check` needs the balance.
     """
 
     def __init__(self, is_noisy: bool) -> None:
@@ -97,6 +101,9 @@ class WrenchGuard:
         self._last: tuple[float, ...] = ()
         self._changed_at = 0.0
         self._repeated = 0
+        #: Since the last change: the way of the tool (m); and the commanded force then (N), None if it is not known.
+        self._way = 0.0
+        self._force: Array | None = None
         #: Whether a limit was exceeded at the last check.
         self.was_exceeded = False
         self._difference: Vector = _NONE
@@ -139,22 +146,35 @@ class WrenchGuard:
         was_exceeded, self.was_exceeded = self.was_exceeded, exceeded is not None
         if exceeded is not None and was_exceeded:
             return exceeded
-        return self.frozen(wrench, time) or self._disagreement(wrench, limits[0], balance)
+        return self.frozen(wrench, time, balance) or self._disagreement(wrench, limits[0], balance)
 
-    def frozen(self, wrench: Sequence[float], time: float) -> Violation | None:
-        """Returns for how long a noisy wrench has not changed; None if it has, or the sensor is not noisy.
+    def frozen(self, wrench: Sequence[float], time: float, balance: Balance | None = None) -> Violation | None:
+        """Returns for how long a wrench has not changed; None if it has, or need not change.
 
         :param time: of the measurement, by a clock that does not jump (s).
+        :param balance: as of `check`; without it only a noisy sensor is found to be frozen.
         """
         measured = tuple(wrench)
-        if measured != self._last or not self.is_noisy:
+        if measured != self._last:
             self._last, self._changed_at, self._repeated = measured, time, 0
+            self._way, self._force = 0.0, balance.force if balance is not None else None
             return None
         self._repeated += 1
         passed = time - self._changed_at
-        if self._repeated < FROZEN_COUNT or passed <= FROZEN_TIME:
-            return None
-        return Violation(FROZEN, passed, FROZEN_TIME)
+        changes = self._has_to_change(balance) or self.is_noisy
+        return Violation(FROZEN, passed, FROZEN_TIME) if changes and self._is_long(passed) else None
+
+    def _is_long(self, passed: float) -> bool:
+        return self._repeated >= FROZEN_COUNT and passed > FROZEN_TIME
+
+    def _has_to_change(self, balance: Balance | None) -> bool:
+        """Whether the tool has moved since the last change of the wrench, or presses with another force."""
+        if balance is None:
+            return False
+        if self._force is None:
+            self._force = balance.force
+        self._way += balance.speed * balance.dt if balance.speed > _AT_REST else 0.0
+        return self._way > _MOVED or math.dist(balance.force, self._force) > _PRESSED
 
     def _disagreement(self, wrench: Sequence[float], limit: float, balance: Balance | None) -> Violation | None:
         """Compares forces in balance: what the law exerts is what the environment answers.

@@ -51,6 +51,10 @@ class SimulatedArm:
         controller.force.set_goal(None)
         controller.set_limits(*controller.limits)
 
+    def resume(self) -> None:
+        if self._controller.compliant:
+            self.begin()
+
     def end(self) -> None:
         controller = self._controller
         controller.force.set_goal(None)

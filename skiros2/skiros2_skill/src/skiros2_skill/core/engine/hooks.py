@@ -11,6 +11,7 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
 from skiros2_common.core.source_location import format_error
+from skiros2_common.core.task_context import starting_in
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.breakpoints import TaskBreakpoints
 from skiros2_skill.core.engine.devices import free_devices
@@ -58,6 +59,7 @@ class Hooks:
     def __init__(self, failures: Failures, breakpoints: TaskBreakpoints, wmi: WorldModelPort) -> None:
         self._failures, self._breakpoints, self._wmi = failures, breakpoints, wmi
         self.guard: HookGuard[SkillRun] = HookGuard()
+        self._task = object()  # stands for the task
 
     def fail(self, run: SkillRun, failure: Failure) -> None:
         """Sets the progress and the kind of a failed run and records the failure."""
@@ -117,7 +119,8 @@ class Hooks:
 
     def on_start(self, run: SkillRun) -> Any:
         """Expands the subtree and calls `onStart`. Returns the refusal, "" for none; `RAISED` when it raises."""
-        refused = self.call(run, "onStart", lambda: refusal_text(run.start()), START_RAISED)
+        with starting_in(self._task):
+            refused = self.call(run, "onStart", lambda: refusal_text(run.start()), START_RAISED)
         if refused and refused is not RAISED:
             set_failure_reason(run, f"{run.label}: onStart returned {refused}", PRE_FAILED)
             self._failures.record(run.node, _reported(run, START))

@@ -1,0 +1,28 @@
+"""Whether an arm still holds what the world model has in its gripper."""
+
+from __future__ import annotations
+
+from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_contact_skills.arms import finger_width
+from skiros2_contact_skills.core.evidence import holds_something
+from skiros2_std_skills.core.devices import opening
+
+
+def lost_part(wmi: WorldModelPort, robot: Element, arm: Element) -> str:
+    """Returns that a part is not between the fingers of the arm's gripper, with its name and their distance; "" if one
+    may be there, none has to be, or the fingers are not measured."""
+    for gripper in _related(wmi, wmi.get_element(arm.id), "skiros:hasA"):
+        if not wmi.is_subclass(gripper.type, "rparts:GripperEffector"):
+            continue
+        parts = _related(wmi, gripper, "skiros:contain")
+        width = finger_width(wmi, robot, gripper) if parts else None
+        if width is not None and not holds_something(width, opening(gripper)):
+            names = ", ".join(str(part.label or part.id) for part in parts)
+            return f"{names}: not between the fingers, which are {1000 * width:.0f} mm apart"
+    return ""
+
+
+def _related(wmi: WorldModelPort, element: Element, relation: str) -> list[Element]:
+    found = (wmi.find_element(each["dst"]) for each in element.getRelations("-1", relation))
+    return [each for each in found if each is not None]

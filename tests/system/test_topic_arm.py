@@ -260,6 +260,18 @@ def test_controller_that_somebody_switches_off_is_reported(rig: Rig) -> None:
     assert state.kind is FailureKind.CONTROLLER
 
 
+def test_next_skill_of_a_task_does_not_take_back_a_controller(rig: Rig) -> None:
+    rig.arm.end()
+    rig.driver.running = ""
+    rig.arm.resume()
+    state = rig.wait_for(lambda s: s.stopped)
+    assert (state.kind, rig.driver.running) == (FailureKind.CONTROLLER, "")
+    rig.arm.begin()
+    rig.wait_for(lambda s: not s.stopped)
+    rig.arm.resume()
+    rig.wait_for(lambda s: not s.stopped)
+
+
 def test_end_leaves_the_arm_at_rest_without_a_wrench(rig: Rig) -> None:
     start = rig.at_rest().pose
     rig.arm.set_reference(moved(start, x=-0.1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.profiles import Reading
 from skiros2_motion.core.compliant_arm import Wrench, turned_wrench
@@ -28,9 +29,13 @@ class ReadingGuard:
 
     :param topic: of the messages, for the texts.
     :param is_noisy: whether the sensor is noisy.
+    :param is_stiff: whether the driver is: it needs a sensor that is found to be frozen.
+    :raises ConfigurationError: the driver is stiff, and the sensor is not noisy.
     """
 
-    def __init__(self, topic: str, is_noisy: bool) -> None:
+    def __init__(self, topic: str, is_noisy: bool, is_stiff: bool = False) -> None:
+        if is_stiff and not is_noisy:
+            raise ConfigurationError(f"sensor is {EXACT}: a position controller needs one that is {NOISY}")
         self._topic = topic
         # drivers measure along the axes of the base or of the tool: a frozen wrench is constant along one of them
         self._in_base, self._in_tool = WrenchGuard(is_noisy), WrenchGuard(is_noisy)

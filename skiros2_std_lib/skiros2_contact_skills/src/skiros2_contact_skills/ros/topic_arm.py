@@ -12,7 +12,7 @@ import numpy as np
 import rospy
 from std_srvs.srv import Trigger
 
-from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
+from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.core.state_force import MAX_RATE, ForceAdapter, StateForce
 from skiros2_contact_skills.ros.controllers import Controllers
@@ -32,7 +32,7 @@ from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated, inverted, rotation_of
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
 from skiros2_motion.core.reference_lead import bounded_reference
-from skiros2_motion.core.spiral import Spiral, SpiralGoal
+from skiros2_motion.core.spiral import SpiralGoal, TimedSpiral
 from skiros2_motion.core.state_age import StateAge
 from skiros2_motion.core.wrench_guard import Limits, is_finite, limited_wrench
 from skiros2_std_reasoners.ros.transforms import Transforms
@@ -63,8 +63,7 @@ class TopicArm(ForceAdapter):
     :param names: names of the controllers (`compliant`, `position`), values of the other fields of the templates, and
         any name of the profile that differs.
     :param mount: pose of the arm in the profile's `base_frame`, if that is not the frame of the arm.
-    :raises ConfigurationError: a message or a service of the driver is not installed, or a stiff driver has a sensor
-        without noise: one that is frozen would not be found.
+    :raises ConfigurationError: a message or a service of the driver is not installed, or the sensor has to be noisy.
     """
 
     FORCE_RATE = MAX_RATE
@@ -72,8 +71,6 @@ class TopicArm(ForceAdapter):
     def __init__(self, profile: Profile, names: Mapping[str, str], mount: Pose = IDENTITY) -> None:
         self._profile, self._names, self._mount = profile, names, mount
         self._controller = names["compliant"]
-        if profile.is_stiff and names.get("sensor", NOISY) != NOISY:
-            raise ConfigurationError(f"sensor is {names['sensor']}: a position controller needs one that is {NOISY}")
         self._topics = DriverTopics(profile, names)
         self._name, self._format = self._topics.name, self._topics.format
         self._base, self._tool = self._name("base_frame"), self._name("tool_frame")
@@ -84,10 +81,8 @@ class TopicArm(ForceAdapter):
         self._age, self._messages, self._stamp = StateAge(rospy.get_time), 0, 0.0
         self._problem = ""
         self._stop: Reason | None = None
-        #: Whether the last reference that was sent was nearer than the wanted one.
-        self._is_bounded = False
-        #: Whether the sensor of a stiff driver is silent.
-        self._is_blind = False
+        #: Whether the last reference that was sent was nearer than the wanted one, and a stiff driver's sensor is silent.
+        self._is_bounded = self._is_blind = False
         self._is_active = False
         self._controllers = Controllers(self._name("switch"), self._name("controllers"), names)
         self._needed, self._period = 0, StatePeriod()
@@ -97,12 +92,11 @@ class TopicArm(ForceAdapter):
         self._stiffness_sent: Sequence[float] = ()
         self._wrench, self._wrench_sent = _ZERO, 0.0
         self._reference: Pose | None = None
-        self._spiral: Spiral | None = None
-        self._spiral_at = 0.0
+        self._overlay = TimedSpiral()
         self._force = StateForce(self.FORCE_RATE)
         kind = message_class(profile.state[1])
         self._topic = names.get("state", self._format(profile.state[0]))
-        self._guard = ReadingGuard(self._topic, names.get("sensor", NOISY) == NOISY)
+        self._guard = ReadingGuard(self._topic, names.get("sensor", NOISY) == NOISY, profile.is_stiff)
         self._subscriber = rospy.Subscriber(self._topic, kind, self._on_state, queue_size=1, tcp_nodelay=True)
         self._calls = DriverCalls(self._controller)
 
@@ -141,7 +135,8 @@ class TopicArm(ForceAdapter):
     def begin(self, takes_back: bool = True) -> None:
         with self._lock:
             self._calls.problem, self._stop = "", None
-            self._reference = self._spiral = None
+            self._reference = None
+            self._overlay.clear()
             self._force.set_goal(None)
             self._wrench, self._stiffness_sent = _ZERO, ()
         self._calls.request(lambda: self._activate(takes_back))
@@ -154,8 +149,8 @@ class TopicArm(ForceAdapter):
             reading = self._reading
             if reading is None or self._calls.problem or self._stop or reading.stopped:
                 return
-            self._wrench, self._spiral = _ZERO, None
-            self._reference = reading.pose
+            self._wrench, self._reference = _ZERO, reading.pose
+            self._overlay.clear()
             self._force.set_goal(None)
         self._calls.later(self._send_wrench)
         self._calls.later(self._send_reference)
@@ -198,12 +193,11 @@ class TopicArm(ForceAdapter):
     def start_spiral(self, spiral: SpiralGoal) -> None:
         with self._lock:
             if not self._stop:
-                self._spiral, self._spiral_at = Spiral(spiral), self.now()
+                self._overlay.start(spiral, self.now())
 
     def stop_overlay(self) -> None:
         with self._lock:
-            if self._spiral is not None:
-                self._spiral.stop()
+            self._overlay.stop()
 
     def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
         limits = checked_limits(force, torque, axes)
@@ -247,7 +241,8 @@ class TopicArm(ForceAdapter):
                 self._reading, self._problem = reading, ""
             stops = reason is not None and self._stop is None
             if stops:
-                self._stop, self._spiral, self._wrench = reason, None, _ZERO
+                self._stop, self._wrench = reason, _ZERO
+                self._overlay.clear()
                 self._force.set_goal(None)
                 self._reference = self._reading.pose if self._reading is not None else None
             moves = stops or (reason is None and self._regulates())
@@ -306,13 +301,7 @@ class TopicArm(ForceAdapter):
             reference, reading = self._force.sent or self._reference, self._reading
             if reference is None:
                 return
-            now, offset = self.now(), [0.0, 0.0, 0.0]
-            if self._spiral is not None:
-                offset = self._spiral.update(max(0.0, now - self._spiral_at)).tolist()
-                self._spiral_at = now
-                if self._spiral.has_ended:
-                    self._spiral = None
-            takes_wrench = self._topics.takes("wrench")
+            takes_wrench, offset = self._topics.takes("wrench"), self._overlay.offset(self.now())
             wanted = sent = shifted(reference, offset, _ZERO if takes_wrench else self._wrench, self._stiffness)
             if reading is not None:
                 wrench = limited(self._wrench, self._limits) if takes_wrench else _ZERO
@@ -327,8 +316,7 @@ class TopicArm(ForceAdapter):
 
     def _send_wrench(self) -> None:
         with self._lock:
-            wrench = _ZERO if self._is_blind else limited(self._wrench, self._limits)
-            self._wrench_sent = self.now()
+            wrench, self._wrench_sent = limited(_ZERO if self._is_blind else self._wrench, self._limits), self.now()
         if not self._topics.takes("wrench"):
             self._send_reference()
             return
@@ -346,9 +334,9 @@ class TopicArm(ForceAdapter):
     def _on_driver_axes(self, values: Sequence[float]) -> Sequence[float]:
         """Returns values along the axes of the tool as the driver takes them."""
         reading = self._reading
-        if not self._profile.stiffness.along_base or reading is None:
-            return values
-        return along_base(composed(self._mount, reading.pose).orientation, values)
+        if self._profile.stiffness.along_base and reading is not None:
+            values = along_base(composed(self._mount, reading.pose).orientation, values)
+        return values
 
     def _refresh(self, now: float) -> None:
         """Sends again what would expire, and what moves."""
@@ -358,7 +346,7 @@ class TopicArm(ForceAdapter):
             was_blind, self._is_blind = self._is_blind, self._profile.is_stiff and self._age.seconds > BLIND
             turned = was_blind != self._is_blind
             resend = turned or (any(self._wrench) and not 0.0 <= now - self._wrench_sent < REFRESH)
-            is_moving = turned or self._spiral is not None or self._is_bounded
+            is_moving = turned or self._overlay.is_moving or self._is_bounded
         if self._controllers.is_due():
             self._calls.later(self._check_active)
         if resend:

@@ -38,6 +38,7 @@ from skiros2_motion.core.arm_kinematics import difference
 from skiros2_motion.core.compliant_arm import Wrench
 from skiros2_motion.core.geometry import IDENTITY, Pose, conjugated, multiplied, normalized, rotated, rotation_of
 from skiros2_motion.core.urdf_chain import read_chain
+from skiros2_motion.core.wrench_guard import Limits
 
 Array = npt.NDArray[np.float64]
 
@@ -184,17 +185,17 @@ class TrajectoryArm(TopicArm):
         return step
 
 
-def longest_step(wrench: Sequence[float], limits: tuple[float, float]) -> tuple[float, float]:
+def longest_step(wrench: Sequence[float], limits: Limits) -> tuple[float, float]:
     """Returns the largest length and rotation of a step (m, rad) after which a tool that meets the assumed environment
-    exerts at most the limits.
+    exerts at most the limits, also that of the weakest axis.
 
     :param wrench: measured (N, Nm).
-    :param limits: of force (N) and torque (Nm), 0 for none.
     """
-    length, turn = (
-        min(most, max(limit - math.hypot(*part), _LEAST_PART * limit) / float(environment)) if limit else most
-        for most, limit, part, environment in zip(
-            (_STEP, _TURN), limits, (wrench[:3], wrench[3:]), (_ENVIRONMENT[0], _ENVIRONMENT[3]), strict=True
-        )
-    )
-    return length, turn
+    found = []
+    kinds = ((0, limits.force, _STEP), (3, limits.torque, _TURN))
+    for first, limit, most in kinds:
+        part = slice(first, first + 3)
+        least = min(filter(None, (limit, *limits.axes[part])), default=0.0)
+        rest = max(least - math.hypot(*wrench[part]), _LEAST_PART * least) / float(_ENVIRONMENT[first])
+        found.append(min(most, rest) if least else most)
+    return found[0], found[1]

@@ -102,3 +102,38 @@ class Spiral:
                 self.radius, self._growth = 0.0, 1.0
         point: Array = self.radius * (math.cos(self._angle) * self._first + math.sin(self._angle) * self._second)
         return point
+
+
+class TimedSpiral:
+    """The overlay motion of an arm whose driver has none: a spiral that follows a clock (s)."""
+
+    def __init__(self) -> None:
+        self._spiral: Spiral | None = None
+        self._updated_at = 0.0
+
+    @property
+    def is_moving(self) -> bool:
+        return self._spiral is not None
+
+    def start(self, goal: SpiralGoal, now: float) -> None:
+        """Starts a spiral in place of the current one."""
+        self._spiral, self._updated_at = Spiral(goal), now
+
+    def stop(self) -> None:
+        """Has the spiral return to its centre."""
+        if self._spiral is not None:
+            self._spiral.stop()
+
+    def clear(self) -> None:
+        """Ends the spiral where it is."""
+        self._spiral = None
+
+    def offset(self, now: float) -> list[float]:
+        """Returns the offset of the reference at a time (m, in its frame)."""
+        if self._spiral is None:
+            return [0.0, 0.0, 0.0]
+        passed, self._updated_at = max(0.0, now - self._updated_at), now
+        offset: list[float] = self._spiral.update(passed).tolist()
+        if self._spiral.has_ended:
+            self._spiral = None
+        return offset

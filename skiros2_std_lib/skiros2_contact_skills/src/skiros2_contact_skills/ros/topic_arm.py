@@ -81,7 +81,7 @@ class TopicArm(ForceAdapter):
         self._age, self._messages, self._stamp = StateAge(rospy.get_time), 0, 0.0
         self._problem = ""
         self._stop: Reason | None = None
-        #: Whether the last reference that was sent was nearer than the wanted one, and a stiff driver's sensor is silent.
+        #: Whether the reference that was sent is nearer than the wanted one, and a stiff driver's sensor is silent.
         self._is_bounded = self._is_blind = False
         self._is_active = False
         self._controllers = Controllers(self._name("switch"), self._name("controllers"), names)
@@ -266,10 +266,7 @@ class TopicArm(ForceAdapter):
     # -- commands, by the thread of commands ------------------------------------------------------------------------
 
     def _activate(self, takes_back: bool = True) -> None:
-        """Waits for the driver, recovers it from a stop and switches to the compliant controller.
-
-        :param takes_back: False: does neither, only notices whether the controller is active.
-        """
+        """Waits for the driver, recovers it and switches to the compliant controller; or only sees whether that runs."""
         self._topics.connect()
         if takes_back and self._reading is not None and self._reading.stopped:
             self._topics.recover()
@@ -298,9 +295,9 @@ class TopicArm(ForceAdapter):
         with self._lock:
             if self._reference is None and self._reading is not None:
                 self._reference = self._reading.pose  # once: an offset of the current pose would drift
-            reference, reading = self._force.sent or self._reference, self._reading
-            if reference is None:
+            if (reference := self._force.sent or self._reference) is None:
                 return
+            reading = self._reading
             takes_wrench, offset = self._topics.takes("wrench"), self._overlay.offset(self.now())
             wanted = sent = shifted(reference, offset, _ZERO if takes_wrench else self._wrench, self._stiffness)
             if reading is not None:
@@ -333,10 +330,9 @@ class TopicArm(ForceAdapter):
 
     def _on_driver_axes(self, values: Sequence[float]) -> Sequence[float]:
         """Returns values along the axes of the tool as the driver takes them."""
-        reading = self._reading
-        if self._profile.stiffness.along_base and reading is not None:
-            values = along_base(composed(self._mount, reading.pose).orientation, values)
-        return values
+        if not self._profile.stiffness.along_base or (reading := self._reading) is None:
+            return values
+        return along_base(composed(self._mount, reading.pose).orientation, values)
 
     def _refresh(self, now: float) -> None:
         """Sends again what would expire, and what moves."""

@@ -266,7 +266,7 @@ class TopicArm(ForceAdapter):
     # -- commands, by the thread of commands ------------------------------------------------------------------------
 
     def _activate(self, takes_back: bool = True) -> None:
-        """Waits for the driver, recovers it and switches to the compliant controller; or only sees whether that runs."""
+        """Waits for the driver, recovers it and switches to the compliant controller; or only sees if that runs."""
         self._topics.connect()
         if takes_back and self._reading is not None and self._reading.stopped:
             self._topics.recover()

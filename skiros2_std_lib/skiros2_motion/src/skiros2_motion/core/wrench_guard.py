@@ -103,7 +103,7 @@ class WrenchGuard:
         self._repeated = 0
         #: Since the last change: the way of the tool (m); and the commanded force then (N), None if it is not known.
         self._way = 0.0
-        self._force: Array | None = None
+        self._force: Vector | None = None
         #: Whether a limit was exceeded at the last check.
         self.was_exceeded = False
         self._difference: Vector = _NONE

@@ -84,6 +84,8 @@ class LateTopic:
 
     def send(self, world: World) -> None:
         """Publishes the measurements that are due. Discards those from before a reset of the world."""
+        if not self._waiting:
+            return
         lag = max(map(world.faults.lag, self._targets), default=0.0)
         while self._waiting and not world.time - lag < self._waiting[0][0] <= world.time:
             time, message = self._waiting.popleft()

@@ -33,11 +33,10 @@ _GROUP_AND_MASK = (1, -1)
 _CONTACT_END, _NEAR_CONTACT_END = 0.02, 0.001
 #: Length of a short step (s).
 _SHORT_STEP = 0.001
-#: Squared change of a velocity at which the iterations end. With PyBullet's 1e-7, boxes at rest turn by 8 mrad per
-#: minute.
+#: Squared change of a velocity at which the solver ends. With PyBullet's 1e-7, boxes at rest turn by 8 mrad per minute.
 _RESIDUAL = 1e-10
-#: Half of the edges of the ground (m). The box around a plane has no end: each shape of the world, also in the air, is
-#: compared with it in each step. With a block of 95 boxes on a table that was a third of a step.
+#: Half of the edges of the ground (m). A plane is compared with each shape of the world in each step, also in the air:
+#: a third of a step with a block of 95 boxes on a table.
 _GROUND = (1100.0, 1100.0, 50.0)
 #: The distance that the engine uses now.
 _contact_ends = [_CONTACT_END]
@@ -66,12 +65,8 @@ class Bullet:
     def reset(self, dt: float) -> None:
         pybullet.resetSimulation(**self._world)
         pybullet.setGravity(*_GRAVITY, **self._world)
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=dt,
-            deterministicOverlappingPairs=1,
-            solverResidualThreshold=_RESIDUAL,
-            **self._world,
-        )
+        solver = {"deterministicOverlappingPairs": 1, "solverResidualThreshold": _RESIDUAL}
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=dt, **solver, **self._world)
         self._contact_end = _CONTACT_END if dt > _SHORT_STEP else _NEAR_CONTACT_END
         self._inner.clear()
 
@@ -91,16 +86,15 @@ class Bullet:
     # -- bodies ----------------------------------------------------------------------------------------------------
 
     def add_ground(self, friction: float) -> int:
-        depth = _GROUND[2]
         seen = pybullet.createVisualShape(
             pybullet.GEOM_BOX,
             halfExtents=(15, 15, 0.01),
             rgbaColor=(0.8, 0.8, 0.78, 1),
-            visualFramePosition=(0, 0, depth - 0.01),
+            visualFramePosition=(0, 0, _GROUND[2] - 0.01),
             **self._world,
         )
         shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=_GROUND, **self._world)
-        body = self._make(0.0, shape, seen, Pose((0.0, 0.0, -depth), IDENTITY.orientation))
+        body = self._make(0.0, shape, seen, Pose((0.0, 0.0, -_GROUND[2]), IDENTITY.orientation))
         self.set_surface(body, -1, friction)
         return body
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.geometry import Pose, composed, from_euler, multiplied
 from skiros2_motion.core.gripper import GripperEvent
@@ -220,6 +221,16 @@ def test_arm_without_states_is_reported(cell: TeachingCell, monkeypatch: pytest.
     monkeypatch.setattr(cell.driver, "state", lambda: None)
     assert "has sent no state for 5" in cell.refused("TeachPose", Object=cell.block, Name="there")
     assert "has sent no state for 5" in cell.refused("TeachPath", Object=cell.block, Name="sweep")
+
+
+def test_state_that_the_adapter_reports_as_out_of_date_is_not_taught(
+    cell: TeachingCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last = cell.driver.state()._replace(stopped="no state for 2.3 s", kind=FailureKind.SENSOR)
+    monkeypatch.setattr(cell.driver, "state", lambda: last._replace(stamp=cell.world.time))
+    assert "no state for 2.3 s" in cell.refused("TeachPose", Object=cell.block, Name="there")
+    assert "no state for 2.3 s" in cell.refused("TeachPath", Object=cell.block, Name="sweep")
+    assert taught.taught_elements(cell.wmi, cell.block) == []
 
 
 def test_path_is_discarded_when_the_arm_is_not_released_any_more(cell: TeachingCell) -> None:

@@ -7,16 +7,18 @@ the others only read its state.
 from __future__ import annotations
 
 import logging
+import time
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
 from skiros2_contact_skills.contact_primitive import ContactPrimitive
 from skiros2_contact_skills.core.part_poses import pose_on_arm
-from skiros2_motion.core.compliant_arm import STALE, ArmState
+from skiros2_motion.core.compliant_arm import STALE, ArmState, CompliantArm
 from skiros2_motion.core.geometry import Pose, composed, inverted
 from skiros2_motion.core.gripper import Gripper
 from skiros2_std_reasoners.core.places import above
@@ -41,8 +43,27 @@ REFUSED, NO_STATE, STOPPED, TOO_LONG = -140, -141, -142, -143
 
 #: Stiffness of an arm that is held after its release (N/m, Nm/rad).
 _HOLDING, _HOLDING_TURN = 600.0, 40.0
-#: Time in which the driver has to send a state, and skills have to end (s).
-_PATIENCE = 5.0
+#: Time in which the driver has to send a state, and skills have to end (s), by the arm's clock and by the wall clock:
+#: simulated time stands still when its simulator has died.
+_PATIENCE, _WALL_PATIENCE = 5.0, 15.0
+
+
+class _Waiting:
+    """Time since the start of waiting for an arm."""
+
+    def __init__(self, arm: CompliantArm) -> None:
+        self._arm, self._began, self._began_wall = arm, arm.now(), time.monotonic()
+
+    def is_over(self) -> bool:
+        """Whether it has lasted too long."""
+        wall = time.monotonic() - self._began_wall
+        return self._arm.now() - self._began > _PATIENCE or wall > _WALL_PATIENCE
+
+
+def _is_known(state: ArmState | None) -> bool:
+    """Whether the pose of a state is that of now: the adapter has found neither that it is late nor that it is wrong. A
+    stop for another reason, or an inactive controller, does not matter."""
+    return state is not None and not (state.stopped and state.kind is FailureKind.SENSOR)
 
 
 class teach_release(ContactPrimitive):
@@ -138,7 +159,7 @@ class _PoseReader(_Teaching):
         raise NotImplementedError(f"{type(self).__name__} has to define store")
 
     def onStart(self) -> bool:
-        self._began: float | None = None
+        self._waiting: _Waiting | None = None
         arm = self.element("Arm")
         try:
             guiding = guiding_of(arm)
@@ -150,13 +171,14 @@ class _PoseReader(_Teaching):
     def execute(self) -> State:
         try:
             now, state = self._arm.now(), self._arm.state()
-            if self._began is None:
-                self._began = now
-            if state is not None and now - state.stamp <= STALE:
+            if self._waiting is None:
+                self._waiting = _Waiting(self._arm)
+            if state is not None and _is_known(state) and now - state.stamp <= STALE:
                 return self.success(self.store(state.pose))
-            if now - self._began < _PATIENCE:
+            if not self._waiting.is_over():
                 return self.step("Waiting for a state of the arm")
-            return self.fail(f"{self.label_of('Arm')} has sent no state for {_PATIENCE:g} s", NO_STATE)
+            why = f": {state.stopped}" if state is not None and state.stopped else ""
+            return self.fail(f"{self.label_of('Arm')} has sent no state for {_PATIENCE:g} s{why}", NO_STATE)
         except SkirosError as error:
             return self.fail(str(error), REFUSED)
 
@@ -218,7 +240,7 @@ class teach_path(_Teaching):
         except SkirosError as error:
             self.onEnd()
             return self.startError(str(error), REFUSED)
-        self._began = self._guiding.arm.now()
+        self._began, self._waiting = self._guiding.arm.now(), _Waiting(self._guiding.arm)
         return True
 
     def execute(self) -> State:
@@ -228,8 +250,12 @@ class teach_path(_Teaching):
             state = guiding.arm.state()
             if self._was_released and guiding_of(self.element("Arm")) is not guiding:
                 return self.fail(f"{self.label_of('Arm')} is no longer released: the path is discarded", REFUSED)
+            if state is not None and not _is_known(state):
+                return self.fail(f"{self.label_of('Arm')}: {state.stopped}", NO_STATE, state.kind)
             if state is not None:
                 self._recording.add(state)
+            elif not len(self._recording) and self._waiting.is_over():
+                return self.fail(f"{self.label_of('Arm')} has sent no state for {_PATIENCE:g} s", NO_STATE)
             late = guiding.arm.now() - (state.stamp if state is not None else self._began)
             if late > (STALE if len(self._recording) else _PATIENCE):
                 return self.fail(f"{self.label_of('Arm')} has sent no state for {late:.1f} s", NO_STATE)
@@ -276,7 +302,7 @@ class teach_end(_Teaching):
         self._guiding = guiding_of(self.element("Arm"))
         if self._guiding is None:
             return True
-        self._began = self._guiding.arm.now()
+        self._waiting = _Waiting(self._guiding.arm)
         self._guiding.ends_recording = True
         self._guiding.ends = self._guiding.ends or not self.value("KeepReleased")
         return True
@@ -288,7 +314,7 @@ class teach_end(_Teaching):
         is_guided = guiding_of(self.element("Arm")) is guiding
         if not guiding.is_recorded and not (guiding.ends and is_guided):
             return self.success(f"{arm} is still released" if is_guided else f"{arm} holds its pose")
-        if guiding.arm.now() - self._began > _PATIENCE:
+        if self._waiting.is_over():
             return self.fail(f"{arm} is still {'recorded' if guiding.is_recorded else 'released'}", TOO_LONG)
         return self.step(f"Ending to teach with {arm}")
 

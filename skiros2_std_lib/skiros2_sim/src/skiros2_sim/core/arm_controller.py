@@ -300,15 +300,12 @@ class ArmController:
         is_due = self._steps % self._period == 0
         if is_due or self.guard.was_exceeded:
             self._check_limits(self._period * dt if is_due else dt)
-        self._steps += 1
         if is_due and self.compliant and not self._is_held:
             self._control(self._period * dt)
-        if not self.compliant or self._is_held:
-            return
-        if is_due or not self.arm.is_torque_driven:
-            self.arm.drive_torques(self.impedance.commanded_torques.tolist())
-        else:
-            self.arm.keep_torques()
+        self._steps += 1
+        if self.compliant and not self._is_held:
+            are_new = is_due or not self.arm.is_torque_driven
+            self.arm.drive_torques(self.impedance.commanded_torques.tolist()) if are_new else self.arm.keep_torques()
 
     def _update_often(self) -> None:
         """Updates the controller in each step of the world, if it has something to do there."""

@@ -147,7 +147,7 @@ def test_robots_with_different_skills_reach_a_goal_together(cell: Cell) -> None:
     assert again.result.state == AchieveResult.NOTHING_TO_DO
 
 
-@pytest.mark.parametrize("finished", [1, 5])
+@pytest.mark.parametrize("finished", [1, pytest.param(5, marks=pytest.mark.long)])
 def test_goal_is_reached_after_a_manager_is_killed(own: Ros, finished: int) -> None:
     cell = Cell(own, CREW)
     managers = {f"/{name}": SkillManagerInterface(f"/{name}", "tests") for name in CREW}  # connected beforehand

@@ -35,6 +35,7 @@ def manager(ros: Ros) -> Program:
     return launch
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("manager")
 def test_commands_print_the_documented_output(ros: Ros) -> None:
     waiting: list[Program] = []

@@ -58,6 +58,7 @@ def test_satisfied_goal_runs_nothing(run: DemoRun) -> None:
     assert "The tree as it runs" not in shown
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_all_processes(run: DemoRun) -> None:
     program = run.start()
     program.wait_for_line("▶ move_base_timed")

@@ -489,6 +489,7 @@ def test_early_or_unknown_cancellation_has_no_effect(ros, robot):
     goals.unregister()
 
 
+@pytest.mark.long
 def test_hundreds_of_simultaneous_goals_all_end(robot):
     stays = [robot.run([skill(robot, "stay")]) for _ in range(200)]
     for run in stays:

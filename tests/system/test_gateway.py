@@ -251,6 +251,7 @@ def test_gateway_that_comes_back_learns_the_steps_it_has_missed(cell: JobCell) -
     assert response["changes"]
 
 
+@pytest.mark.long
 def test_job_that_asks_after_a_restart_continues_when_it_is_resumed(cell: JobCell) -> None:
     def state() -> str:
         return str(cell.rest.get("/api/jobs/asks")["state"])

@@ -141,7 +141,9 @@ def test_second_launch_ends_with_one_sentence_and_disturbs_nothing(ros: Ros) -> 
     assert {node: ros.master.node_pid(node) for node in nodes} == pids
 
 
-@pytest.mark.parametrize("setting", ["http_port", "stop_port", "opcua_port"])
+@pytest.mark.parametrize(
+    "setting", ["http_port", *(pytest.param(name, marks=pytest.mark.long) for name in ("stop_port", "opcua_port"))]
+)
 def test_launch_ends_with_one_sentence_if_a_port_is_taken(ros: Ros, setting: str, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -288,9 +290,9 @@ def processes(*words: str) -> list[str]:
     ("file", "arguments", "nodes"),
     [
         ("skiros.launch", {"gui": False}, {"wm", "test_robot", "tm"}),
-        ("world_model_server.launch", {"gui": False}, {"wm"}),
-        ("skill_mgr.launch", {}, {"test_robot"}),
-        ("task_mgr.launch", {}, {"tm"}),
+        pytest.param("world_model_server.launch", {"gui": False}, {"wm"}, marks=pytest.mark.long),
+        pytest.param("skill_mgr.launch", {}, {"test_robot"}, marks=pytest.mark.long),
+        pytest.param("task_mgr.launch", {}, {"tm"}, marks=pytest.mark.long),
     ],
 )
 def test_without_deploy_each_node_has_an_xterm(

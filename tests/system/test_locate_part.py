@@ -68,6 +68,7 @@ def cell(ros_master: RosMaster) -> Iterator[Cell]:
         ros.stop()
 
 
+@pytest.mark.long
 def test_displaced_block_is_located_before_the_insertion(cell: Cell) -> None:
     assert "locate_part" not in cell.run("skiros2_task", "plan", GOAL)
     cell.forget_place()

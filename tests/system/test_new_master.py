@@ -113,6 +113,7 @@ def test_nodes_and_clients_continue_with_a_new_master(cell: Ros, client: Client)
         newcomer.close()
 
 
+@pytest.mark.long
 def test_world_model_killed_after_a_new_master_is_found_again(cell: Ros, client: Client, tmp_path: Path) -> None:
     registered = cell.master.registrations(NODES)
     cell.master.kill()
@@ -127,6 +128,7 @@ def test_world_model_killed_after_a_new_master_is_found_again(cell: Ros, client:
     assert client.ask("count") == SkillProgress.SUCCESS
 
 
+@pytest.mark.long
 def test_a_lock_is_kept_while_the_master_is_away(cell: Ros, client: Client) -> None:
     other = Client(cell.master, "other")
     try:

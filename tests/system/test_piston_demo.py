@@ -32,6 +32,7 @@ def demo(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Program]:
     program.stop()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_two_arms_insert_the_piston_of_a_displaced_block(demo: Program, tmp_path: Path) -> None:
     status = demo.wait(580)

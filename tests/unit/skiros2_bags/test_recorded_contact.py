@@ -82,6 +82,7 @@ def test_recorded_force_ends_the_tree_again(recording: Recording, run: Run) -> N
     assert rerun(recording, SETTINGS).divergence is None
 
 
+@pytest.mark.long
 def test_tree_without_the_recorded_forces_diverges_where_they_ended_it(recording: Recording) -> None:
     silent = copy(recording)
     silent.events = [event for event in recording.events if not _is_above(event, 5.0)]

@@ -40,7 +40,7 @@ class Cell:
     def __init__(self, ros: Ros) -> None:
         self.ros = ros
         workspace = {"workspace_dir": SCENE.parent}
-        ros.launch("skiros2_sim", "sim.launch", scene=SCENE.name, camera_rate=3.0, depth_noise=0.001, **workspace)
+        ros.launch("skiros2_sim", "sim.launch", scene=SCENE.name, camera_rate=1.0, depth_noise=0.001, **workspace)
         ros.launch(
             "skiros2",
             "skiros.launch",

@@ -20,6 +20,7 @@ ROBOT = "/mobile_manipulator"
 PRODUCT, GRIPPER, STATION_1 = "skiros:Product-14", "rparts:GripperEffector-4", "demo:Workstation-6"
 
 
+@pytest.mark.long
 def test_picked_object_follows_the_gripper_until_it_is_lost(ros: Ros) -> None:
     ros.launch("skiros2_sim_skills", "demo.launch", gui=False, rate=4.0)
     ros.service(f"{ROBOT}/command", srvs.SkillCommand)

@@ -94,6 +94,7 @@ class Cell:
         self.wm.update_element_properties(block)
 
 
+@pytest.mark.long
 def test_path_that_a_hand_shows_is_replayed_at_the_moved_block(ros: Ros) -> None:
     cell = Cell(ros)
     block = cell.wm.get_element(BLOCK)

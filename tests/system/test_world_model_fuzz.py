@@ -333,6 +333,7 @@ def test_hostile_requests_are_rejected_without_effect(node: Node) -> None:
     assert "Traceback" not in node.program.output
 
 
+@pytest.mark.long
 def test_request_of_100_000_elements_is_atomic(node: Node) -> None:
     node.call("load_and_save", "load", "blank.ttl", "scene")
     before = node.state()[0]

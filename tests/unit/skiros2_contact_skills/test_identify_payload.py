@@ -21,7 +21,7 @@ def cell() -> Iterator[ContactCell]:
         yield made
 
 
-@pytest.mark.parametrize("mass", [0.0, 0.3, 1.2])
+@pytest.mark.parametrize("mass", [*(pytest.param(mass, marks=pytest.mark.long) for mass in (0.0, 0.3)), 1.2])
 def test_known_mass_is_identified_and_written_to_the_part(cell: ContactCell, mass: float) -> None:
     cell.place((0.5, 0.05, 0.65))
     part = cell.skills.add("skiros:Product", f"product of {mass} kg", cell.element, "skiros:contain")

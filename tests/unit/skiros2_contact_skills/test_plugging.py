@@ -81,6 +81,7 @@ def test_stiff_latch_is_not_passed(cell: MakeCell) -> None:
     assert "expected a click at 12.0 N and 3.0 mm before the floor" in task.why
 
 
+@pytest.mark.long
 def test_missing_latch_is_no_click(cell: MakeCell) -> None:
     made = cell(force=0.5)
     task = made.run(made.plug_into_socket(), made.hold())

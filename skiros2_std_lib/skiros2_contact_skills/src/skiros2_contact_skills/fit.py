@@ -20,6 +20,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills.pose_errors import position_deviation
+from skiros2_motion.core.payload_estimate import GRAVITY
 from skiros2_std_reasoners.core.scene_poses import has_size, size_of
 
 DEPTH, DIAMETER, CHAMFER = "skiros:Depth", "skiros:Diameter", "skiros:Chamfer"
@@ -30,8 +31,6 @@ WIDTH = "skiros:GripWidth"
 USUAL_DEPTH, USUAL_RADIUS, USUAL_ATTEMPTS = 0.06, 0.0052, 6
 #: Depth below the rim at which a part is in the bore, and the largest part of the bore's depth that this may be.
 _DROP, _LARGEST_DROP = 0.0012, 0.5
-#: Of the earth (m/s2).
-_GRAVITY = 9.81
 #: Standard deviations that a search covers, errors of grasp and arm, and its largest radius.
 _SIGMAS, _OTHER_ERRORS, _LARGEST_RADIUS = 3.0, 0.002, 0.02
 
@@ -100,7 +99,7 @@ def weight_of(part: Element) -> float | None:
     :raises WrongValue: it is not a number of 0 or more.
     """
     mass = _number(part, "skiros:Weight")
-    return None if mass is None else mass * _GRAVITY
+    return None if mass is None else mass * GRAVITY
 
 
 def _of_either(bore: Element | None, part: Element | None, key: str) -> float | None:

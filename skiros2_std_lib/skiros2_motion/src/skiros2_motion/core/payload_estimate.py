@@ -25,6 +25,7 @@ from skiros2_motion.core.impedance import rotation_matrix
 
 Array = npt.NDArray[np.float64]
 
+#: Of the earth (m/s2).
 GRAVITY = 9.81
 #: Largest condition number of orientations that differ enough.
 _CONDITION = 50.0

@@ -341,6 +341,18 @@ def test_gateway_that_hangs_shows_no_data_and_stop_works(
     expect(connection).to_have_text("live")
 
 
+def test_world_model_and_task_manager_that_hang_are_shown_as_lost(page: Any, cell: JobCell, tmp_path: Path) -> None:
+    expect = playwright.expect
+    _log_in(page, TOKENS["view"])
+    lost = page.locator(".left .lost .title2")
+    expect(page.locator("#connection")).to_have_text("live")
+    expect(lost).to_have_count(0)
+    with _hung(*(cell.ros.master.node_pid(node) for node in ("/wm", "/tm"))):
+        expect(lost).to_have_text(["task manager", "world model"])
+        page.screenshot(path=str(tmp_path / "lost_parts.png"))
+    expect(lost).to_have_count(0)
+
+
 def test_stop_without_an_answer_shows_an_error_and_is_not_carried_out_later(
     page: Any, cell: JobCell, robot: ManagerClient
 ) -> None:

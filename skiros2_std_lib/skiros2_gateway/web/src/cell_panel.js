@@ -19,12 +19,13 @@ export const GOALS = "goals"; // the robot of runs that are goals
 const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
 
 export class CellPanel {
-  tables = ["cell", "jobs", "goals", "runs"];
+  tables = ["cell", "connections", "jobs", "goals", "runs"];
 
   constructor(panel, cell, run) {
     this.cell = cell;
     this.run = run;
     const list = () => h("div", { class: "list" });
+    this.lost = h("div", { class: "lost" });
     this.robots = list();
     this.jobs = list();
     this.runs = list();
@@ -32,7 +33,7 @@ export class CellPanel {
     this.newJob = h("button", { class: "primary small", id: "new-job", hidden: true, onclick: () => openJobDialog(cell) }, "New job");
     this.runsTitle = h("h2", {}, "Runs");
     this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("") }, "Back to the cell");
-    this.now = h("div", {},
+    this.now = h("div", {}, this.lost,
       h("header", {}, h("h2", {}, "Robots")), this.robots,
       h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs);
     panel.append(
@@ -44,7 +45,10 @@ export class CellPanel {
   }
 
   render() {
-    const { cell, jobs } = this.cell.document;
+    const { cell, connections, jobs } = this.cell.document;
+    const lost = Object.values(connections).filter((part) => !part.is_up);
+    keyed(this.lost, lost, (part) => part.name, card, (element, part) => fill(element, "failure", part.name, "no connection",
+      part.text || (part.since ? `lost at ${clock(part.since)}` : `${part.address} has not answered yet`)));
     this.newJob.hidden = !this.cell.mayCommand;
     keyed(this.robots, cell.robots ?? [], (robot) => robot.name, () => this.#makeRobot(), (e, robot) => this.#showRobot(e, robot));
     empty(this.robots, "No robot is connected.");

@@ -23,7 +23,7 @@ from skiros2_common.core.errors import Refused
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_common.ros.goal_server import ACTIVE
 from skiros2_gateway.core.cell import LOST, UNKNOWN, Ending, Goal, GoalListener, Progress
-from skiros2_live.core.patch import GoalProgress
+from skiros2_live.core.patch import TASK_MANAGER, Connection, GoalProgress
 from skiros2_live.ros.goals import GoalTopics
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -77,15 +77,16 @@ class _Tracked:
 class AchieveGoals:
     """Follows goals. Its methods are called in the thread of the loop; so is the listener.
 
-    :param report: called in the thread of the loop with each message of a goal of any client.
-    :param changed: called in the thread of the loop if `is_ready` has changed.
+    :param report: called in the thread of the loop with each message of a goal of any client, and with the connection
+        to the task manager if `is_ready` has changed.
+    :param changed: called after the latter.
     """
 
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
         listener: GoalListener,
-        report: Callable[[GoalProgress], None],
+        report: Callable[[GoalProgress | Connection], None],
         changed: Callable[[], None],
     ) -> None:
         self._loop = loop
@@ -93,7 +94,8 @@ class AchieveGoals:
         self._listener = listener
         self._changed = changed
         self._goals: dict[str, _Tracked] = {}
-        self._was_ready = False
+        self._task_manager = Connection(TASK_MANAGER, rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0], False, 0.0)
+        report(self._task_manager)
         self._last_status = 0.0  # s, monotonic
         self._connection: object = None  # the header of the connection to the task manager's process
         self._client = actionlib.ActionClient(ACHIEVE_ACTION, msgs.AchieveAction)
@@ -207,8 +209,9 @@ class AchieveGoals:
                 self._end(goal_id, Ending(LOST, "the task manager does not know the goal: it ended, or never arrived"))
             elif silent < 1.0 and goal.status >= 0 and now - goal.since > FORGOTTEN_AFTER:
                 self._end(goal_id, Ending(LOST, "the task manager no longer knows the goal: it was restarted"))
-        if self.is_ready != self._was_ready:
-            self._was_ready = not self._was_ready
+        if self.is_ready != self._task_manager.is_up:
+            self._task_manager = self._task_manager.updated(not self._task_manager.is_up)
+            self._report(self._task_manager)
             self._changed()
         self._timer = self._loop.call_later(_CHECK_PERIOD, self._check)
 

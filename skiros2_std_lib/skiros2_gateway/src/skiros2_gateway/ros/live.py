@@ -13,18 +13,16 @@ import rospy
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.manager_names import matching_name
 from skiros2_gateway.core.deadline import remaining
-from skiros2_gateway.ros.goals import SILENCE
 from skiros2_gateway.ros.ros_cell import RosCell
-from skiros2_live.core.patch import TASK_MANAGER, Connection
 from skiros2_live.core.scene_view import SceneView
 from skiros2_live.ros.parameters import mesh_folders
+from skiros2_live.ros.world_model_watch import WorldModelWatch
 from skiros2_runs.core.values import NodeStatus
 from skiros2_skill.client.manager import ManagerClient
-from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
 
 log = logging.getLogger(__name__)
 
-#: The period of checks for a lost task manager (s).
+#: The period of checks whether the world model answers (s).
 _CHECK_PERIOD = 1.0
 #: Files in the folders with meshes that viewers may read: also materials and textures.
 _MESH_FILES = (".stl", ".obj", ".dae", ".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga")
@@ -36,11 +34,14 @@ class LiveRos:
     def __init__(self, cell: RosCell) -> None:
         self._cell = cell
         self._recorded: SceneView | None = None
+        self._world_model = WorldModelWatch(cell.report)
+        self._world_model.start()
         self._task = asyncio.get_running_loop().create_task(self._check())
 
     def close(self) -> None:
-        """Ends all subscriptions."""
+        """Ends all checks."""
         self._task.cancel()
+        self._world_model.close()
 
     # -- what viewers ask for ----------------------------------------------------------------------------------
 
@@ -100,15 +101,6 @@ class LiveRos:
     # -- periodically ------------------------------------------------------------------------------------------
 
     async def _check(self) -> None:
-        """Reports the task manager: it is lost after `SILENCE`, as its goals are."""
-        connection = Connection(TASK_MANAGER, rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0], False, 0.0)
-        missing = 0
         while True:
-            missing = 0 if self._cell.is_ready else missing + 1
-            if missing == 0 and not connection.is_up:
-                connection = connection.updated(True)
-                self._cell.document.apply(connection)
-            elif missing == SILENCE // _CHECK_PERIOD:
-                connection = connection.updated(False, f"It has sent no status for {SILENCE:g} s.")
-                self._cell.document.apply(connection)
+            self._world_model.check()
             await asyncio.sleep(_CHECK_PERIOD)

@@ -37,10 +37,10 @@ demo:  ## a robot picks and places; GUI=1 shows it, DEMO_ARGS="--disturb slip" d
 	@exec .ci/in_ros rosrun $($(DEMO)) $(if $(gui),--gui) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
-# One process more than there are cores, for tests of nodes wait a third of their time.
+# Two processes more than there are cores, for tests of nodes wait a third of their time.
 test: setup  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)
 	@$(MAKE) --no-print-directory --jobs 2 lint compiled-tests
-	@exec .ci/in_ros $(python) -m pytest --numprocesses $$(($$(nproc) + 1)) --maxprocesses 4 \
+	@exec .ci/in_ros $(python) -m pytest --numprocesses $$(($$(nproc) + 2)) --maxprocesses 4 \
 		--dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 # One after the other: these measure times and load the machine themselves. Their tests state their own time limits.

@@ -116,6 +116,7 @@ def test_each_element_of_a_goal_is_changed(site: Site, way: str, kind: str) -> N
     assert not any(site.value(element, other_key) for element in others)
 
 
+@pytest.mark.long
 @rule(
     "wire", "A plan with a compound whose children change what its description does not declare fails",
     better="the message names the step, the fact and the time",

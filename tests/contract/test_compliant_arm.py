@@ -135,7 +135,7 @@ def standard(sim: SimulatorClient) -> Callable[[], Rig]:
     return lambda: rig
 
 
-@pytest.fixture(params=["simulated", "ros", "standard"])
+@pytest.fixture(params=["simulated", "ros", pytest.param("standard", marks=pytest.mark.long)])
 def still(request: pytest.FixtureRequest) -> Rig:
     """An arm whose compliant controller is not active."""
     rig: Rig = request.getfixturevalue(request.param)()

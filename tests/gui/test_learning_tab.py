@@ -131,6 +131,7 @@ def test_an_evaluation_is_replayed(tab: LearningTab, monkeypatch: pytest.MonkeyP
     assert status(tab) == "the result is the same"
 
 
+@pytest.mark.long
 def test_a_replay_runs_in_a_process_of_its_own(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import os
     import sys

@@ -97,6 +97,7 @@ def test_without_the_python_index_the_package_is_named_and_no_environment_is_lef
     assert not (clone / ".venv").exists()
 
 
+@pytest.mark.long
 def test_an_environment_that_cannot_be_renewed_stays_as_it_was(clone: Path, commands: Path) -> None:
     lists = environment(clone, "uv")
     (lists / "run").write_text("of other requirements")
@@ -133,6 +134,7 @@ def test_demo_needs_no_browser_no_broker_no_window_and_no_compiler(clone: Path, 
     assert {"rviz", "python3-pyqt5"} <= set(set_up(clone, commands, "run", "window").stderr.split())
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_build_makes_only_python_messages_and_each_step_prints_its_time(clone: Path, commands: Path) -> None:
     lists = ("uv", "run", "planner", "sim")
@@ -151,6 +153,7 @@ def test_build_makes_only_python_messages_and_each_step_prints_its_time(clone: P
     assert sum(float(time) for _, _, time in steps) < 10  # a second, on a machine that is not busy
 
 
+@pytest.mark.long
 def test_python_packages_are_fetched_while_dpkg_unpacks(clone: Path, commands: Path) -> None:
     """Each waits until the other has started."""
     environment(clone, "uv")
@@ -169,6 +172,7 @@ def test_python_packages_are_fetched_while_dpkg_unpacks(clone: Path, commands: P
     assert "set-up: CMake" in done.stderr  # the packages were no obstacle: the build began
 
 
+@pytest.mark.long
 def test_changed_list_is_installed_into_the_environment_that_is_there(clone: Path, commands: Path) -> None:
     lists = environment(clone, "uv", "run", "sim")
     (lists / "run").write_text("dropped==1.0 \\\n" + (lists / "run").read_text())

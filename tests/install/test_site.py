@@ -12,7 +12,8 @@ from support.ros import ROOT
 
 PAGES = ROOT / "build/docs/pages"
 
-pytestmark = pytest.mark.timeout(600)  # imports every package, and asks every program for its help
+# The timeout: it imports every package, and asks every program for its help.
+pytestmark = [pytest.mark.timeout(600), pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

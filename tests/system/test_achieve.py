@@ -176,6 +176,7 @@ def test_goal_is_reached_after_a_manager_is_killed(own: Ros, finished: int) -> N
     assert victim not in {step["robot"] for step in after}
 
 
+@pytest.mark.long
 def test_goal_waits_for_an_irreplaceable_manager(own: Ros) -> None:
     cell = Cell(own, SPECIALISTS)
     request = cell.achieve()
@@ -225,6 +226,7 @@ def test_shutdown_of_the_task_manager_stops_running_steps(own: Ros) -> None:
     porter.shutdown()
 
 
+@pytest.mark.long
 def test_shutdown_of_the_task_manager_ends_goals_whose_steps_do_not_stop(own: Ros) -> None:
     cell = Cell(own, SPECIALISTS)
     request = cell.achieve()
@@ -277,6 +279,7 @@ def test_impossible_goals_are_rejected_with_the_reason(cell: Cell) -> None:
         assert [step["label"] for step in request.done] == ["carry"]
 
 
+@pytest.mark.long
 def test_a_goal_is_reached_by_a_skill_of_one_robot_with_the_skills_of_others(own: Ros) -> None:
     cell = Cell(own, {**SPECIALISTS, "foreman": ["achieve"]})
     foreman = SkillManagerInterface("/foreman", "tests")

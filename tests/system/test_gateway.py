@@ -237,6 +237,7 @@ def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
     secured.stop()
 
 
+@pytest.mark.long
 def test_gateway_that_comes_back_learns_the_steps_it_has_missed(cell: JobCell) -> None:
     order = cell.order("missed", 6, store=1)
     key = order["parameters"]["Product"], order["parameters"]["Place"]

@@ -73,6 +73,7 @@ def cell(ros: Ros) -> Iterator[Cell]:
     yield Cell(ros)
 
 
+@pytest.mark.long
 def test_released_arm_follows_the_dragged_marker(cell: Cell) -> None:
     cell.release()
     x, y, z = cell.tool()

@@ -123,6 +123,7 @@ def test_launch_is_not_stopped_by_another_node_at_the_address_of_a_killed_one(ro
     assert "is already running" not in program.output
 
 
+@pytest.mark.long
 def test_second_launch_ends_with_one_sentence_and_disturbs_nothing(ros: Ros) -> None:
     first = roslaunch(ros, "skiros2", "skiros.launch", gui=False, deploy=True)
     nodes = {"/wm", "/tm", "/test_robot"}
@@ -157,6 +158,7 @@ def test_launch_ends_with_one_sentence_if_a_port_is_taken(ros: Ros, setting: str
     assert "Traceback" not in program.output
 
 
+@pytest.mark.long
 def test_launch_of_a_robot_with_a_broken_scene_ends_with_file_line_and_column(ros: Ros, tmp_path: Path) -> None:
     (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
     program = roslaunch(

@@ -132,6 +132,7 @@ def test_dragged_marker_moves_the_element(world: WorldModelInterface, drag: Drag
     assert drag.marker(PRODUCT, 0.3).header.frame_id == TRAY
 
 
+@pytest.mark.long
 def test_rviz_starts_with_the_system_and_draws_elements(ros: Ros) -> None:
     with Display() as display:
         env = {**ros.master.env, **display.env}
@@ -151,6 +152,7 @@ def green(display: Display) -> float:
     return float(np.mean((greens > red + 15) & (greens > blue + 15)))
 
 
+@pytest.mark.long
 def test_embedded_rviz_draws_the_selection(ros: Ros, world: WorldModelInterface, tmp_path: Path) -> None:
     with Display() as display:
         picture = tmp_path / "window.png"

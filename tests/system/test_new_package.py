@@ -30,6 +30,7 @@ def package(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> 
     return folder / "lab_skills"
 
 
+@pytest.mark.long
 def test_package_passes_its_tests_and_has_no_faults(ros_master: RosMaster, package: Path) -> None:
     env = {**ros_master.env, "PYTHONPATH": f"src:{ros_master.env['PYTHONPATH']}"}
     tested = run(PYTHON, "-m", "pytest", "-p", "no:cacheprovider", "tests", env=env, cwd=package)
@@ -37,6 +38,7 @@ def test_package_passes_its_tests_and_has_no_faults(ros_master: RosMaster, packa
     assert run("rosrun", "skiros2_skill", "lint", "lab_skills", env=env, cwd=package) == "0 errors, 0 warnings\n"
 
 
+@pytest.mark.long
 def test_package_is_built_started_and_reaches_a_goal(ros_master: RosMaster, package: Path, tmp_path: Path) -> None:
     install = tmp_path / "install"
     options = (f"-DPYTHON_EXECUTABLE={PYTHON}", f"-DCMAKE_INSTALL_PREFIX={install}", "-DCATKIN_ENABLE_TESTING=OFF")

@@ -125,6 +125,7 @@ def test_block_is_located_from_three_postures_of_the_arm(cell: Cell) -> None:
     assert block.value_of("skiros:EstimateViews") == 3 and block.value_of("skiros:EstimateFitness") > 0.8
 
 
+@pytest.mark.long
 def test_displaced_block_is_refused_by_fusion_and_located_again(cell: Cell) -> None:
     cell.move_to("left")
     cell.done("estimate_pose", "Camera=Camera", "Object=Engine block")
@@ -148,6 +149,7 @@ def test_removed_cube_becomes_missing(cell: Cell) -> None:
     assert cell.wm.get_element(CUBE).value_of("skiros:Missing") is True
 
 
+@pytest.mark.long
 def test_unknown_cube_becomes_one_element_with_a_frame(cell: Cell) -> None:
     """Last of the tests with the cube: its element is removed."""
     cell.move_to("home")
@@ -178,6 +180,7 @@ def test_camera_without_messages_and_frame_without_tf_are_refused(cell: Cell, cl
     assert empty.returncode == 1 and "0 points before the camera: expected at least 100" in empty.stdout
 
 
+@pytest.mark.long
 def test_block_is_located_from_point_clouds(cell: Cell, clouds: Clouds) -> None:
     cell.move_to("left")
     clouds.publish(lambda cloud: None)

@@ -161,6 +161,7 @@ def test_stopped_goal_resumes_from_the_place_where_the_object_was_put_down(cell:
     assert cell.place_of(cell.products[0]) == cell.store
 
 
+@pytest.mark.long
 def test_interrupting_goal_waits_until_the_object_is_put_down(cell: Cell) -> None:
     cell.start_task_manager()
     first, second = cell.products

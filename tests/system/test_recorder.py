@@ -156,6 +156,7 @@ def test_restore_sets_a_running_world_model_to_a_past_state(recorded: Recorded) 
     assert recorded.place.strip() == STATION
 
 
+@pytest.mark.long
 def test_foreign_bag_can_be_played(ros: Ros, tmp_path: Path) -> None:
     recorder = ros.run("skiros2_bags", "record", "-o", str(tmp_path / "again.bag"), "--robots", ROBOT)
     recorder.wait_for_line("recording to")

@@ -174,6 +174,7 @@ def test_topic_is_subscribed_while_the_skill_runs(robot, arm, sensor):
     wait_until(lambda: not sensor.readers, what="the end of the subscription")
 
 
+@pytest.mark.long
 def test_recorded_run_has_the_signal_and_re_runs(ros, robot, arm, sensor, tmp_path, monkeypatch):
     bag = tmp_path / "run.bag"
     first = pressing(robot, arm, sensor)  # connects the client, before the recorder looks for it

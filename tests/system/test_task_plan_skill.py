@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs.msg import ResourceDescription, SkillProgress, TreeProgress, WmElement
@@ -79,6 +81,7 @@ def test_task_plan_runs_the_planned_skills(ros: Ros) -> None:
     assert stopped[0].state == SkillProgress.FAILURE
 
 
+@pytest.mark.long
 def test_task_plan_without_a_task_manager_fails_and_other_tasks_continue(ros: Ros) -> None:
     ros.launch("skiros2", "skiros.launch", gui=False, task_mgr_on=False, robot_name="mobile_manipulator",
                robot_ontology_prefix="demo", workspace_dir=INSTALL / "share" / "skiros2_demo_skills" / "owl",

@@ -33,6 +33,7 @@ def window(ros: Ros) -> Iterator[Window]:
     made.system.close()
 
 
+@pytest.mark.long
 def test_window_teaches_a_path_by_a_force_and_undoes_it(ros: Ros, window: Window) -> None:
     world = WorldPresenter(window)
     teach = TeachPresenter(world, lambda: None)

@@ -139,6 +139,7 @@ def test_path_that_a_hand_shows_is_replayed_at_the_moved_block(ros: Ros) -> None
     assert distances(cell.tool_on_block(), shown[0])[0] < 0.02
 
 
+@pytest.mark.long
 def test_undo_preempted_release_and_removed_object(ros: Ros) -> None:
     cell = Cell(ros)
     block = cell.wm.get_element(BLOCK)

@@ -78,7 +78,7 @@ def ros(ros_master: RosMaster) -> Iterator[Ros]:
     system.stop()
 
 
-@pytest.fixture(params=list(DRIVERS))
+@pytest.fixture(params=["franka_ros", *(pytest.param(name, marks=pytest.mark.long) for name in list(DRIVERS)[1:])])
 def rig(ros: Ros, request: pytest.FixtureRequest) -> Iterator[Rig]:
     yield from begun(request.param)
 

@@ -19,6 +19,14 @@ from support.ros import RosMaster
 pytestmark = pytest.mark.timeout(600)  # alone, a page is followed after four others
 
 
+#: So many are followed by `make test`: what each newcomer does.
+_FIRST = 6
+
+
+def _name(page: Path) -> str:
+    return page.stem
+
+
 @pytest.fixture(scope="module")
 def newcomer(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Newcomer]:
     home = tmp_path_factory.mktemp("home")
@@ -27,10 +35,13 @@ def newcomer(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) ->
     shutil.rmtree(home)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [*PAGES[:_FIRST], *(pytest.param(page, marks=pytest.mark.long) for page in PAGES[_FIRST:])], ids=_name
+)
 def test_tutorial_shows_what_happens(newcomer: Newcomer, page: Path) -> None:
     newcomer.follow(page)
 
 
+@pytest.mark.long
 def test_tests_of_the_package_pass_after_all_tutorials(newcomer: Newcomer) -> None:
     newcomer.check_package()

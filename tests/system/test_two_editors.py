@@ -17,6 +17,7 @@ from support.ros import Ros
 SECONDS = 8
 
 
+@pytest.mark.long
 @pytest.mark.timeout(SECONDS + 120)
 def test_two_programs_that_change_the_same_elements_end_with_the_same_scene(ros: Ros, tmp_path: Path) -> None:
     ros.run("skiros2_world_model", "world_model_server_node", name="wm", params={"workspace_dir": str(tmp_path)})

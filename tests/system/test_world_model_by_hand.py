@@ -23,6 +23,7 @@ def code() -> list[str]:
     return re.findall(r"^```\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.long
 def test_services_return_the_documented_results(ros: Ros, tmp_path: Path) -> None:
     start, *blocks = code()
     _, package, file, *arguments = start.split()

@@ -59,6 +59,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return SimpleNamespace(path=target, chunks=RrdReader(target).stream().to_chunks())
 
 
+@pytest.mark.long
 def test_rerun_can_read_each_column_of_a_recording(recording: Any, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rerun", "rrd", "verify", str(recording.path)]
     env = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}  # a first run sends no statistics

@@ -92,6 +92,7 @@ def test_tree_without_the_recorded_forces_diverges_where_they_ended_it(recording
     assert found.expected.startswith("failed") and found.got.startswith("running")
 
 
+@pytest.mark.long
 def test_force_that_was_recorded_after_the_tick_that_it_ended_is_found(recording: Recording) -> None:
     ended = next(
         event

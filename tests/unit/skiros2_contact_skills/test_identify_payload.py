@@ -37,6 +37,7 @@ def test_known_mass_is_identified_and_written_to_the_part(cell: ContactCell, mas
     assert weight == pytest.approx(mass, abs=0.02)
 
 
+@pytest.mark.long
 def test_hand_that_touches_something_is_not_identified(cell: ContactCell) -> None:
     cell.place((0.62, 0.3, TABLE_TOP + 0.001))
     task = cell.run("IdentifyPayload", MaxForce=100.0, MaxTorque=50.0)

@@ -117,6 +117,7 @@ def test_press_without_a_surface_fails(cell: ContactCell) -> None:
     assert task.skill.progress_code == codes.NO_CONTACT
 
 
+@pytest.mark.long
 def test_surface_is_followed_to_a_wall(cell: ContactCell) -> None:
     place(cell, FREE, 0.015)
     task = cell.run("FollowSurface", Direction=0.0, Distance=0.2, WallForce=12.0)

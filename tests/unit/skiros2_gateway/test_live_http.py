@@ -249,6 +249,7 @@ def test_strange_files_between_the_bags_hide_none(in_gateway: Run, tmp_path: Pat
     in_gateway(test)
 
 
+@pytest.mark.long
 def test_bag_with_any_file_name_is_listed_and_opened(in_gateway: Run, tmp_path: Path) -> None:
     folders = ["", "x", "x~", "\u202ex", "\\u{7e}"]
     names = ["x~y", "~", "", ".", "..", "x\\u{7e}y", "a/b", "a;b&c=d#e?f%2Fg", "äöü☃", "n" * 251, "bag"]

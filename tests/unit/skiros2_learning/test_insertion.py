@@ -45,6 +45,7 @@ def test_a_good_search_finds_the_bore_in_spite_of_the_error_of_its_pose(good: Ev
     assert 10.0 < good.objectives["force"] < 48.0
 
 
+@pytest.mark.long
 def test_an_insertion_is_the_same_bit_for_bit_and_differs_with_the_seed(insertion: Scenario) -> None:
     short = dataclasses.replace(insertion, simulation=Simulation(time_limit=1.0))
     first, second, other = (evaluate(short, GOOD, seed) for seed in (1, 1, 2))

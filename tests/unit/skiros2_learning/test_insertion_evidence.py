@@ -107,6 +107,7 @@ def test_joint_at_its_limit_is_no_floor(study: InsertionStudy, depth: float) -> 
     assert not run.reported  # the force of the spring is not measured, or no floor is felt
 
 
+@pytest.mark.long
 def test_depth_is_that_of_the_bore(tmp_path: Path) -> None:
     scene = changed_scene(tmp_path, {'skiros:Depth "0.06"': 'skiros:Depth "0.04"'})
     with InsertionStudy(scene) as study:
@@ -116,6 +117,7 @@ def test_depth_is_that_of_the_bore(tmp_path: Path) -> None:
     assert run.max_force < 40.0
 
 
+@pytest.mark.long
 def test_part_that_does_not_find_the_bore_is_lifted_off_its_rim(tmp_path: Path) -> None:
     narrow = {'skiros:Diameter "0.0402"': 'skiros:Clearance "0.0002" ; skiros:Diameter "0.0397"'}
     parameters = {"insert_into_bore": {"Attempts": 2}, "spiral_search": {"SearchTime": 1.0}}

@@ -35,6 +35,7 @@ def test_piston_is_inserted_in_spite_of_an_error_of_the_estimated_pose(run: Inse
     assert run.max_force < 48.0
 
 
+@pytest.mark.long
 def test_run_is_the_same_bit_by_bit_each_time(study: InsertionStudy, run: InsertionRun) -> None:
     assert run_with_error(study) == run
 

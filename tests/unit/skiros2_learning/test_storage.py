@@ -63,6 +63,7 @@ def results_match(study: LearningStudy) -> bool:
 # -- the journal -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_full_disk_is_one_line_and_loses_no_finished_evaluation(file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "study"
     output, error = learn("run", str(file), "--study", str(folder), limit=6000).communicate(timeout=120)

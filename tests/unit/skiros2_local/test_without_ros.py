@@ -71,6 +71,7 @@ def test_nothing_else_is_there(env: dict[str, str], tmp_path: Path) -> None:
     assert found == "[]\n"
 
 
+@pytest.mark.long
 def test_tutorial_shows_what_happens(env: dict[str, str], tmp_path: Path) -> None:
     assert needs(PAGE).setup == PIP
     with Reader(tmp_path, {**env, "HOME": str(tmp_path)}) as reader:

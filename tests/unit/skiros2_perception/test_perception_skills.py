@@ -142,6 +142,7 @@ def test_bores_move_with_the_located_block(cell: Cell) -> None:
     assert math.dist(cell.known_pose("Bore 1").position, true.position) < 0.001
 
 
+@pytest.mark.long
 def test_view_that_disagrees_with_the_estimate_is_refused_and_changes_nothing(cell: Cell) -> None:
     cell.look_from("left")
     assert cell.estimate().state is State.Success
@@ -201,6 +202,7 @@ def test_preempted_skill_leaves_the_world_model_as_it_is(cell: Cell) -> None:
     assert cell.element("Engine block").version == before.version
 
 
+@pytest.mark.long
 def test_object_with_a_mesh_is_located(cell: Cell, tmp_path: Path) -> None:
     cube = cell.element("Cube")
     half = 0.5 * cube.value_of("skiros:SizeX")

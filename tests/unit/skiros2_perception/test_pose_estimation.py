@@ -54,6 +54,7 @@ def test_displaced_block_is_located_to_half_a_millimetre_and_a_tenth_of_a_degree
     assert max(math.degrees(np.linalg.norm(run.error[3:])) for run in runs) < 0.1
 
 
+@pytest.mark.long
 def test_errors_agree_with_their_covariance(runs: list[Run]) -> None:
     """The normalised squared errors sum up to a chi-squared variable with 6 degrees of freedom for each run (Y.
     Bar-Shalom et al., "Estimation with Applications to Tracking and Navigation", 2001, section 5.4)."""

@@ -98,6 +98,7 @@ def test_guided_path_is_reproduced_after_the_block_was_moved(cell: TeachingCell)
     assert followed[-1][1] == pytest.approx(0.02, abs=0.002)
 
 
+@pytest.mark.long
 def test_path_is_adapted_to_another_goal_and_to_the_start_of_the_tool(cell: TeachingCell) -> None:
     path = add_path(cell)
     goal = add_pose(cell, "goal", Pose((0.0, 0.06, 0.15), DOWN))
@@ -298,6 +299,7 @@ def test_motion_stops_at_its_force_limit_and_the_arm_rests(cell: TeachingCell) -
     assert max(map(abs, cell.world.velocity_of(GRIPPER)[0])) < 0.002
 
 
+@pytest.mark.long
 def test_unreachable_path_ends_with_the_distance(cell: TeachingCell) -> None:
     pose = add_pose(cell, "far", Pose((1.0, 0.0, 0.3), DOWN))
     said = cell.refused("MoveToTaughtPose", Pose=pose)

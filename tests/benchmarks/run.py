@@ -17,6 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
+from benchmarks.compare import compare  # noqa: E402 - after the path
 from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
 from support.ros import Ros, RosMaster  # noqa: E402
 
@@ -34,12 +35,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, default=ROOT / "build/bench.json", help="where the figures go")
     known = ", ".join(PARTS)
+    parser.add_argument("--compare", metavar="REV", default="", help="measure another commit too, and compare")
     parser.add_argument("parts", nargs="*", metavar="PART", default=list(PARTS), help=f"of {known}; default: all")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # ends the nodes that were started
     unknown = set(arguments.parts) - set(PARTS)
     if unknown:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are: {known}")
+    if arguments.compare:
+        return compare(ROOT, arguments.compare, arguments.parts)
 
     done: list[Measurement] = []
     failed: list[str] = []

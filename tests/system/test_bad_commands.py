@@ -222,6 +222,7 @@ def test_invalid_task_commands_are_rejected_without_effect(manager: Manager) -> 
     assert manager.lives()
 
 
+@pytest.mark.long
 def test_deep_wide_and_endless_trees(manager: Manager) -> None:
     deep = manager.run("deep", Depth=1000)
     assert (deep[0].state, len(deep)) == (SUCCESS, 1003)

@@ -139,6 +139,7 @@ def test_displaced_block_is_refused_by_fusion_and_located_again(cell: Cell) -> N
     assert cell.error(BLOCK)[0] < 0.002
 
 
+@pytest.mark.long
 def test_removed_cube_becomes_missing(cell: Cell) -> None:
     cell.move_to("home")
     assert "2 objects in view" in cell.done("observe_scene", "Camera=Camera")
@@ -163,6 +164,7 @@ def test_unknown_cube_becomes_one_element_with_a_frame(cell: Cell) -> None:
     assert element.value_of("skiros:FrameId") and element.value_of("skiros:Confidence") > 0.7
 
 
+@pytest.mark.long
 def test_camera_without_messages_and_frame_without_tf_are_refused(cell: Cell, clouds: Clouds) -> None:
     silent = cell.run("estimate_pose", "Camera=Camera", "Object=Engine block", "Timeout=0.5")
     assert silent.returncode == 1 and f"No view within 0.5 s: no message on {CLOUD}" in silent.stdout

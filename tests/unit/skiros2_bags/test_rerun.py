@@ -146,7 +146,7 @@ def test_program_prints_the_result(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(BAGS / "timed_drive.bag"), "--workspace", str(WORKSPACE)]) == 0
     assert capsys.readouterr().out == "as recorded\n"
     assert main([str(BAGS / "timed_drive.bag"), "--workspace", str(WORKSPACE), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"divergence": None, "orders": 1}
+    assert json.loads(capsys.readouterr().out) == {"divergence": None, "orders": 1, "declared": [], "not_compared": []}
     assert main([str(BAGS / "none.bag")]) == 2
     assert "there is no such file" in capsys.readouterr().err
 

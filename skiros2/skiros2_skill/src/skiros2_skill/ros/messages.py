@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import rospy
+from std_msgs.msg import String
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import Explanation
@@ -15,6 +16,8 @@ from skiros2_common.core.params import Param
 from skiros2_msgs import msg as msgs
 from skiros2_runs.core.progress import status_text
 from skiros2_runs.core.states import TaskState
+from skiros2_skill.core.library.declaration import declarations_json
+from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.runtime.request import SkillRequest
 from skiros2_skill.core.runtime.request_json import read_request
 from skiros2_skill.core.runtime.task import NodeSnapshot, Task
@@ -51,6 +54,12 @@ def param_messages(params: Mapping[str, Param]) -> list[Any]:
 def explanations_json(explanations: Iterable[Explanation]) -> str:
     """Encodes explanations as a JSON list."""
     return json.dumps([explanation.to_dict() for explanation in explanations])
+
+
+def declare_on_topic() -> Callable[[Iterable[Implementation]], None]:
+    """Returns what publishes the declarations of skills on `~declarations`, latched, as long as this node runs."""
+    topic = rospy.Publisher("~declarations", String, queue_size=1, latch=True)
+    return lambda implementations: topic.publish(declarations_json(implementations))
 
 
 #: Reported as a parameter of the root; the others follow from its state and code.

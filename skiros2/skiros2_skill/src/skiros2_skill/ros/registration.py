@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.errors import ConfigurationError, SkirosError
@@ -34,6 +34,7 @@ class Registration:
     :param robot_name: the manager's name without slash; with the prefix, the label of the robot's template.
     :param manager: the manager's node name, with its slash.
     :param on_robot: called with the id of the robot after each registration.
+    :param on_skills: called with the skills after each registration of them.
     """
 
     def __init__(
@@ -43,9 +44,11 @@ class Registration:
         robot_name: str,
         manager: str,
         on_robot: Callable[[str], None] = lambda _: None,
+        on_skills: Callable[[Sequence[Implementation]], None] = lambda _: None,
     ) -> None:
         self._wmi = wmi
         self._on_robot = on_robot
+        self._on_skills = on_skills
         self._label = f"{prefix or DEFAULT_PREFIX}:{robot_name}"
         self._manager = manager
         self.robot_id = ""
@@ -101,7 +104,7 @@ class Registration:
         """Registers the skills, all at once; those of a former process are replaced."""
         self.remove_skills()
         self._skills = None
-        elements = []
+        elements, implementations = [], list(implementations)
         for implementation in implementations:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
@@ -111,6 +114,7 @@ class Registration:
             elements.append(element)
         self._wmi.add_elements(elements)
         self._skills = {element.id: (element.type, element.label) for element in elements}
+        self._on_skills(implementations)
 
     def is_registered(self) -> bool:
         """Whether the world model has the robot with this manager and all registered skills."""

@@ -32,7 +32,14 @@ from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
-from skiros2_skill.ros.messages import ProgressPublisher, explanations_json, param_messages, skill_request, wire_text
+from skiros2_skill.ros.messages import (
+    ProgressPublisher,
+    declare_on_topic,
+    explanations_json,
+    param_messages,
+    skill_request,
+    wire_text,
+)
 from skiros2_skill.ros.registration import ROBOT_PARAMETER, Registration
 from skiros2_skill.ros.safety import SafetyMonitor
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
@@ -86,7 +93,7 @@ class SkillManager(DiscoverableNode):
             wmi = WorldModelInterface(rospy.get_name(), make_cache=True)
         self._wmi = wmi
         self._library = SkillLibrary(wmi, log_findings)
-        self._registration = Registration(wmi, prefix, robot_name, rospy.get_name(), _publish_robot)
+        self._registration = Registration(wmi, prefix, robot_name, rospy.get_name(), _publish_robot, declare_on_topic())
         self._tick_rate = tick_rate
         self._preempt_timeout = preempt_timeout
         self._safety_settings = safety or SafetySettings()

@@ -1,6 +1,7 @@
-"""`rosrun skiros2_bags replay BAG`: re-runs the tasks of a bag and prints the first divergence.
+"""`rosrun skiros2_bags replay BAG`: re-runs the tasks of a bag and prints the first divergence, and skills that declare
+something else.
 
-Exit status: 0 without divergence, 1 after a divergence, 2 if the re-run fails.
+Exit status: 0 as recorded, 1 if something differs, 2 if the re-run fails.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     def work() -> CommandResult:
         found = replay(given.bag, Settings(given.workspace, played, tolerance, given.orders))
         first = found.divergence
-        data = {"divergence": None if first is None else asdict(first), "orders": found.orders}
-        return CommandResult(str(found).splitlines(), data, OK if first is None else REFUSED)
+        data = {**asdict(found), "divergence": None if first is None else asdict(first)}
+        return CommandResult(str(found).splitlines(), data, OK if found.is_as_recorded else REFUSED)
 
     return run_command("replay", work, given.json, refused=USAGE)

@@ -117,8 +117,14 @@ INITIAL_TOPICS = ("/wm/monitor", "/skill_managers/description", "/tf", "/tf_stat
 #: The recorder's topic with all ROS parameters as a JSON object, written when they change.
 PARAMETERS = "/recorder/parameters"
 
+#: The topic below a manager with what its skills declare.
+DECLARATIONS = "declarations"
+
 #: Actions of the task manager, also subscribed to at the start.
 TASK_MANAGER_ACTIONS = ("/tm/task_plan", "/tm/achieve")
+
+#: Topics of a skill manager: the progress of its tasks, and what its skills declare.
+MANAGER_TOPICS = ("monitor", DECLARATIONS)
 
 #: Topics of these types are always recorded.
 TYPES = (
@@ -161,7 +167,8 @@ class Selection:
         """
         names = [f"/{name.strip('/')}" for name in robots]
         actions = [*TASK_MANAGER_ACTIONS, *(f"{name}/execute" for name in names)]
-        topics = [*INITIAL_TOPICS, *(f"{name}/monitor" for name in names), *action_topics(actions)]
+        topics = [*INITIAL_TOPICS, *(f"{name}/{topic}" for name in names for topic in MANAGER_TOPICS)]
+        topics += action_topics(actions)
         return self.allowed(topics)
 
     def allowed(self, topics: Iterable[str]) -> list[str]:

@@ -67,7 +67,7 @@ class ReplayItem(pytest.Item):
         from skiros2_bags.testing.rerun import replay
 
         found = replay(self._bag, self._settings)
-        if found.divergence is not None:
+        if not found.is_as_recorded:
             raise Diverged(str(found))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
@@ -81,7 +81,7 @@ class ReplayItem(pytest.Item):
 
 @pytest.fixture
 def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
-    """The first divergence of the bag that the marker `replay` of the test names, as text; None without one."""
+    """What differs in a re-run of the bag that the marker `replay` of the test names, as text; None if nothing does."""
     marker = request.node.get_closest_marker("replay")
     if marker is None or len(marker.args) != 1:
         raise pytest.UsageError("the fixture `replayed` needs a marker: @pytest.mark.replay(BAG, ...)")
@@ -97,7 +97,7 @@ def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
     if given:
         raise pytest.UsageError(f"marker replay: unknown {', '.join(given)}")
     found = replay(_file(request, marker.args[0]), settings)
-    yield None if found.divergence is None else str(found)
+    yield None if found.is_as_recorded else str(found)
 
 
 def _file(request: pytest.FixtureRequest, name: str | Path) -> Path:

@@ -15,7 +15,7 @@ import genpy
 import roslib.message
 
 from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, Message
-from skiros2_bags.core.bag_writer import PARAMETERS
+from skiros2_bags.core.bag_writer import DECLARATIONS, PARAMETERS
 from skiros2_bags.core.run import Run, add_progress
 from skiros2_bags.core.world_history import read_change
 from skiros2_common.core.errors import WrongValue
@@ -105,6 +105,14 @@ class Parameters(Event):
     values: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class Declarations(Event):
+    """What the skills of a manager declare, as it has published it."""
+
+    manager: str
+    text: str
+
+
 class Events:
     """The events of a run, in order."""
 
@@ -133,6 +141,11 @@ class Events:
         """The last recorded parameters by name; empty without recorded parameters."""
         found = [e.values for e in self.events if isinstance(e, Parameters)]
         return found[-1] if found else {}
+
+    @functools.cached_property
+    def declarations(self) -> dict[str, str]:
+        """What the skills of each manager have declared last, by its name."""
+        return {e.manager: e.text for e in self.events if isinstance(e, Declarations)}
 
     def goals(self, action: str) -> list[ActionMessage]:
         """Returns the goals sent to an action, oldest first."""
@@ -182,6 +195,8 @@ def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iter
         yield ClockTick(order, time, clock.sec + clock.nanosec / 1e9)
     elif topic == PARAMETERS:
         yield Parameters(order, time, _parameters(message))
+    elif kind == "std_msgs/String" and topic.endswith(f"/{DECLARATIONS}"):
+        yield Declarations(order, time, topic.removesuffix(f"/{DECLARATIONS}"), message.content.data)
     elif kind == "actionlib_msgs/GoalID" and topic.endswith("/cancel"):
         action = topic.removesuffix("/cancel")
         yield ActionMessage(order, time, action, "cancel", message.content.id, None, message.caller)
@@ -331,15 +346,19 @@ def _first_order_after(recording: Events, time: float) -> int:
 
 #: Shortest time between the end of a tick and its progress message (s).
 _MIN_DELAY = 1e-4
+#: The longest lag of a message that is made up for (s).
+_MAX_LAG = 1.0
 
 
 def tick_times(progress: Sequence[TaskProgress]) -> list[float]:
     """Returns the time of the tick before each progress message (s, recording time), in ascending order.
 
-    Message times lag some milliseconds. Each node reports the exact time from its start to its last report, so the
-    times between ticks are known; only the first is taken from the bag.
+    Messages lag some milliseconds, on a busy machine much more. Each node reports the exact time from its start to its
+    last report, so the times between ticks are known. Ticks are moved back together as soon as a message lags less than
+    those before.
     """
     times: list[float] = []
+    first, lag = 0, 0.0  # of the ticks whose distances are known: the first one, and how much its message lagged
     begun: dict[tuple[int, ...], float] = {}  # start of the current run of a node
     before: dict[tuple[int, ...], NodeProgress] = {}
     for message in progress:
@@ -351,7 +370,16 @@ def tick_times(progress: Sequence[TaskProgress]) -> list[float]:
             if path in begun and path in before and n.run_time >= before[path].run_time > 0.0
         ]
         latest = message.time - _MIN_DELAY
-        time = min(max(known), latest + 0.05) if known else latest
+        if not known:
+            first, lag = len(times), 0.0
+        time = max(known, default=latest)
+        earlier = min(time - latest, _MAX_LAG - lag)
+        if earlier > 0.0:
+            lag, time = lag + earlier, time - earlier
+            least = times[first - 1] if first else -math.inf
+            times[first:] = [max(least, tick - earlier) for tick in times[first:]]
+            begun = {path: start - earlier for path, start in begun.items()}
+        time = min(time, latest + 0.05)
         times.append(max(time, times[-1]) if times else time)
         for path, node in fresh.items():
             if path not in begun or path not in before or node.run_time < before[path].run_time or (

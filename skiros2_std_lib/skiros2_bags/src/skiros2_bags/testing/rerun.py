@@ -25,6 +25,7 @@ import rospy
 
 from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.core.diff import diff_changes, summary
+from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.recorded_world import add_reasoners, input_operations, scene_before, world_model_with
 from skiros2_bags.testing.recording import (
@@ -85,14 +86,24 @@ class ReplayResult:
 
     :param divergence: the first one; None without one.
     :param orders: the number of event orders that were tried.
+    :param declared: how the declarations of skills in use differ from the recorded ones, a line each.
+    :param not_compared: what a re-run of this bag does not compare, a line each.
     """
 
     divergence: Divergence | None
     orders: int = 1
+    declared: tuple[str, ...] = ()
+    not_compared: tuple[str, ...] = ()
+
+    @property
+    def is_as_recorded(self) -> bool:
+        return self.divergence is None and not self.declared
 
     def __str__(self) -> str:
-        text = "as recorded" if self.divergence is None else str(self.divergence)
-        return text if self.orders == 1 else f"{text}\n{self.orders} event orders were tried"
+        lines = [f"declared differently: {line}" for line in self.declared]
+        lines += [str(self.divergence)] if self.divergence is not None else [] if lines else ["as recorded"]
+        lines += [f"{self.orders} event orders were tried"] if self.orders > 1 else []
+        return "\n".join([*lines, *(f"not compared: {line}" for line in self.not_compared)])
 
 
 @dataclass(frozen=True)
@@ -137,29 +148,39 @@ def rerun(recording: Recording, settings: Settings) -> ReplayResult:
     ordering = Ordering()
     best = _attempt(recording, runs, settings, ordering)
     orders = 1
-    alternatives = _alternatives(recording, ordering, best[0]) if best is not None else iter(())
-    while best is not None and orders < settings.max_orders and (other := next(alternatives, None)) is not None:
+    alternatives = _alternatives(recording, ordering, best.event)
+    while best.divergence is not None and orders < settings.max_orders and (other := next(alternatives, None)):
         orders += 1
         found = _attempt(recording, runs, settings, other)
-        if found is None or found[0].order > best[0].order:
+        if found.divergence is None or found.event.order > best.event.order:
             best, ordering = found, other
-            alternatives = _alternatives(recording, ordering, best[0]) if best is not None else iter(())
-    return ReplayResult(best[1] if best is not None else None, orders)
+            alternatives = _alternatives(recording, ordering, best.event)
+    return ReplayResult(best.divergence, orders, best.declared, best.not_compared)
 
 
-def _attempt(
-    recording: Recording, runs: list[RecordedTask], settings: Settings, ordering: Ordering
-) -> tuple[Event, Divergence] | None:
-    """Returns the first event with a divergence, and the divergence."""
+@dataclass(frozen=True)
+class _Attempt:
+    """A pass: the event at which it ended, and what it has found; see `ReplayResult`."""
+
+    event: Event
+    divergence: Divergence | None
+    declared: tuple[str, ...]
+    not_compared: tuple[str, ...]
+
+
+def _attempt(recording: Recording, runs: list[RecordedTask], settings: Settings, ordering: Ordering) -> _Attempt:
     orders = dict(ordering.orders)
     events = sorted(recording.events, key=lambda e: orders.get(e.order, e.order))
     with RerunPass(recording, runs, settings, ordering) as run:
+        divergence = None
         for event in events:
             divergence = run.play(event)
             if divergence is not None:
-                return event, divergence
-        divergence = run.end()
-    return (replace(events[-1], order=math.inf), divergence) if divergence is not None else None  # type: ignore[arg-type]
+                break
+        else:
+            event = replace(events[-1], order=math.inf)  # type: ignore[arg-type]
+            divergence = run.end()
+        return _Attempt(event, divergence, run.declared_differently(), run.not_compared())
 
 
 def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterator[Ordering]:
@@ -227,7 +248,14 @@ class RerunPass:
         self._is_simulated = any(isinstance(e, ClockTick) for e in recording.events)
         self._changes_made: list[Change] = []
         names = {run.manager for run in runs}
-        self.managers = {n: RerunManager(n, self.model, self.actions, settings.played) for n in names}
+        self.managers = {
+            n: RerunManager(n, self.model, self.actions, settings.played, Declared(recording.declarations.get(n, "")))
+            for n in names
+        }
+        self._used: dict[str, set[str]] = {name: set() for name in names}
+        for run in runs:
+            frames = (message.frame for message in run.progress)
+            self._used[run.manager].update(node.label for frame in frames for node in frame.nodes.values())
         self._tasks: dict[int, RerunTask] = {}
         self._cancelled: set[str] = set()
 
@@ -285,6 +313,15 @@ class RerunPass:
         if not remaining:
             return None
         return Divergence("at the end", "the world model", "no further change", f"a change of {remaining[0]}")
+
+    def declared_differently(self) -> tuple[str, ...]:
+        """See `ReplayResult.declared`."""
+        return tuple(line for name, m in self.managers.items() for line in m.declared_differently(self._used[name]))
+
+    def not_compared(self) -> tuple[str, ...]:
+        """See `ReplayResult.not_compared`."""
+        found = (line for name, m in self.managers.items() for line in m.not_compared(self._used[name]))
+        return tuple(dict.fromkeys(found))
 
     # -- internal ----------------------------------------------------------------------------------------------------
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib
 import inspect
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.fake_action_clients import RecordedActions, StatesOf
 from skiros2_bags.testing.recorded_world import change_operations
 from skiros2_bags.testing.recording import RecordedTask, TaskProgress
@@ -43,9 +44,17 @@ class RerunManager:
 
     :param name: of the manager's node.
     :param replaced_labels: labels of primitives that are replaced by their recorded progress.
+    :param declared: what its skills have declared.
     """
 
-    def __init__(self, name: str, model: WorldModel, actions: RecordedActions, replaced_labels: frozenset[str]) -> None:
+    def __init__(
+        self,
+        name: str,
+        model: WorldModel,
+        actions: RecordedActions,
+        replaced_labels: frozenset[str],
+        declared: Declared,
+    ) -> None:
         self.name = name
         self.wmi = LocalWorldModel(name, model)
         self.library = SkillLibrary(self.wmi)
@@ -54,6 +63,7 @@ class RerunManager:
         #: The task that is currently ticked.
         self.ticked: Any = None
         self._replaced_labels = replaced_labels
+        self._declared = declared
 
     @property
     def is_ticking(self) -> bool:
@@ -86,6 +96,19 @@ class RerunManager:
         for _, module, label in sorted(listed):
             cls = _implementation(module, label)
             self.library.add(replay_primitive(cls, self) if is_replaced(cls, label, self._replaced_labels) else cls)
+
+    def declared_differently(self, used: Collection[str]) -> list[str]:
+        """Returns how what skills declare differs from the recording, a line each.
+
+        :param used: the labels of the skills that the recorded tasks use.
+        """
+        return self._declared.differences(self.library.implementations(), used)
+
+    def not_compared(self, used: Collection[str]) -> list[str]:
+        """Returns what a re-run does not compare, a line each."""
+        played = [i.label for i in self.library.implementations() if is_replaced(i.cls, i.label, self._replaced_labels)]
+        lines = [f"what {label} does: its recorded progress is played" for label in played if label in used]
+        return self._declared.not_compared + lines
 
 
 def _implementation(module: str, label: str) -> type:

@@ -19,15 +19,15 @@ from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.http.server import Limits
 from skiros2_gateway.mqtt.bridge import MqttBridge
-from skiros2_gateway.opcua.server import OpcuaServer
 from support.broker import broker, needs_broker
 from support.hostile import Hostile, fuzz_mqtt, fuzz_opcua, fuzz_rest
 from support.hostile_agents import fuzz_agents
 from support.http_gateway import curl, served
+from support.opcua import opcua_server
 from support.schema_requests import operations_of, send_generated, served_gateway
 from unit.skiros2_gateway.conftest import TOKENS, Gateway
+from unit.skiros2_gateway.opcua_client import Mes
 from unit.skiros2_gateway.test_hostile import check
-from unit.skiros2_gateway.test_opcua import Mes
 
 pytestmark = pytest.mark.timeout(3600)
 
@@ -101,7 +101,7 @@ def test_tools_of_agents_survive_hostile_requests(tmp_path: Path, caplog: pytest
 
 def test_opcua_survives_hostile_requests(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     async def test(gateway: Any) -> None:
-        server = OpcuaServer(gateway.service, Settings(folder=gateway.path.parent, opcua_port=0))
+        server = opcua_server(gateway.service, gateway.path.parent)
         await server.start()
         try:
             async with Mes(server.address, "operate") as mes:

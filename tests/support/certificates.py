@@ -12,10 +12,11 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 
-def make_certificate(folder: Path, name: str, uri: str) -> tuple[Path, Path]:
+def make_certificate(folder: Path, name: str, uri: str, days: int = 10) -> tuple[Path, Path]:
     """Writes a certificate for 127.0.0.1 and its key as PEM files; returns their paths.
 
     :param uri: of the application, as OPC UA wants it.
+    :param days: until it expires; below 0: it has expired.
     """
     key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
@@ -31,8 +32,8 @@ def make_certificate(folder: Path, name: str, uri: str) -> tuple[Path, Path]:
         .issuer_name(subject)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(days=1))
-        .not_valid_after(now + timedelta(days=10))
+        .not_valid_before(now - timedelta(days=10))
+        .not_valid_after(now + timedelta(days=days))
         .add_extension(x509.SubjectAlternativeName(names), critical=False)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(usage, critical=True)

@@ -19,6 +19,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.mqtt.bridge import without_delay
 from skiros2_gateway.mqtt.signature import sign
+from support.opcua import cell_index
 
 #: The ids of valid orders that are sent without the role: no such job may exist.
 FORBIDDEN = "forbidden"
@@ -209,12 +210,13 @@ async def fuzz_opcua(client: Client, index: int, hostile: Hostile, count: int) -
     :raises AssertionError: a call has failed within the server.
     """
     random, found = hostile.random, Counter[str]()
+    cell = await cell_index(client)
     names = [method.value for method in Method]
     names += ["RequestJobResponseByJobOrderID", "RequestJobResponseByJobOrderState"]
     for _ in range(count):
         name = random.choice(names)
         of = "JobResponseProvider" if name.startswith("Request") else "JobOrderReceiver"
-        place = client.get_node(ua.NodeId(of, index))
+        place = client.get_node(ua.NodeId(of, cell))
         arguments = [_argument(hostile) for _ in range(random.choice((0, 1, 2, 2, 2, 3)))]
         if random.random() < 0.6:
             arguments = _fitting(hostile, name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
 import signal
 import ssl
 import urllib.error
@@ -22,11 +23,12 @@ from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.opcua.model import NAMESPACE
-from skiros2_gateway.opcua.server import UNKNOWN_JOB
+from skiros2_gateway.opcua.return_status import ReturnStatus
 from skiros2_gateway.ros.ros_cell import RosCell
 from support.agent import connected_agent
 from support.certificates import make_certificate
 from support.job_cell import ROBOT, TOKENS, JobCell
+from support.opcua import cell_index
 from support.programs import PATIENCE, ProcessId
 from support.ros import Ros, RosMaster, wait_until
 
@@ -208,6 +210,8 @@ def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
     folder.mkdir()
     certificate, key = make_certificate(folder, "gateway", "urn:skiros2:gateway")
     mine = make_certificate(folder, "mes", "urn:mes")
+    (folder / "opcua/trusted").mkdir(parents=True)
+    shutil.copy(mine[0], folder / "opcua/trusted")
     settings = {"certificate": str(certificate), "key": str(key), "opcua_port": 0, "users": str(cell.users)}
     secured = cell.start_gateway("secured", folder=str(folder), **settings)
     address = cell.parameter("/secured/address")
@@ -229,11 +233,11 @@ def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
             await client.set_security_string(f"{policy},SignAndEncrypt,{mine[0]},{mine[1]},{certificate}")
         async with client:
             index = await client.get_namespace_index(NAMESPACE)
-            receiver = await client.nodes.objects.get_child(f"{index}:JobOrderReceiver")
+            receiver = client.get_node(ua.NodeId("JobOrderReceiver", await cell_index(client)))
             no_comment = ua.Variant([], ua.VariantType.LocalizedText, is_array=True)
             return int(await receiver.call_method(f"{index}:Start", "unknown", no_comment))
 
-    assert asyncio.run(call("Basic256Sha256")) == UNKNOWN_JOB
+    assert asyncio.run(call("Basic256Sha256")) == ReturnStatus.UNKNOWN_JOB
     secured.stop()
 
 

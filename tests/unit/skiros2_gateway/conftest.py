@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -90,3 +90,23 @@ def in_gateway(tmp_path: Path) -> Callable[..., None]:
         asyncio.run(asyncio.wait_for(main(), 100.0))
 
     return run
+
+
+@pytest.fixture(scope="session")
+def in_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., None]]:
+    """Runs coroutine functions with a gateway that has an OPC UA server at `address`; one for all tests, it is slow."""
+    from support.opcua import opcua_server  # imports for a second
+
+    folder = tmp_path_factory.mktemp("opcua")
+    with asyncio.Runner() as runner:
+
+        async def start() -> tuple[Any, Any]:
+            gateway: Any = Gateway(folder / "jobs.sqlite", capacity=100)
+            server = opcua_server(gateway.service, folder)
+            await server.start()
+            gateway.address = server.address
+            return gateway, server
+
+        gateway, server = runner.run(start())
+        yield lambda test: runner.run(asyncio.wait_for(test(gateway), 60.0))
+        runner.run(server.stop())

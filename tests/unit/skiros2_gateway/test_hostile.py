@@ -14,13 +14,13 @@ from skiros2_gateway.agents.tools import Tools
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.mqtt.bridge import MqttBridge
-from skiros2_gateway.opcua.server import OpcuaServer
 from support.broker import broker, needs_broker
 from support.hostile import FORBIDDEN, Hostile, fuzz_mqtt, fuzz_opcua, fuzz_rest
 from support.http_gateway import served
+from support.opcua import opcua_server
 from support.stand_in_cell import ROBOT
 from unit.skiros2_gateway.conftest import OPERATOR, TOKENS, VIEWER
-from unit.skiros2_gateway.test_opcua import Mes
+from unit.skiros2_gateway.opcua_client import Mes
 
 Run = Callable[..., None]
 
@@ -96,7 +96,7 @@ def test_tools_of_agents_survive_hostile_arguments(in_gateway: Run, caplog: pyte
 
 def test_opcua_survives_hostile_requests(in_gateway: Run, caplog: pytest.LogCaptureFixture) -> None:
     async def test(gateway: Any) -> None:
-        server = OpcuaServer(gateway.service, Settings(folder=gateway.path.parent, opcua_port=0))
+        server = opcua_server(gateway.service, gateway.path.parent)
         await server.start()
         try:
             async with Mes(server.address, "view") as viewer, Mes(server.address, "operate") as mes:

@@ -17,14 +17,13 @@ from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.work_masters import DEFINITION, WORK_MASTER, work_masters_of
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.mqtt.signature import sign
-from skiros2_gateway.opcua.server import OpcuaServer
-from skiros2_gateway.opcua.twin import NAMESPACE
 from skiros2_live.core.element_data import element_data
 from support import hostile_corpus
 from support.broker import broker, needs_broker
 from support.http_gateway import curl, served
+from support.opcua import cell_index, opcua_server
 from unit.skiros2_gateway.conftest import TOKENS
-from unit.skiros2_gateway.test_opcua import Mes
+from unit.skiros2_gateway.opcua_client import Mes
 
 Run = Callable[..., None]
 
@@ -100,7 +99,7 @@ def test_mqtt(in_gateway: Run, caplog: pytest.LogCaptureFixture) -> None:
 
 def test_opcua(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
-        server = OpcuaServer(gateway.service, Settings(folder=gateway.path.parent, opcua_port=0))
+        server = opcua_server(gateway.service, gateway.path.parent)
         await server.start()
         try:
             host, _, port = server.address.removeprefix("opc.tcp://").partition("/")[0].partition(":")
@@ -112,7 +111,7 @@ def test_opcua(in_gateway: Run) -> None:
                 gateway.cell.change(**{f"Value-{number}": element_of(f"Value-{number}", value)})
             gateway.cell.change(**{"Last-1": element_of("Last-1", 7.0)})
             async with Mes(server.address, "view") as mes:
-                index = await mes.get_namespace_index(NAMESPACE)
+                index = await cell_index(mes)
                 node = mes.get_node(ua.NodeId("World/Last-1/skiros:Weight", index))
                 for _ in range(500):
                     try:

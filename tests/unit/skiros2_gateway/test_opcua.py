@@ -5,76 +5,23 @@ from __future__ import annotations
 import asyncio
 import math
 import sys
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from asyncua import Client, Node, ua
+from asyncua import Node, ua
 
 from skiros2_gateway.core.job import Method
-from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.users import User
-from skiros2_gateway.opcua.model import NAMESPACE
-from skiros2_gateway.opcua.server import INVALID_STATE, NOT_ACCEPTED, UNKNOWN_JOB, OpcuaServer
-from skiros2_gateway.opcua.twin import NAMESPACE as TWIN
-from unit.skiros2_gateway.conftest import TOKENS, Gateway
+from support.opcua import cell_index, opcua_server
+from unit.skiros2_gateway.conftest import TOKENS
+from unit.skiros2_gateway.opcua_client import NO_COMMENT, PROVIDER, Mes, order
 
 Run = Callable[[Callable[[Any], Coroutine[Any, Any, None]]], None]
 PROGRAMS = Path(sys.executable).parent
-NO_COMMENT = ua.Variant([], ua.VariantType.LocalizedText, is_array=True)
-PROVIDER = "JobResponseProvider"
-
-
-@pytest.fixture(scope="module")
-def in_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    """Runs coroutine functions with a gateway that has an OPC UA server at `address`; one for all tests, it is slow."""
-    folder = tmp_path_factory.mktemp("opcua")
-    with asyncio.Runner() as runner:
-
-        async def start() -> tuple[Any, OpcuaServer]:
-            gateway = Gateway(folder / "jobs.sqlite", capacity=100)
-            server = OpcuaServer(gateway.service, Settings(folder=folder, opcua_port=0))
-            await server.start()
-            gateway.address = server.address
-            return gateway, server
-
-        gateway, server = runner.run(start())
-        yield lambda test: runner.run(asyncio.wait_for(test(gateway), 60.0))
-        runner.run(server.stop())
-
-
-class Mes(Client):  # type: ignore[misc]
-    """A client that knows the structures of the server."""
-
-    def __init__(self, address: str, user: str = "operate", password: str = "") -> None:
-        super().__init__(address, timeout=10)
-        self.set_user(user)
-        self.set_password(password or TOKENS[user])
-
-    async def load(self) -> Mes:
-        await self.load_data_type_definitions()
-        self.index = await self.get_namespace_index(NAMESPACE)
-        return self
-
-    async def object(self, name: str) -> Node:
-        return await self.nodes.objects.get_child(f"{self.index}:{name}")
-
-    async def call(self, method: str, *arguments: Any, of: str = "JobOrderReceiver") -> Any:
-        return await (await self.object(of)).call_method(f"{self.index}:{method}", *arguments)
-
-
-def order(job_id: str, **parameters: Any) -> Any:
-    made = ua.ISA95JobOrderDataType(JobOrderID=job_id, Priority=3)
-    master = parameters.pop("master", "")
-    made.WorkMasterID = [ua.ISA95WorkMasterDataType(ID=master)] if master else None
-    parameters = parameters or {"Goal": "(at robot home)"}
-    made.JobOrderParameters = [
-        ua.ISA95ParameterDataType(ID=key, Value=ua.Variant(value)) for key, value in parameters.items()
-    ]
-    made.EquipmentRequirements = [ua.ISA95EquipmentDataType(ID="/robot")]
-    return made
+SUCCESS, UNKNOWN_JOB, INVALID_STATE, NOT_ACCEPTED = 1, 2, 8, 16
 
 
 async def program(name: str, address: str, *arguments: str, user: str = "operate", password: str = "") -> str:
@@ -91,23 +38,23 @@ def test_job_is_stored_started_and_its_response_requested(in_server: Run) -> Non
     async def test(gateway: Any) -> None:
         async with Mes(gateway.address) as mes:
             await mes.load()
-            assert await mes.call("Store", order("j1", master="place", Tray="Tray-1"), NO_COMMENT) == 0
+            assert await mes.call("Store", order("j1", master="place", Tray="Tray-1"), NO_COMMENT) == SUCCESS
             assert gateway.state("j1") == "NotAllowedToStart/Ready"
             assert gateway.job("j1").robots == ("/robot",)
-            assert await mes.call("Start", "j1", [ua.LocalizedText("go")]) == 0
+            assert await mes.call("Start", "j1", [ua.LocalizedText("go")]) == SUCCESS
             gateway.cell.run("j1")
-            assert await mes.call("Pause", "j1", NO_COMMENT) == 0
-            assert await mes.call("Resume", "j1", NO_COMMENT) == 0
+            assert await mes.call("Pause", "j1", NO_COMMENT) == SUCCESS
+            assert await mes.call("Resume", "j1", NO_COMMENT) == SUCCESS
             gateway.cell.end("j1")
             await gateway.collected("j1")
             response, status = await mes.call("RequestJobResponseByJobOrderID", "j1", of=PROVIDER)
             values = {each.ID: each.Value.Value for each in response.JobResponseData}
-            assert (status, response.JobOrderID, values["Outcome"]) == (0, "j1", "succeeded")
+            assert (status, response.JobOrderID, values["Outcome"]) == (SUCCESS, "j1", "succeeded")
             assert [state.StateText.Text for state in response.JobState] == ["Ended", "Closed"]
             assert [actual.ID for actual in response.EquipmentActuals] == ["/robot"]
             ended = ua.ISA95StateDataType(StateNumber=5)
             found, status = await mes.call("RequestJobResponseByJobOrderState", [ended], of=PROVIDER)
-            assert (status, "j1" in [each.JobOrderID for each in found]) == (0, True)
+            assert (status, "j1" in [each.JobOrderID for each in found]) == (SUCCESS, True)
             assert [e["comment"] for e in gateway.store.history("j1") if e["method"] == "Start"] == ["go"]
 
     in_server(test)
@@ -121,12 +68,12 @@ def test_command_with_a_key_is_carried_out_once(in_server: Run) -> None:
         async with Mes(gateway.address) as mes:
             await mes.load()
             for _ in range(2):
-                assert await mes.call("StoreAndStart", order("keyed"), key("store")) == 0
+                assert await mes.call("StoreAndStart", order("keyed"), key("store")) == SUCCESS
             gateway.cell.run("keyed")
-            assert await mes.call("Pause", "keyed", key("pause")) == 0
-            assert await mes.call("Resume", "keyed", key("resume")) == 0
-            assert await mes.call("Pause", "keyed", NO_COMMENT) == 0
-            assert await mes.call("Resume", "keyed", key("resume")) == 0  # a call that was lost
+            assert await mes.call("Pause", "keyed", key("pause")) == SUCCESS
+            assert await mes.call("Resume", "keyed", key("resume")) == SUCCESS
+            assert await mes.call("Pause", "keyed", NO_COMMENT) == SUCCESS
+            assert await mes.call("Resume", "keyed", key("resume")) == SUCCESS  # a call that was lost
             assert gateway.state("keyed") == "Interrupted/Held"
             assert await mes.call("Abort", "keyed", key("resume")) == NOT_ACCEPTED  # the key of another command
             history = gateway.store.history("keyed")
@@ -141,7 +88,7 @@ def test_refused_call_returns_its_status_and_changes_nothing(in_server: Run) -> 
             await mes.load()
             assert await mes.call("Start", "unknown", NO_COMMENT) == UNKNOWN_JOB
             assert await mes.call("Store", order("j2", master="plaice"), NO_COMMENT) == NOT_ACCEPTED
-            assert await mes.call("Store", order("j2"), NO_COMMENT) == 0
+            assert await mes.call("Store", order("j2"), NO_COMMENT) == SUCCESS
             assert await mes.call("Pause", "j2", NO_COMMENT) == INVALID_STATE
             assert gateway.state("j2") == "NotAllowedToStart/Ready"
 
@@ -168,7 +115,7 @@ def test_wrong_call_gets_its_status_and_a_text_with_all_problems(in_server: Run)
             async def raw(name: str, arguments: list[ua.Variant]) -> Any:
                 request = ua.CallMethodRequest()
                 of, _, method = name.rpartition(".")
-                request.ObjectId = ua.NodeId(of or "JobOrderReceiver", mes.index)
+                request.ObjectId = ua.NodeId(of or "JobOrderReceiver", mes.cell)
                 request.MethodId = (await mes.get_node(request.ObjectId).get_child(f"{mes.index}:{method}")).nodeid
                 request.InputArguments = arguments
                 return (await mes.uaclient.call([request]))[0]
@@ -269,7 +216,7 @@ def test_silent_connections_leave_room_after_the_time_for_a_login(
 
     async def test(gateway: Any) -> None:
         folder = gateway.path.parent
-        server = OpcuaServer(gateway.service, Settings(folder=folder, opcua_port=0))
+        server = opcua_server(gateway.service, folder)
         await server.start()
         try:
             url = urlsplit(server.address)
@@ -292,7 +239,7 @@ def test_command_line_programs_browse_call_and_read(in_server: Run) -> None:
         address = gateway.address
         await gateway.put("j5", start=False)
         called, read = await asyncio.gather(
-            program("uacall", address, "-n", "ns=2;s=JobOrderReceiver", "-m", "2:Start", "-t", "string", "j5"),
+            program("uacall", address, "-n", "ns=3;s=JobOrderReceiver", "-m", "2:Start", "-t", "string", "j5"),
             program("uaread", address, "-n", "ns=3;s=Cell/Robots/robot/State"),
         )
         assert gateway.state("j5") == "AllowedToStart/Loaded", called
@@ -304,7 +251,7 @@ def test_command_line_programs_browse_call_and_read(in_server: Run) -> None:
 def test_scene_is_a_twin_that_follows_changes(in_server: Run) -> None:
     async def test(gateway: Any) -> None:
         async with Mes(gateway.address, "view") as mes:
-            index = await mes.get_namespace_index("urn:skiros2:cell")
+            index = await cell_index(mes)
             kind = mes.get_node(ua.NodeId("World/Tray-1/Type", index))
             while True:
                 try:
@@ -356,7 +303,7 @@ def test_element_with_a_number_of_any_size_costs_no_other(in_server: Run) -> Non
         gateway.cell.change(Bad={"id": 7})
         gateway.cell.change(**{each["id"]: each for each in changed})
         async with Mes(gateway.address) as mes:
-            index = await mes.get_namespace_index(TWIN)
+            index = await cell_index(mes)
             while True:
                 try:
                     assert await mes.get_node(ua.NodeId("World/Huge-2/a", index)).read_value() == 1.0
@@ -377,7 +324,7 @@ def test_agent_does_not_log_in_and_a_revoked_user_may_do_nothing_more(in_server:
         await mes.connect()
         try:
             await mes.load()
-            assert await mes.call("Store", order("admitted"), NO_COMMENT) == 0
+            assert await mes.call("Store", order("admitted"), NO_COMMENT) == SUCCESS
             gateway.access.set_users([user for user in users if user.name != "operate"])
             with pytest.raises(ua.UaStatusCodeError):
                 await mes.call("Store", order("revoked"), NO_COMMENT)

@@ -23,10 +23,7 @@ from skiros2_bags.core.run import Run
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.recorded_bag import read_scene
-from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.http.live import live_router
-from skiros2_gateway.opcua.server import OpcuaServer
-from skiros2_gateway.opcua.twin import NAMESPACE
 from skiros2_gui.app.system import MANAGER, parts_of
 from skiros2_gui.app.tasks import skills_text
 from skiros2_gui.app.window import Window
@@ -46,6 +43,7 @@ from skiros2_runs.core.task_run import TaskRun
 from skiros2_world_model.core.queries import SceneReader
 from support.broker import broker, needs_broker
 from support.http_gateway import curl, served
+from support.opcua import cell_index, opcua_server
 from support.ros import ROOT
 from support.window.synchronous import make_window
 from unit.skiros2_gateway.conftest import TOKENS, Gateway
@@ -128,7 +126,7 @@ async def views(cell: Cell, folder: Path) -> AsyncIterator[tuple[str, Client]]:
     view = LiveView(cell.document)
     following = asyncio.create_task(view.follow(cell.gateway.service))
     routers = [live_router(view, SimpleNamespace(), Bags(None))]  # type: ignore[arg-type]
-    opcua = OpcuaServer(cell.gateway.service, Settings(folder=folder, opcua_port=0))
+    opcua = opcua_server(cell.gateway.service, folder)
     await opcua.start()
     client = Client(opcua.address, timeout=10)
     client.set_user("view")
@@ -164,7 +162,7 @@ def test_window_page_and_interfaces_show_the_same_at_any_time(in_gateway: Any, t
         patches = list(cell.patches())
         seen: list[tuple[Tasks, list[str]]] = []
         async with views(cell, tmp_path) as (address, client):
-            index = await client.get_namespace_index(NAMESPACE)
+            index = await cell_index(client)
 
             async def opcua(path: str) -> Any:
                 return await client.get_node(ua.NodeId(path, index)).read_value()

@@ -22,6 +22,10 @@ Order = dict[str, Any]
 #: Of a response: `outcome`, `message`, `started` and `ended` (s since the epoch), `changes`, `quality` (data by name).
 Answer = dict[str, Any]
 
+#: The begin of the URI of a cell's namespace in OPC UA, which has its objects.
+_CELL_NAMESPACE = "urn:skiros2:cell:"
+#: `ReturnStatus` of a method of OPC UA Job Control that was carried out.
+_SUCCESS = 1
 #: Period of reading a response where no message comes (s).
 _PERIOD = 0.5
 _TIMEOUT = 60.0  # s, for the answer of a request
@@ -85,11 +89,12 @@ class OpcuaChannel:
     """OPC UA Job Control, with asyncua's client.
 
     :param index: of the namespace of the types.
+    :param cell: of the namespace of the cell's objects.
     """
 
-    def __init__(self, client: Client, index: int) -> None:
+    def __init__(self, client: Client, index: int, cell: int) -> None:
         self.client = client
-        self.index = index
+        self.index, self.cell = index, cell
         self._nodes: dict[str, Any] = {}
 
     @classmethod
@@ -104,7 +109,9 @@ class OpcuaChannel:
         client.set_password(token)
         await client.connect()
         await client.load_data_type_definitions()
-        return cls(client, await client.get_namespace_index(namespace))
+        namespaces = await client.get_namespace_array()
+        [cell] = (index for index, uri in enumerate(namespaces) if uri.startswith(_CELL_NAMESPACE))
+        return cls(client, namespaces.index(namespace), cell)
 
     async def send(self, order: Order) -> None:
         made = ua.ISA95JobOrderDataType(JobOrderID=order["id"], Priority=order.get("priority", 0))
@@ -114,7 +121,7 @@ class OpcuaChannel:
         ]
         no_comment = ua.Variant([], ua.VariantType.LocalizedText, is_array=True)
         status = await self._call("JobOrderReceiver", "StoreAndStart", made, no_comment)
-        if status:
+        if status != _SUCCESS:
             raise Refused(f"StoreAndStart of {order['id']}: return status {status}")
 
     async def response(self, job_id: str) -> Answer:
@@ -139,7 +146,7 @@ class OpcuaChannel:
 
     async def _call(self, name: str, method: str, *arguments: Any) -> Any:
         if name not in self._nodes:
-            self._nodes[name] = await self.client.nodes.objects.get_child(f"{self.index}:{name}")
+            self._nodes[name] = await self.client.nodes.objects.get_child(f"{self.cell}:{name}")
         return await self._nodes[name].call_method(f"{self.index}:{method}", *arguments)
 
 

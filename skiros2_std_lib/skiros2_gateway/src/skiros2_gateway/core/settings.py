@@ -17,6 +17,8 @@ FOLDER = Path("~/.skiros2/gateway")
 class Settings(BaseModel):
     """The settings, as private parameters of the node.
 
+    :param cell: name of the cell, unique in the plant, in the URIs of its OPC UA server; "": a random one, which is
+        kept in the folder.
     :param host: address to bind to. Others than that of this machine need `certificate` and `key`.
     :param hosts: further names of this machine by which agents reach `/mcp`, separated by commas.
     :param http_port, opcua_port: 0: a free port; -1: off.
@@ -39,6 +41,7 @@ class Settings(BaseModel):
     folder: Path = FOLDER
     users: str = ""
     work_masters: str = ""
+    cell: str = Field("", pattern=r"^([A-Za-z0-9][A-Za-z0-9._-]{0,63})?$")
     host: str = "127.0.0.1"
     hosts: str = ""
     http_port: int = Field(8765, ge=-1, le=65535)

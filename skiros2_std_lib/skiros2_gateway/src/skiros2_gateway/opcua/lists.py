@@ -14,10 +14,14 @@ RESPONSES = 100
 
 
 class JobLists:
-    """Follows the jobs. To be used in the gateway's loop."""
+    """Follows the jobs. To be used in the gateway's loop.
 
-    def __init__(self, service: Service) -> None:
+    :param types: index of the namespace of the types.
+    """
+
+    def __init__(self, service: Service, types: int) -> None:
         self._service = service
+        self._types = types
         self._orders: dict[str, tuple[Order, State, Substate, Any]] = {}
         self._responses: dict[str, Any] | None = None  # None: to be read from the store
 
@@ -30,7 +34,7 @@ class JobLists:
             if event.data["cleared"]:
                 self._responses = None
             else:
-                self._responses[event.data["id"]] = job_response(Job.from_dict(event.data))
+                self._responses[event.data["id"]] = job_response(Job.from_dict(event.data), self._types)
                 while len(self._responses) > RESPONSES:
                     del self._responses[next(iter(self._responses))]
 
@@ -40,7 +44,7 @@ class JobLists:
         for job in self._service.control.open_jobs:
             entry = known.get(job.id)
             if entry is None or entry[0] is not job.order or entry[1:3] != (job.state, job.substate):
-                entry = job.order, job.state, job.substate, job_order_and_state(job)
+                entry = job.order, job.state, job.substate, job_order_and_state(job, self._types)
             self._orders[job.id] = entry
         return [entry[3] for entry in self._orders.values()]
 
@@ -51,5 +55,5 @@ class JobLists:
         """
         if self._responses is None:
             ended = list(self._service.store.jobs([state.value for state in FINAL], limit=RESPONSES))
-            self._responses = {job.id: job_response(job) for job in reversed(ended)}
+            self._responses = {job.id: job_response(job, self._types) for job in reversed(ended)}
         return list(reversed(self._responses.values()))

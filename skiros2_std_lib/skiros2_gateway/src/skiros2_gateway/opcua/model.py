@@ -1,136 +1,109 @@
-"""The types of ISA-95 Job Control (OPC 10031-4) in a server's address space: structures, object types, methods, events.
-
-They have the browse names, fields and arguments of the companion specification, in its namespace. The numbers of their
-node ids are the server's own.
-"""
+"""The types of ISA-95 Job Control (OPC 10031-4) from the official node set, and the cell's instances of them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from asyncua import Node, Server, ua
-from asyncua.common.structures104 import new_struct, new_struct_field
 
+from skiros2_common.core.errors import ConfigurationError
+
+#: The namespace of the types. The node set alone adds nodes to it.
 NAMESPACE = "http://opcfoundation.org/UA/ISA95-JOBCONTROL_V2/"
+#: The begin of the URI of a cell's namespace, which has all instances; the cell's name follows.
+CELL_NAMESPACE = "urn:skiros2:cell:"
+#: The file of the node set. `nodesets/take` takes it from the package at set-up.
+NODESET = "opc.ua.isa95-jobcontrol.nodeset2.xml"
 
-_STRING, _TEXT, _TIME = ua.VariantType.String, ua.VariantType.LocalizedText, ua.VariantType.DateTime
-_UNIT = ua.NodeId(ua.ObjectIds.EUInformation)
+RECEIVER, PROVIDER = "JobOrderReceiver", "JobResponseProvider"
+RECEIVER_TYPE, PROVIDER_TYPE = "ISA95JobOrderReceiverSubStatesType", "ISA95JobResponseProviderObjectType"
 
-#: The fields of each structure: name, type (or the name of a structure above), and flags: `*` an array, `?` optional.
-_STRUCTURES: dict[str, tuple[tuple[str, Any, str], ...]] = {
-    "ISA95PropertyDataType": (
-        ("ID", _STRING, ""), ("Value", ua.VariantType.Variant, ""), ("Description", _TEXT, "*?"),
-        ("EngineeringUnits", _UNIT, "?"),
-    ),
-    "ISA95ParameterDataType": (
-        ("ID", _STRING, ""), ("Value", ua.VariantType.Variant, ""), ("Description", _TEXT, "*?"),
-        ("EngineeringUnits", _UNIT, "?"),
-    ),
-    "ISA95EquipmentDataType": (
-        ("ID", _STRING, ""), ("Description", _TEXT, "*?"), ("EquipmentUse", _STRING, "?"), ("Quantity", _STRING, "?"),
-        ("EngineeringUnits", _UNIT, "?"), ("Properties", "ISA95PropertyDataType", "*?"),
-    ),
-    "ISA95WorkMasterDataType": (
-        ("ID", _STRING, ""), ("Description", _TEXT, "?"), ("Parameters", "ISA95ParameterDataType", "*?"),
-    ),
-    "ISA95StateDataType": (
-        ("BrowsePath", ua.NodeId(ua.ObjectIds.RelativePath), ""), ("StateText", _TEXT, ""),
-        ("StateNumber", ua.VariantType.UInt32, ""),
-    ),
-    "ISA95JobOrderDataType": (
-        ("JobOrderID", _STRING, ""), ("Description", _TEXT, "*?"), ("WorkMasterID", "ISA95WorkMasterDataType", "*?"),
-        ("StartTime", _TIME, "?"), ("EndTime", _TIME, "?"), ("Priority", ua.VariantType.Int16, "?"),
-        ("JobOrderParameters", "ISA95ParameterDataType", "*?"),
-        ("EquipmentRequirements", "ISA95EquipmentDataType", "*?"),
-    ),
-    "ISA95JobOrderAndStateDataType": (
-        ("JobOrder", "ISA95JobOrderDataType", ""), ("State", "ISA95StateDataType", "*"),
-    ),
-    "ISA95JobResponseDataType": (
-        ("JobResponseID", _STRING, ""), ("Description", _TEXT, "?"), ("JobOrderID", _STRING, ""),
-        ("StartTime", _TIME, "?"), ("EndTime", _TIME, "?"), ("JobState", "ISA95StateDataType", "*"),
-        ("JobResponseData", "ISA95ParameterDataType", "*?"), ("EquipmentActuals", "ISA95EquipmentDataType", "*?"),
-    ),
-}  # fmt: skip
+#: An argument of a method: name, type (or the name of a structure) and whether it is an array.
+Argument = tuple[str, ua.VariantType | str, bool]
 
-_ORDER = (("JobOrder", "ISA95JobOrderDataType", False), ("Comment", _TEXT, True))
-_ID = (("JobOrderID", _STRING, False), ("Comment", _TEXT, True))
-_STATUS = (("ReturnStatus", ua.VariantType.UInt64, False),)
-
-#: Methods of the receiver of job orders: name, input and output arguments (name, type, is array).
-RECEIVER_METHODS: dict[str, tuple[tuple[Any, ...], tuple[Any, ...]]] = {
-    **dict.fromkeys(("Store", "StoreAndStart", "Update"), (_ORDER, _STATUS)),
-    **dict.fromkeys(("Start", "RevokeStart", "Pause", "Resume", "Stop", "Abort", "Cancel", "Clear"), (_ID, _STATUS)),
-}
-#: Methods of the provider of job responses.
-PROVIDER_METHODS: dict[str, tuple[tuple[Any, ...], tuple[Any, ...]]] = {
-    "RequestJobResponseByJobOrderID": (
-        (("JobOrderID", _STRING, False),), (("JobResponse", "ISA95JobResponseDataType", False), *_STATUS),
-    ),
-    "RequestJobResponseByJobOrderState": (
-        (("JobOrderState", "ISA95StateDataType", True),),
-        (("JobResponses", "ISA95JobResponseDataType", True), *_STATUS),
-    ),
-}  # fmt: skip
-
-RECEIVER_TYPE, PROVIDER_TYPE = "ISA95JobOrderReceiverObjectType", "ISA95JobResponseProviderObjectType"
+_MAX_JOBS = 10_000
 
 
 @dataclass
-class JobTypes:
-    """The object types, and the namespace index of the model."""
+class JobModel:
+    """The instances.
 
-    index: int
+    :param types, cell: indexes of the namespaces.
+    :param children: variables, methods and objects of receiver and provider, by name.
+    :param arguments: input arguments of the methods, by name.
+    """
+
+    types: int
+    cell: int
     receiver: Node
     provider: Node
+    children: Mapping[str, Node]
+    arguments: Mapping[str, list[Argument]]
 
 
-async def build_types(server: Server) -> JobTypes:
-    """Adds the types to a server and returns them."""
-    index = await server.register_namespace(NAMESPACE)
-    ids: dict[str, ua.NodeId] = {}
-    for name, fields in _STRUCTURES.items():
-        made = [
-            new_struct_field(key, ids.get(kind, kind), array="*" in flags, optional="?" in flags)
-            for key, kind, flags in fields
-        ]
-        node, _ = await new_struct(server, index, name, made)
-        ids[name] = node.nodeid
+async def build_model(server: Server, nodesets: Path, cell: str) -> JobModel:
+    """Imports the types into a server and adds the instances.
+
+    :param nodesets: the folder of the node set.
+    :param cell: the URI of the cell's namespace.
+    :raises ConfigurationError: the node set is missing, or cannot be imported.
+    """
+    file = nodesets / NODESET
+    if not file.is_file():
+        raise ConfigurationError(
+            f'opcua_port is set, but {file}, the types of Job Control, is missing; run: make setup FOR="gateway page"'
+        )
+    try:
+        await server.import_xml(file)
+    except Exception as error:  # asyncua does not say what it raises
+        raise ConfigurationError(f"OPC UA: {file} cannot be imported: {error}") from error
     await server.load_data_type_definitions()
-    receiver = await server.nodes.base_object_type.add_object_type(index, RECEIVER_TYPE)
-    provider = await server.nodes.base_object_type.add_object_type(index, PROVIDER_TYPE)
-    for parent, methods in ((receiver, RECEIVER_METHODS), (provider, PROVIDER_METHODS)):
-        for name, (inputs, outputs) in methods.items():
-            arguments = ([_argument(each, ids) for each in side] for side in (inputs, outputs))
-            method = await parent.add_method(index, name, _not_linked, *arguments)
-            await method.set_modelling_rule(True)
-    variables = (
-        (receiver, "JobOrderList", ids["ISA95JobOrderAndStateDataType"]),
-        (receiver, "WorkMaster", ids["ISA95WorkMasterDataType"]),
-        (receiver, "EquipmentID", ua.NodeId(ua.ObjectIds.String)),
-        (provider, "JobOrderResponseList", ids["ISA95JobResponseDataType"]),
-    )
-    for parent, name, kind in variables:
-        variant = ua.VariantType.String if kind.NamespaceIndex == 0 else ua.VariantType.ExtensionObject
-        value = ua.Variant([], variant, is_array=True)
-        variable = await parent.add_variable(index, name, value, datatype=kind)
-        await variable.write_value_rank(ua.ValueRank.OneDimension)
-        await variable.set_modelling_rule(True)
-    limit = await receiver.add_property(index, "MaxDownloadableJobOrders", 10_000, ua.VariantType.UInt16)
-    await limit.set_modelling_rule(True)
-    return JobTypes(index, receiver, provider)
+    types = await server.get_namespace_index(NAMESPACE)
+    index = await server.register_namespace(cell)
+    made, children = {}, dict[str, Node]()
+    for name, kind in ((RECEIVER, RECEIVER_TYPE), (PROVIDER, PROVIDER_TYPE)):
+        type_node = await find_type(server, types, kind)
+        made[name] = await server.nodes.objects.add_object(ua.NodeId(name, index), f"{index}:{name}", type_node.nodeid)
+        for node in await made[name].get_children():
+            children[(await node.read_browse_name()).Name] = node
+    arguments = {
+        name: await _arguments(node)
+        for name, node in children.items()
+        if await node.read_node_class() is ua.NodeClass.Method
+    }
+    await children["MaxDownloadableJobOrders"].write_value(_MAX_JOBS, ua.VariantType.UInt16)
+    for name in ("EquipmentID", "MaterialClassID", "MaterialDefinitionID", "PersonnelID", "PhysicalAssetID"):
+        await children[name].write_value(ua.Variant([], ua.VariantType.String, is_array=True))
+    for name in ("JobOrderList", "WorkMaster", "JobOrderResponseList"):
+        await children[name].write_value(ua.Variant([], ua.VariantType.ExtensionObject, is_array=True))
+    return JobModel(types, index, made[RECEIVER], made[PROVIDER], children, arguments)
 
 
-def _argument(described: tuple[Any, ...], ids: dict[str, ua.NodeId]) -> ua.Argument:
-    name, kind, is_array = described
-    argument = ua.Argument(Name=name)
-    argument.DataType = ids[kind] if isinstance(kind, str) else ua.NodeId(kind.value)
-    argument.ValueRank = ua.ValueRank.OneDimension if is_array else ua.ValueRank.Scalar
-    argument.ArrayDimensions = [0] if is_array else []
-    return argument
+async def find_type(server: Server, index: int, name: str) -> Node:
+    """Returns an object type of the node set.
+
+    :param index: of the namespace of the types.
+    :raises ConfigurationError: the node set has no such type.
+    """
+    waiting = [server.nodes.base_object_type]
+    while waiting:
+        for node in await waiting.pop().get_children(refs=ua.ObjectIds.HasSubtype):
+            browse_name = await node.read_browse_name()
+            if browse_name == ua.QualifiedName(name, index):
+                return node
+            waiting.append(node)
+    raise ConfigurationError(f"OPC UA: {NODESET} has no type {name}: another version of the node set?")
 
 
-def _not_linked(parent: Any, *arguments: Any) -> ua.StatusCode:
-    """The method of the type; that of the object is linked by the server."""
-    return ua.StatusCode(ua.StatusCodes.BadNotImplemented)
+async def _arguments(method: Node) -> list[Argument]:
+    declared: list[Any] = await (await method.get_child("0:InputArguments")).read_value()
+    return [(each.Name, _kind(each.DataType), each.ValueRank >= 0) for each in declared]
+
+
+def _kind(data_type: ua.NodeId) -> ua.VariantType | str:
+    if data_type.NamespaceIndex == 0:
+        return ua.VariantType(data_type.Identifier)
+    return str(ua.extension_objects_by_datatype[data_type].__name__)

@@ -18,13 +18,34 @@ GOAL_PARAMETER = "Goal"
 QUALITY_PARAMETER = "PlanQuality"
 
 
+#: Fields of an order for what the gateway does not plan: an order that needs them is not accepted.
+_NOT_PLANNED = ("PersonnelRequirements", "PhysicalAssetRequirements", "MaterialRequirements")
+
+#: The object that has the state machine of sub-states, by state.
+SUBSTATES = {
+    State.NOT_ALLOWED_TO_START: "NotAllowedToStartSubstates",
+    State.ALLOWED_TO_START: "AllowedToStartSubstates",
+    State.INTERRUPTED: "InterruptedSubstates",
+    State.ENDED: "EndedSubstates",
+}
+
+
 def order_data(order: Any) -> dict[str, Any]:
     """Returns the JSON data of an order.
 
     :param order: an ISA95JobOrderDataType.
     :raises Rejected: with all problems of its fields.
     """
-    problems = []
+    problems = [
+        Problem("wrong_value", name, f"{len(values)} entries", "none: the cell plans with robots only")
+        for name in _NOT_PLANNED
+        if (values := getattr(order, name))
+    ]
+    problems += [
+        Problem("wrong_value", f"parameters.{p.ID}", "Subparameters", "a value")
+        for p in order.JobOrderParameters or []
+        if p.Subparameters
+    ]
     ids = [str(p.ID) for p in order.JobOrderParameters or []]
     for key in sorted({key for key in ids if ids.count(key) > 1}):
         problems.append(Problem("wrong_value", f"parameters.{key}", f"{ids.count(key)} values", "one"))
@@ -70,27 +91,40 @@ def job_order(job: Job) -> Any:
     return make
 
 
-def job_states(job: Job) -> list[Any]:
-    """Returns the state of a job, and its sub-state if it has one."""
+def job_states(job: Job, types: int) -> list[Any]:
+    """Returns the state of a job, and its sub-state if it has one.
+
+    :param types: index of the namespace of the types.
+    """
     states = [_state(job.state.value, job.state.number)]
     if job.substate is not Substate.NONE:
-        states.append(_state(job.substate.value, job.substate.number))
+        path = [
+            ua.RelativePathElement(ua.NodeId(ua.ObjectIds.HasComponent), False, True, ua.QualifiedName(name, types))
+            for name in (SUBSTATES[job.state], job.substate.value)
+        ]
+        states.append(_state(job.substate.value, job.substate.number, path))
     return states
 
 
-def job_order_and_state(job: Job) -> Any:
-    """Returns an entry of the list of job orders."""
-    return ua.ISA95JobOrderAndStateDataType(JobOrder=job_order(job), State=job_states(job))
+def job_order_and_state(job: Job, types: int) -> Any:
+    """Returns an entry of the list of job orders.
+
+    :param types: index of the namespace of the types.
+    """
+    return ua.ISA95JobOrderAndStateDataType(JobOrder=job_order(job), State=job_states(job, types))
 
 
-def job_response(job: Job) -> Any:
-    """Returns the response of a job. Lists are JSON texts."""
+def job_response(job: Job, types: int) -> Any:
+    """Returns the response of a job. Lists are JSON texts.
+
+    :param types: index of the namespace of the types.
+    """
     response, make = job.response, ua.ISA95JobResponseDataType()
     make.JobResponseID = f"response of {job.id}"
     make.JobOrderID = job.id
     make.Description = ua.LocalizedText(response.message)
     make.StartTime, make.EndTime = _time(response.started), _time(response.ended)
-    make.JobState = job_states(job)
+    make.JobState = job_states(job, types)
     texts = {"Outcome": response.outcome, "Message": response.message, "Phase": response.phase}
     lists = {
         "Plan": response.plan, "Steps": response.steps, "Changes": response.changes, "Notes": response.notes,
@@ -140,8 +174,10 @@ def wanted_states(states: list[Any] | None) -> list[str]:
     return names
 
 
-def _state(text: str, number: int) -> Any:
-    return ua.ISA95StateDataType(BrowsePath=ua.RelativePath(), StateText=ua.LocalizedText(text), StateNumber=number)
+def _state(text: str, number: int, path: list[ua.RelativePathElement] | None = None) -> Any:
+    """Returns a state; `path` is that of a sub-state."""
+    browse_path, shown = ua.RelativePath(path or []), ua.LocalizedText(text, "en")
+    return ua.ISA95StateDataType(BrowsePath=browse_path, StateText=shown, StateNumber=number)
 
 
 def _plain(value: Any) -> Any:

@@ -14,9 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from asyncua import Server, ua
-from asyncua.crypto.cert_gen import setup_self_signed_certificate
 from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
-from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
 from skiros2_gateway.core.access import Caller
@@ -26,22 +24,21 @@ from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.opcua.arguments import described, wrong_arguments
+from skiros2_gateway.opcua.identity import cell_name, own_certificate
+from skiros2_gateway.opcua.job_states import JobStates
 from skiros2_gateway.opcua.lists import RESPONSES, JobLists
-from skiros2_gateway.opcua.model import PROVIDER_METHODS, RECEIVER_METHODS, JobTypes, build_types
+from skiros2_gateway.opcua.model import CELL_NAMESPACE, JobModel, build_model
 from skiros2_gateway.opcua.orders import job_response, order_data, wanted_states, work_master
+from skiros2_gateway.opcua.return_status import ReturnStatus
+from skiros2_gateway.opcua.trust_list import TrustList
 from skiros2_gateway.opcua.twin import Twin
 
 log = logging.getLogger(__name__)
 # asyncua logs each node of its address space and each request
 logging.getLogger("asyncua").setLevel(logging.WARNING)
 
-APPLICATION = "urn:skiros2:gateway"
-
 #: The locale of the comment that is the idempotency key of a command. A private tag (BCP 47): no language has it.
 KEY_LOCALE = "x-key"
-
-#: The bits of `ReturnStatus`.
-UNKNOWN_JOB, INVALID_STATE, NOT_ACCEPTED = 1, 2, 4
 
 _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
 
@@ -102,16 +99,20 @@ class _Rules(SimpleRoleRuleset):
 
 
 class OpcuaServer:
-    """The server. To be used in the gateway's loop."""
+    """The server. To be used in the gateway's loop.
 
-    def __init__(self, service: Service, settings: Settings) -> None:
+    :param nodesets: the folder of the node set with the types, see `model.NODESET`.
+    """
+
+    def __init__(self, service: Service, settings: Settings, nodesets: Path) -> None:
         self._service = service
         self._settings = settings
+        self._nodesets = nodesets
         self._server = Server(user_manager=_Users(service))
-        self._types: JobTypes
-        self._nodes: dict[str, Any] = {}
+        self._model: JobModel
         self._tasks: list[asyncio.Task[None]] = []
-        self._lists = JobLists(service)
+        self._lists: JobLists
+        self._states: JobStates
         self._has_changes = asyncio.Event()
         #: Its address, once it has started.
         self.address = ""
@@ -119,7 +120,7 @@ class OpcuaServer:
     async def start(self) -> None:
         """Starts to serve.
 
-        :raises ConfigurationError: the port is in use, or the certificate cannot be read.
+        :raises ConfigurationError: the port is in use, the types are not set up, or the certificate cannot be read.
         """
         settings, server = self._settings, self._server
         port = _port(settings.host, settings.opcua_port)  # before the seconds that the rest takes
@@ -128,9 +129,12 @@ class OpcuaServer:
         self.address = f"opc.tcp://{_host(settings.host)}:{port}/skiros2/"
         server.set_endpoint(self.address)
         server.set_server_name("SkiROS2 gateway")
-        await server.set_application_uri(APPLICATION)
-        await self._secure()
-        self._types = await build_types(server)
+        cell = cell_name(settings)
+        await self._secure(cell)
+        self._model = await build_model(server, self._nodesets, f"{CELL_NAMESPACE}{cell}")
+        self._lists = JobLists(self._service, self._model.types)
+        self._states = JobStates(server, self._model)
+        await self._states.start()
         await self._add_objects()
         await server.start()
         log.info("the gateway serves %s", self.address)
@@ -144,22 +148,13 @@ class OpcuaServer:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._server.stop()
 
-    async def _secure(self) -> None:
+    async def _secure(self, cell: str) -> None:
         """Sets security policies, certificate and ways to log in; anonymous users have none."""
-        folder, server = self._settings.folder.expanduser(), self._server
-        certificate, key = Path(self._settings.certificate), Path(self._settings.key)
-        if not self._settings.certificate:
-            certificate, key = folder / "opcua_certificate.der", folder / "opcua_key.pem"
-            usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
-            await setup_self_signed_certificate(
-                key, certificate, APPLICATION, socket.gethostname(), usage, {"organizationName": "SkiROS2"}
-            )
-            key.chmod(0o600)
-        try:
-            await server.load_certificate(certificate)
-            await server.load_private_key(key)
-        except (OSError, ValueError) as error:
-            raise ConfigurationError(f"certificate {certificate}, key {key}: {error}") from error
+        server = self._server
+        identity = await own_certificate(self._settings, cell)
+        await server.set_application_uri(identity.uri)
+        server.iserver.certificate, server.iserver.private_key = identity.certificate, identity.key
+        server.set_certificate_validator(TrustList(self._settings.folder.expanduser() / "opcua"))
         policies = [
             ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
             ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
@@ -172,12 +167,6 @@ class OpcuaServer:
     # -- nodes -------------------------------------------------------------------------------------------------
 
     async def _add_objects(self) -> None:
-        server, index = self._server, self._types.index
-        for name, kind in (("JobOrderReceiver", self._types.receiver), ("JobResponseProvider", self._types.provider)):
-            place = ua.NodeId(name, index), f"{index}:{name}"
-            made = await server.nodes.objects.add_object(*place, kind.nodeid)
-            for node in await made.get_children():
-                self._nodes[(await node.read_browse_name()).Name] = node
         for method in Method:
             takes_order = method in (Method.STORE, Method.STORE_AND_START, Method.UPDATE)
             self._link(method, self._on_order(method) if takes_order else self._on_method(method))
@@ -185,11 +174,11 @@ class OpcuaServer:
         self._link("RequestJobResponseByJobOrderState", self._responses_by_state)
         masters = [work_master(master) for master in self._service.control.masters.all.values()]
         await self._write("WorkMaster", masters)
-        self._twin = Twin(server, self._service)
+        self._twin = Twin(self._server, self._service, self._model.cell)
         await self._twin.start()
 
     def _link(self, name: str, call: Callable[..., Coroutine[Any, Any, Any]]) -> None:
-        declared = {**RECEIVER_METHODS, **PROVIDER_METHODS}[name][0]
+        declared = self._model.arguments[name]
 
         async def linked(_: ua.NodeId, *arguments: ua.Variant) -> Any:
             if wrong := wrong_arguments(declared, arguments):
@@ -201,11 +190,10 @@ class OpcuaServer:
             except TooMany:
                 return ua.StatusCode(ua.StatusCodes.BadTooManyOperations)
 
-        self._server.link_method(self._nodes[name], linked)
+        self._server.link_method(self._model.children[name], linked)
 
     async def _write(self, name: str, value: list[Any]) -> None:
-        if name in self._nodes:
-            await self._nodes[name].write_value(ua.Variant(value, ua.VariantType.ExtensionObject, is_array=True))
+        await self._model.children[name].write_value(ua.Variant(value, ua.VariantType.ExtensionObject, is_array=True))
 
     # -- methods -----------------------------------------------------------------------------------------------
 
@@ -247,15 +235,15 @@ class OpcuaServer:
         """
         key = next((text.Text or "" for text in comment or [] if text.Locale == KEY_LOCALE), "")
         await self._service.once(caller, key, [method, command], carry_out, keep_of(method.name.lower()))
-        return [ua.Variant(0, ua.VariantType.UInt64)]
+        return [_status_variant(ReturnStatus.SUCCESS)]
 
     async def _response_by_id(self, job_id: str) -> list[ua.Variant]:
         self._service.view(_current_caller())
         try:
-            response, status = job_response(self._service.control.get(job_id)), 0
+            response = job_response(self._service.control.get(job_id), self._model.types)
         except UnknownName:
-            response, status = ua.ISA95JobResponseDataType(), UNKNOWN_JOB
-        return [ua.Variant(response), ua.Variant(status, ua.VariantType.UInt64)]
+            return [ua.Variant(ua.ISA95JobResponseDataType()), _status_variant(ReturnStatus.UNKNOWN_JOB)]
+        return [ua.Variant(response), _status_variant(ReturnStatus.SUCCESS)]
 
     async def _responses_by_state(self, states: list[Any] | None) -> Any:
         self._service.view(_current_caller())
@@ -264,7 +252,8 @@ class OpcuaServer:
         except SkirosError as error:
             return _status("RequestJobResponseByJobOrderState", error, _objects([]))
         jobs = self._service.store.jobs(names, limit=RESPONSES)
-        return [_objects([job_response(job) for job in jobs]), ua.Variant(0, ua.VariantType.UInt64)]
+        found = _objects([job_response(job, self._model.types) for job in jobs])
+        return [found, _status_variant(ReturnStatus.SUCCESS)]
 
     # -- changes -----------------------------------------------------------------------------------------------
 
@@ -272,14 +261,24 @@ class OpcuaServer:
         self._has_changes.set()
         last = self._service.events.last_id
         await self._twin.show_cell()
+        await self._show_equipment()
         async for event in self._service.events.follow(last):
             try:
                 self._lists.on_event(event)
                 await self._twin.on_event(event)
+                if event.kind in ("cell", "reset"):
+                    await self._show_equipment()
+                if event.kind == "job":
+                    await self._states.on_job(event.data)
             except Exception:  # one event with a mistake does not cost the others
                 log.exception("OPC UA: the event %s of kind %s is not shown", event.id, event.kind)
             if event.kind in ("job", "reset"):
                 self._has_changes.set()
+
+    async def _show_equipment(self) -> None:
+        """Writes the names that `EquipmentRequirements` of an order may have."""
+        names = [robot["name"] for robot in self._service.control.cell.state()["robots"]]
+        await self._model.children["EquipmentID"].write_value(ua.Variant(names, ua.VariantType.String, is_array=True))
 
     async def _write_lists(self) -> None:
         while True:
@@ -317,8 +316,13 @@ def _status(action: str, error: SkirosError, *outputs: ua.Variant) -> ua.CallMet
     if isinstance(error, Denied | TooMany | Unauthenticated):
         raise error
     log.info("%s: %s", action, error)
-    status = {"unknown_name": UNKNOWN_JOB, "refused": INVALID_STATE}.get(error.code, NOT_ACCEPTED)
-    return described(ua.StatusCodes.Good, [str(error)], [*outputs, ua.Variant(status, ua.VariantType.UInt64)])
+    known = {"unknown_name": ReturnStatus.UNKNOWN_JOB, "refused": ReturnStatus.INVALID_STATE}
+    status = _status_variant(known.get(error.code, ReturnStatus.NOT_ACCEPTED))
+    return described(ua.StatusCodes.Good, [str(error)], [*outputs, status])
+
+
+def _status_variant(status: ReturnStatus) -> ua.Variant:
+    return ua.Variant(int(status), ua.VariantType.UInt64)
 
 
 def _objects(values: list[Any]) -> ua.Variant:

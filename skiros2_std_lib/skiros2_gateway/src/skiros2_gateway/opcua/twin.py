@@ -19,25 +19,26 @@ from skiros2_gateway.core.service import Service
 
 log = logging.getLogger(__name__)
 
-NAMESPACE = "urn:skiros2:cell"
 #: The pause after an object was added (s). Adding one with its variables takes about as long, and the loop does nothing
 #: else meanwhile: requests of others would wait until a whole scene is added.
 _PAUSE = 0.01
 
 
 class Twin:
-    """The nodes. To be used in the gateway's loop."""
+    """The nodes. To be used in the gateway's loop.
 
-    def __init__(self, server: Server, service: Service) -> None:
+    :param index: of the cell's namespace.
+    """
+
+    def __init__(self, server: Server, service: Service, index: int) -> None:
         self._server = server
         self._service = service
-        self._index = 0
+        self._index = index
         self._folders: dict[str, Node] = {}
         self._objects: dict[str, dict[str, Node]] = {}  # variables by key, of each object by its path
 
     async def start(self) -> None:
         """Adds the folders."""
-        self._index = await self._server.register_namespace(NAMESPACE)
         for name in ("Cell", "World"):
             self._folders[name] = await self._server.nodes.objects.add_folder(self._id(name), f"{self._index}:{name}")
         robots = await self._folders["Cell"].add_folder(self._id("Cell/Robots"), f"{self._index}:Robots")

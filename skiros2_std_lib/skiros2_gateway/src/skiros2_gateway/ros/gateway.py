@@ -113,7 +113,7 @@ async def _serve(settings: Settings) -> None:
         if settings.opcua_port >= 0:
             from skiros2_gateway.opcua.server import OpcuaServer  # imports for a second
 
-            opcua = OpcuaServer(service, settings)
+            opcua = OpcuaServer(service, settings, _share() / "nodesets")
             await opcua.start()
             stack.push_async_callback(opcua.stop)
             rospy.set_param("~opcua_address", opcua.address)
@@ -133,8 +133,12 @@ def _live_view(
     stack.callback(live.close)
     stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
     bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
-    page = Path(rospkg.RosPack().get_path("skiros2_gateway")) / "page"  # missing if it was not built
+    page = _share() / "page"  # missing if it was not built
     return [live_router(view, live, bags, stop_port), page_router(page, stop_port)]
+
+
+def _share() -> Path:
+    return Path(rospkg.RosPack().get_path("skiros2_gateway"))
 
 
 async def _listen(settings: Settings, name: str, port: int) -> socket.socket:

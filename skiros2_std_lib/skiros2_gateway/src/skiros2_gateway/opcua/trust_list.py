@@ -1,0 +1,73 @@
+"""The client certificates that a person has accepted, and those that wait for one."""
+
+from __future__ import annotations
+
+import logging
+import re
+from pathlib import Path
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.validator import CertificateValidator
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.x509.oid import NameOID
+
+from skiros2_gateway.opcua.identity import read_certificate
+
+log = logging.getLogger(__name__)
+
+#: How many rejected certificates are kept: the newest.
+_MAX_REJECTED = 100
+
+
+class TrustList:
+    """asyncua's validator of client certificates.
+
+    :param folder: gets the folders `trusted` and `rejected`. A person accepts a certificate by moving its file.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.trusted, self.rejected = folder / "trusted", folder / "rejected"
+        for each in (self.trusted, self.rejected):
+            each.mkdir(parents=True, exist_ok=True)
+        self._validator = CertificateValidator()  # dates, and the application's URI
+
+    async def __call__(self, certificate: x509.Certificate, client: ua.ApplicationDescription) -> None:
+        """Checks the certificate of a client that opens a session.
+
+        :raises ServiceError: the client is refused.
+        """
+        try:
+            await self._validator.validate(certificate, client)
+            if not self._is_trusted(certificate):
+                raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+        except ServiceError as error:
+            status = ua.status_codes.get_name_and_doc(error.code)[0]
+            log.warning(
+                "OPC UA: client %s refused: %s. Its certificate is %s; a valid one is accepted once it is in %s",
+                client.ApplicationUri, status, self._keep(certificate), self.trusted,
+            )  # fmt: skip
+            raise
+
+    def _is_trusted(self, certificate: x509.Certificate) -> bool:
+        for file in sorted(self.trusted.iterdir()):
+            try:
+                known = read_certificate(file)
+            except (OSError, ValueError) as error:
+                log.warning("OPC UA: %s is no certificate: %s", file, error)
+                continue
+            if known == certificate:
+                return True
+        return False
+
+    def _keep(self, certificate: x509.Certificate) -> Path:
+        """Keeps a rejected certificate; the oldest ones give way. Returns its file."""
+        names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        name = re.sub(r"[^A-Za-z0-9._-]", "_", str(names[0].value) if names else "")[:60].lstrip(".")
+        file = self.rejected / f"{name or 'client'}_{certificate.fingerprint(hashes.SHA256()).hex()[:16]}.der"
+        file.write_bytes(certificate.public_bytes(serialization.Encoding.DER))
+        files = sorted(self.rejected.iterdir(), key=lambda each: each.stat().st_mtime_ns)
+        for oldest in files[:-_MAX_REJECTED]:
+            oldest.unlink()
+        return file

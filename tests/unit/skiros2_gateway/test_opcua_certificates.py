@@ -1,0 +1,90 @@
+"""Client certificates of the OPC UA server, and its own certificate and key."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("asyncua")
+
+from asyncua import ua
+from cryptography.hazmat.primitives import serialization
+
+from skiros2_common.core.errors import ConfigurationError
+from support.certificates import make_certificate
+from support.opcua import opcua_server
+from unit.skiros2_gateway.opcua_client import NO_COMMENT, Mes
+
+Run = Callable[..., None]
+UNKNOWN_JOB = 2
+
+
+async def call(address: str, certificate: Path, key: Path, server: Path, uri: str = "urn:mes") -> int:
+    """Calls a method by an encrypted connection; returns its status."""
+    mes = Mes(address)
+    mes.application_uri = uri
+    await mes.set_security_string(f"Basic256Sha256,SignAndEncrypt,{certificate},{key},{server}")
+    async with mes:
+        await mes.load()
+        return int(await mes.call("Start", "unknown", NO_COMMENT))
+
+
+def test_client_certificate_is_refused_and_kept_until_a_person_has_accepted_it(in_gateway: Run, tmp_path: Path) -> None:
+    async def test(gateway: Any) -> None:
+        folder = gateway.path.parent
+        server = opcua_server(gateway.service, folder)
+        await server.start()
+        own, rejected = folder / "opcua_certificate.der", folder / "opcua/rejected"
+        known = make_certificate(tmp_path, "mes", "urn:mes")
+        expired = make_certificate(tmp_path, "expired", "urn:mes", days=-1)
+        try:
+            for files, status in ((known, "BadCertificateUntrusted"), (expired, "BadCertificateTimeInvalid")):
+                with pytest.raises(ua.UaStatusCodeError) as refused:
+                    await call(server.address, *files, own)
+                assert refused.value.code == getattr(ua.StatusCodes, status)
+            assert sorted(file.name.partition("_")[0] for file in rejected.iterdir()) == ["expired", "mes"]
+            for file in list(rejected.iterdir()):
+                shutil.move(file, folder / "opcua/trusted")
+            assert await call(server.address, *known, own) == UNKNOWN_JOB
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await call(server.address, *known, own, uri="urn:other")
+            assert refused.value.code == ua.StatusCodes.BadCertificateUriInvalid
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await call(server.address, *expired, own)
+            assert refused.value.code == ua.StatusCodes.BadCertificateTimeInvalid
+        finally:
+            await server.stop()
+
+    in_gateway(test)
+
+
+def test_pem_files_of_any_name_are_read_and_a_wrong_key_is_named(in_gateway: Run, tmp_path: Path) -> None:
+    certificate, key = make_certificate(tmp_path, "gateway", "urn:plant:gateway")
+    other = make_certificate(tmp_path, "other", "urn:other")[1]
+    renamed = tmp_path / "gateway.crt", tmp_path / "gateway.key"
+    shutil.copy(certificate, renamed[0])
+    shutil.copy(key, renamed[1])
+    encrypted = tmp_path / "secret.key"
+    private = serialization.load_pem_private_key(key.read_bytes(), None)
+    secret = serialization.BestAvailableEncryption(b"secret")
+    encrypted.write_bytes(private.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, secret))
+
+    async def test(gateway: Any) -> None:
+        folder = gateway.path.parent
+        server = opcua_server(gateway.service, folder, certificate=str(renamed[0]), key=str(renamed[1]))
+        await server.start()
+        try:
+            async with Mes(server.address, "view") as mes:
+                assert "urn:plant:gateway" in await mes.get_namespace_array()
+        finally:
+            await server.stop()
+        for wrong, text in ((other, "another certificate"), (encrypted, "encrypted"), (tmp_path / "no.key", "No such")):
+            server = opcua_server(gateway.service, folder, certificate=str(renamed[0]), key=str(wrong))
+            with pytest.raises(ConfigurationError, match=f"{wrong.name}: .*{text}"):
+                await server.start()
+
+    in_gateway(test)

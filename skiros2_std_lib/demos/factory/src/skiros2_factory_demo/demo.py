@@ -69,6 +69,12 @@ class FactoryDemo:
     :param out: for the report.
     """
 
+    #: What to type next, in the folder of the clone, and what it shows.
+    next = {
+        "make demo": "the cell alone: one goal, and what the robot does for it",
+        ". install/setup.sh && roslaunch skiros2_sim_skills demo.launch gateway:=true": "the cell with its page",
+    }
+
     def __init__(self, options: argparse.Namespace, out: TextIO) -> None:
         self._options = options
         self._out = out

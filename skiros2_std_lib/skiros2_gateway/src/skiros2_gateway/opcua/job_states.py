@@ -110,6 +110,8 @@ class JobStates:
         place = ua.NodeId(EVENT_TYPE, model.cell), f"{model.cell}:{EVENT_TYPE}"
         event_type = await abstract.add_object_type(*place)
         self._event = await server.get_event_generator(event_type, model.provider)
+        for name in ("JobOrder", "JobState", "JobResponse"):  # asyncua knows no structures in events
+            self._event.event.data_types[name] = ua.VariantType.ExtensionObject
         await server.nodes.server.add_reference(model.provider, ua.ObjectIds.HasNotifier)
 
     async def _send(self, job: Job) -> None:

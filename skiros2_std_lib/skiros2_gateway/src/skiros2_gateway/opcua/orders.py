@@ -92,16 +92,14 @@ def job_order(job: Job) -> Any:
 
 
 def job_states(job: Job, types: int) -> list[Any]:
-    """Returns the state of a job, and its sub-state if it has one.
+    """Returns the state of a job, and its sub-state if it has one, with the path to the state machine of sub-states.
 
     :param types: index of the namespace of the types.
     """
     states = [_state(job.state.value, job.state.number)]
     if job.substate is not Substate.NONE:
-        path = [
-            ua.RelativePathElement(ua.NodeId(ua.ObjectIds.HasComponent), False, True, ua.QualifiedName(name, types))
-            for name in (SUBSTATES[job.state], job.substate.value)
-        ]
+        name, component = ua.QualifiedName(SUBSTATES[job.state], types), ua.NodeId(ua.ObjectIds.HasComponent)
+        path = [ua.RelativePathElement(component, False, True, name)]
         states.append(_state(job.substate.value, job.substate.number, path))
     return states
 
@@ -175,7 +173,7 @@ def wanted_states(states: list[Any] | None) -> list[str]:
 
 
 def _state(text: str, number: int, path: list[ua.RelativePathElement] | None = None) -> Any:
-    """Returns a state; `path` is that of a sub-state."""
+    """Returns a state; `path` leads from the receiver to the state machine of a sub-state."""
     browse_path, shown = ua.RelativePath(path or []), ua.LocalizedText(text, "en")
     return ua.ISA95StateDataType(BrowsePath=browse_path, StateText=shown, StateNumber=number)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from skiros2_learning.local.insertion_study import ARM, SCENE
+from skiros2_sim.core.scene_spec import GripperSpec, SceneSpec
+from support.simulated_cell import GRIPPER, at, bench
 
 #: A gripper of boxes with two fingers, for arms that come without one.
 _GRIPPER = """<robot name="gripper">
@@ -77,12 +79,17 @@ def write_cell(folder: Path, arm: str = "panda", clearance: float = 0.0002, dept
     if variant.model:
         text = _with_element(text, ARM, lambda element: _other_arm(element, variant))
         text = _with_element(text, "rparts:GripperEffector-5", lambda element: _own_gripper(element, variant))
-        fingers = {
-            side: _FINGER.format(name=side, y=sign * 0.007, axis=sign) for side, sign in (("left", 1), ("right", -1))
-        }
-        (folder / "gripper.urdf").write_text(_GRIPPER.format(**fingers))
+        _write_gripper(folder)
     scene.write_text(text)
     return scene
+
+
+def _write_gripper(folder: Path) -> Path:
+    sides = (("left", 1), ("right", -1))
+    fingers = {side: _FINGER.format(name=side, y=sign * 0.007, axis=sign) for side, sign in sides}
+    gripper = folder / "gripper.urdf"
+    gripper.write_text(_GRIPPER.format(**fingers))
+    return gripper
 
 
 def _with_element(text: str, eid: str, change: Callable[[str], str]) -> str:
@@ -104,3 +111,16 @@ def _own_gripper(element: str, variant: ArmVariant) -> str:
     element = element.replace('skiros:OrientationW "0.0"', 'skiros:OrientationW "1.0"')
     element = element.replace('skiros:PositionZ "0.0"', f'skiros:PositionZ "{variant.flange}"')
     return element + ' ;\n    skiros:CadModel "gripper.urdf"'
+
+
+def bench_of(arm: str, folder: Path) -> SceneSpec:
+    """Returns the bench with another arm, whose gripper of boxes is written into a folder.
+
+    :param arm: one of `ARMS` with a model.
+    """
+    variant, scene = ARMS[arm], bench()
+    gripper = _write_gripper(folder)
+    robot = scene.robots[0]
+    own = GripperSpec(GRIPPER, "gripper", str(gripper), at(0.0, 0.0, variant.flange))
+    other = replace(robot.arms[0], model=variant.model, postures={"start": variant.start}, gripper=own)
+    return replace(scene, robots=(replace(robot, arms=(other,)),))

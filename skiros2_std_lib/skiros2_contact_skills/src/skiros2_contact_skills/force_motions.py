@@ -6,6 +6,7 @@ import math
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills.contact_primitive import (
+    CONTACT_STIFFNESS,
     NO_PROGRESS,
     NOT_HELD,
     ContactPrimitive,
@@ -18,6 +19,7 @@ from skiros2_contact_skills.contact_primitive import (
 from skiros2_contact_skills.descriptions import ApplyForce, HoldPose, PullTest
 from skiros2_contact_skills.regulated_motion import SOFT, RegulatedMotion
 from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.impact import KEPT_STIFFNESS
 from skiros2_motion.core.impedance import MAX_WRENCH
 
 #: Stiffness along the tool axis (N/m).
@@ -41,7 +43,8 @@ class _Force(ContactPrimitive):
         self.set_stiffness(_STIFFNESS)
         x, y, z = (self.direction * value for value in axis_of(state))
         damping = 2.0 * self.damping[2] * math.sqrt(_STIFFNESS) + _STIFFNESS * _DELAY
-        self._surplus = damping * self.permitted(_FREE_SPEED, (x, y, z))
+        stiffness = self.element("Arm").value_of(CONTACT_STIFFNESS) or KEPT_STIFFNESS
+        self._surplus = damping * self.permitted(_FREE_SPEED, (x, y, z), stiffness=float(stiffness))
 
     def exert(self, state: ArmState) -> None:
         """Commands the force; at each tick, because drivers let it expire."""

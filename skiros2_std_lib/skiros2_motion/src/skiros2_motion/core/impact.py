@@ -23,8 +23,10 @@ Array = npt.NDArray[np.float64]
 
 #: Apparent mass (kg) of an arm that does not know it: arms of 3 to 15 kg payload have 2 to 8 kg in most postures.
 DEFAULT_MASS = 8.0
-#: Stiffness (N/m) of hand and work piece where it is not known: metal on metal, behind the links of an arm.
-DEFAULT_STIFFNESS = 600e3
+#: Stiffness (N/m) of hand and work piece where it is not known: parallel faces of metal, the stiffest that is met.
+DEFAULT_STIFFNESS = 4e6
+#: That of a contact that a tool keeps and which it does not approach: metal on metal, behind the links of an arm.
+KEPT_STIFFNESS = 600e3
 #: Minimum permitted speed (m/s): an arm that may not move at all is of no use.
 MIN_SPEED = 0.002
 #: Regularisation at singularities (1/kg, 1/(kg m2)).

@@ -107,12 +107,6 @@ class WrenchGuard:
         #: Whether a limit was exceeded at the last check.
         self.was_exceeded = False
         self._difference: Vector = _NONE
-        self._peak = 0.0
-
-    def take_peak(self) -> float:
-        """Returns the largest measured force since the last call (N), while there were limits."""
-        peak, self._peak = self._peak, 0.0
-        return peak
 
     def restart(self) -> None:
         """Forgets earlier measurements."""
@@ -139,7 +133,6 @@ class WrenchGuard:
         if not any(limits):
             self.restart()
             return None
-        self._peak = max(self._peak, math.hypot(*wrench[:3]))
         if not age <= SENSOR_TIMEOUT:
             return Violation(SENSOR_AGE, age, SENSOR_TIMEOUT)
         exceeded = exceeded_limit(wrench, limits)

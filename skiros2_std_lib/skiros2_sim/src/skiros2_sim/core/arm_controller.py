@@ -35,6 +35,7 @@ from skiros2_motion.core.wrench_guard import (
 )
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.force_regulation import ForceRegulation
+from skiros2_sim.core.hand_force import HandForce
 from skiros2_sim.core.payload import Payload
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.world import World
@@ -76,15 +77,14 @@ class ArmController:
     """The controllers of one arm; one instance per arm. The position controller is active first."""
 
     def __init__(self, world: World, robot: Robot, arm: Arm) -> None:
-        self.world = world
-        self.robot = robot
-        self.arm = arm
+        self.world, self.robot, self.arm = world, robot, arm
         self.kinematics = _kinematics(world, robot, arm)
         self.outcome: Outcome | None = None
         self.compliant = False
         #: The law of the compliant controller.
-        limits = self.kinematics.lower, self.kinematics.upper
-        self.impedance = Impedance([joint.effort for joint in arm.joints], limits)
+        self.impedance = Impedance(
+            [joint.effort for joint in arm.joints], (self.kinematics.lower, self.kinematics.upper)
+        )
         self.impedance.set_damping_factors(_DAMPING_FACTORS)
         #: The loop for forces; `check_active` comes before a new goal.
         self.force = ForceRegulation(self.impedance)
@@ -105,6 +105,7 @@ class ArmController:
         self._steps = 0
         self._masses = np.eye(len(arm.joints))
         self.payload = Payload(robot, arm)
+        self.hand = HandForce(arm, self.payload, world.dt)
 
     @property
     def names(self) -> tuple[str, str]:
@@ -260,8 +261,7 @@ class ArmController:
                 self._restart()
 
     def set_position_limits(self, force: float, torque: float) -> None:
-        """Sets the limits of the measured force (N) and torque (Nm) under position control, 0 for none. Ends a stop.
-        The measured wrench includes the weight of a carried object and the inertia of the hand.
+        """As `set_limits`, under position control: with the weight of a carried object and the inertia of the hand.
 
         :raises WrongValue: a limit is negative or not finite.
         """
@@ -298,6 +298,7 @@ class ArmController:
     def update(self, dt: float) -> None:
         """Checks the limits, and sets the torques of the compliant controller for the next step."""
         is_due = self._steps % self._period == 0
+        self.hand.note(self.world.time)
         if is_due or self.guard.was_exceeded:
             self._check_limits(self._period * dt if is_due else dt)
         if is_due and self.compliant and not self._is_held:

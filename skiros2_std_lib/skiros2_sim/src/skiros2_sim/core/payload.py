@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +15,7 @@ Array = npt.NDArray[np.float64]
 
 #: Maximum weight (N) of a carried object that is compensated.
 _MAX = 30.0
+_GRAVITY = 9.81
 
 
 class Payload:
@@ -24,6 +27,11 @@ class Payload:
     def __init__(self, robot: Robot, arm: Arm) -> None:
         self._robot, self._arm = robot, arm
         self.force = self._zeroed = np.zeros(3)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the object in the hand (kg)."""
+        return math.hypot(*self.force.tolist()) / _GRAVITY
 
     def carry(self) -> None:
         """Compensates the weight of the object in the hand."""

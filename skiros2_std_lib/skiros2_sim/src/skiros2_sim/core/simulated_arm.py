@@ -99,7 +99,7 @@ class SimulatedArm:
         return self._controller.apparent_mass(rotated(self._mount.orientation, direction))
 
     def take_peak(self) -> float:
-        return self._controller.guard.take_peak()
+        return self._controller.hand.take_peak(self.now())
 
     def zero_sensor(self) -> None:
         with suppress(Refused):  # without a sensor, contacts are measured: their zero is right

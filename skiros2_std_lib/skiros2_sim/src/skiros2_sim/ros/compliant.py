@@ -129,7 +129,7 @@ class CompliantArm:
     def _publish(self) -> None:
         controller = self._controllers[self._arm.id]
         for topic, message, is_measured in (
-            (self._peak, lambda one: Float64(one.guard.take_peak()), True),
+            (self._peak, lambda one: Float64(one.hand.take_peak(one.world.time)), True),
             (self._state, self._state_message, True),
             (self._wrist, self._wrist_message, controller.sensor_age == 0.0),
         ):

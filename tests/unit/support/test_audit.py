@@ -50,7 +50,7 @@ def test_audit_reports_findings_and_what_was_not_checked(
     (tmp_path / "requirements").mkdir()
     (tmp_path / "requirements/list.txt").write_text("")
     monkeypatch.setattr(audit, "ROOT", tmp_path)
-    monkeypatch.setattr(audit, "WEB", tmp_path)
+    monkeypatch.setattr(audit, "NPM", [tmp_path])
     assert audit.main() == status
     printed = capsys.readouterr().out
     assert all(text in printed for text in texts), printed

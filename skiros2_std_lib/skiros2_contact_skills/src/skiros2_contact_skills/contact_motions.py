@@ -24,6 +24,7 @@ from skiros2_contact_skills.core.evidence import Evidence, FloorTest, Judgement
 from skiros2_contact_skills.core.pull_out import PullOut
 from skiros2_contact_skills.descriptions import InsertPart, MoveUntilContact, SpiralSearch
 from skiros2_contact_skills.fit import grip_width
+from skiros2_contact_skills.held_parts import leave_where_it_was_lost
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import Pose, Quaternion, multiplied
 from skiros2_motion.core.spiral import SpiralGoal
@@ -214,6 +215,8 @@ class insert_part(ContactPrimitive):
         if not code:
             return self.success(text)
         if judgement is Judgement.NOT_HELD:
+            if (part := self.optional_element("Part")) is not None and evidence.is_gone():
+                text = f"{text}; {leave_where_it_was_lost(self.wmi, part)}"
             return self.fail(text, code, FailureKind.LOST)  # nobody knows where it is
         pull = self.value("Force") / _INSERTION_STIFFNESS
         self._failed = PullOut(text, code, "pulled out", self.depth(state), state.stamp, pull)

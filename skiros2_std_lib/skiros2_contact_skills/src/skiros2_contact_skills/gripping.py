@@ -9,6 +9,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.core.evidence import NOTHING_BETWEEN
+from skiros2_contact_skills.held_parts import leave_where_it_was_lost
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.places import move_in_world_model
@@ -75,6 +76,8 @@ class check_grip(GripperMotion):
             return self.failed(self.status_text(), status)
         if msg.position <= NOTHING_BETWEEN:
             text = f"{self.label_of('Part')} is not between the fingers: they have closed"
+            if self.kind is FailureKind.LOST:
+                text = f"{text}; {leave_where_it_was_lost(self.wmi, self.element('Part'))}"
             return self.fail(text, NOT_HELD, self.kind)
         return self.success(f"{self.doing()}: {1000 * msg.position:.0f} mm between the fingers")
 

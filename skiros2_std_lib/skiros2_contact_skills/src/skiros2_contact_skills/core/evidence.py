@@ -87,7 +87,11 @@ class Evidence:
         if width is None or self.width_before is None:
             return False
         held = self.width_before if self.part_width is None else self.part_width
-        return not holds_something(width, self.opening) or abs(width - held) > _CHANGE
+        return self.is_gone() or abs(width - held) > _CHANGE
+
+    def is_gone(self) -> bool:
+        """Whether the fingers show that nothing is between them: they are open, or closed."""
+        return self.width_after is not None and not holds_something(self.width_after, self.opening)
 
     def see_floor(self, force: float) -> None:
         """Takes the force that the floor has withstood (N)."""

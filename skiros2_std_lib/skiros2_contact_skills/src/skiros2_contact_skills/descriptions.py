@@ -10,6 +10,13 @@ from skiros2_common.core.world_element import Element
 Optional, Required, Inferred = ParamTypes.Optional, ParamTypes.Required, ParamTypes.Inferred
 
 
+def add_axis_limits(description: SkillDescription) -> None:
+    """Declares the limits along and about single axes of the tool: of a motion, or of all motions of a compound."""
+    along = "Three limits: {} x, y, z of the tool; 0: none"
+    description.addParam("MaxForceAxes", [float], Optional, description=along.format("along"), unit="N", minimum=0)
+    description.addParam("MaxTorqueAxes", [float], Optional, description=along.format("about"), unit="Nm", minimum=0)
+
+
 class ContactMotion(SkillDescription):
     """Base: an arm, its stiffness, and the limits of the wrench at which its driver stops."""
 
@@ -33,9 +40,7 @@ class ContactMotion(SkillDescription):
         self.addParam(
             "MaxTorque", float, Optional, description="The driver stops above it (15)", unit="Nm", minimum=0.1
         )
-        along = "Three limits: {} x, y, z of the tool; 0: none"
-        self.addParam("MaxForceAxes", [float], Optional, description=along.format("along"), unit="N", minimum=0)
-        self.addParam("MaxTorqueAxes", [float], Optional, description=along.format("about"), unit="Nm", minimum=0)
+        add_axis_limits(self)
         self.addParam("PeakForce", [float], Optional, description="Result: the largest measured force", unit="N")
 
     def add_number(self, key: str, value: float, unit: str, minimum: float, maximum: float, description: str) -> None:

@@ -11,6 +11,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.contact_primitive import NOT_READY
+from skiros2_contact_skills.descriptions import add_axis_limits
 from skiros2_contact_skills.fit import Fit, fit_of
 from skiros2_skill.core.processors import RetryOnFail, SerialStar
 from skiros2_skill.core.skill import SkillBase
@@ -35,6 +36,7 @@ class InsertIntoBore(SkillDescription):
         self.addParam(
             "MaxForce", 40.0, ParamTypes.Optional, description="At the wrist", unit="N", minimum=1.0, maximum=200.0
         )
+        add_axis_limits(self)
         self.addParam(
             "Attempts",
             int,

@@ -19,7 +19,7 @@ from skiros2_contact_skills.contact_primitive import (
     pressed,
 )
 from skiros2_contact_skills.core.latch_signature import Expected, LatchSignature, Verdict
-from skiros2_contact_skills.descriptions import ContactMotion
+from skiros2_contact_skills.descriptions import ContactMotion, add_axis_limits
 from skiros2_motion.core.compliant_arm import ArmState, KeepsStates
 from skiros2_motion.core.geometry import Pose
 from skiros2_skill.core.processors import NoFail, ParallelFs, RetryOnFail, SelectorStar, SerialStar
@@ -79,6 +79,7 @@ class PlugIntoSocket(SkillDescription):
         self.addParam("Arm", Element("rparts:ArmDevice"), Required, description="The arm with the plug")
         self.addParam("Part", Element("skiros:Product"), Required, description="The held plug")
         self.addParam("Socket", Element("skiros:Bore"), Required, description="Where it goes")
+        add_axis_limits(self)
 
 
 class ConnectPlug(Handling):

@@ -12,14 +12,15 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 
-def make_certificate(folder: Path, name: str, uri: str, days: int = 10) -> tuple[Path, Path]:
+def make_certificate(folder: Path, name: str, uri: str, days: int = 10, common_name: str = "") -> tuple[Path, Path]:
     """Writes a certificate for 127.0.0.1 and its key as PEM files; returns their paths.
 
     :param uri: of the application, as OPC UA wants it.
+    :param common_name: `name`, if it is empty.
     :param days: until it expires; below 0: it has expired.
     """
     key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name or name)])
     names = [x509.UniformResourceIdentifier(uri), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
     usage = x509.KeyUsage(
         digital_signature=True, content_commitment=True, key_encipherment=True, data_encipherment=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,9 +13,12 @@ import pytest
 pytest.importorskip("asyncua")
 
 from asyncua import ua
+from asyncua.common.utils import ServiceError
+from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_gateway.opcua.trust_list import TrustList
 from support.certificates import make_certificate
 from support.opcua import opcua_server
 from unit.skiros2_gateway.opcua_client import NO_COMMENT, Mes
@@ -88,3 +92,20 @@ def test_pem_files_of_any_name_are_read_and_a_wrong_key_is_named(in_gateway: Run
                 await server.start()
 
     in_gateway(test)
+
+
+def test_newest_rejected_certificates_are_kept_within_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skiros2_gateway.opcua.trust_list._MAX_REJECTED", 2)
+    trust = TrustList(tmp_path)
+    (trust.trusted / "notes.txt").write_text("no certificate")
+    client = ua.ApplicationDescription(ApplicationUri="urn:mes")
+
+    async def refuse(certificate: x509.Certificate) -> None:
+        with pytest.raises(ServiceError) as refused:
+            await trust(certificate, client)
+        assert refused.value.code == ua.StatusCodes.BadCertificateUntrusted
+
+    for name in ("a", "../b", "c"):
+        file, _ = make_certificate(tmp_path, name.strip("./"), "urn:mes", common_name=name)
+        asyncio.run(refuse(x509.load_pem_x509_certificate(file.read_bytes())))
+    assert sorted(file.name.rpartition("_")[0] for file in trust.rejected.iterdir()) == ["_b", "c"]

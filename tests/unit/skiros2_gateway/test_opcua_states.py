@@ -150,3 +150,22 @@ def test_order_that_needs_what_the_cell_does_not_plan_is_not_accepted(in_server:
         assert "needs" not in [job.id for job in gateway.store.jobs()]
 
     in_server(test)
+
+
+def test_method_of_an_object_may_be_called_by_the_id_of_its_type(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address) as mes:
+            await mes.load()
+            start = ua.NodeId(7005, mes.index)  # ISA95JobOrderReceiverObjectType.Start
+
+            async def call(owner: ua.NodeId) -> Any:
+                arguments = [ua.Variant("nobody"), NO_COMMENT]
+                request = ua.CallMethodRequest(ObjectId=owner, MethodId=start, InputArguments=arguments)
+                return (await mes.uaclient.call([request]))[0]
+
+            result = await call(ua.NodeId("JobOrderReceiver", mes.cell))
+            assert [output.Value for output in result.OutputArguments] == [UNKNOWN_JOB]
+            for wrong in (ua.NodeId(1002, mes.index), ua.NodeId(PROVIDER, mes.cell), ua.NodeId("World", mes.cell)):
+                assert (await call(wrong)).StatusCode.value == ua.StatusCodes.BadMethodInvalid
+
+    in_server(test)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import Node, Server, ua
@@ -31,6 +32,7 @@ class JobStates:
         self._known: dict[str, tuple[str, str]] = {}  # state and sub-state of the job orders that have not ended
         self._ids: dict[str, dict[str, ua.NodeId]] = {}  # of states and transitions, by name, of each state machine
         self._variables: dict[str, Node] = {}
+        self._written: dict[str, Any] = {}  # values, by the path of the variable
         self._event: Any = None
 
     async def start(self) -> None:
@@ -97,12 +99,12 @@ class JobStates:
 
     async def _write(self, path: str, value: Any, kind: ua.VariantType | None = None) -> None:
         """Writes a variable, which optional parts of a type may lack; without a value, no state is active."""
-        if path not in self._variables:
+        if path not in self._variables or (path in self._written and self._written[path] == value):
             return
-        if value is None:
-            await self._variables[path].write_value(ua.DataValue(StatusCode=_NOT_ACTIVE))
-        else:
-            await self._variables[path].write_value(ua.Variant(value, kind))
+        self._written[path] = value
+        data = ua.DataValue(StatusCode=_NOT_ACTIVE) if value is None else ua.DataValue(ua.Variant(value, kind))
+        data.SourceTimestamp = data.ServerTimestamp = datetime.now(UTC)
+        await self._server.write_attribute_value(self._variables[path].nodeid, data)  # a quarter of write_value's time
 
     async def _add_events(self) -> None:
         server, model = self._server, self._model
@@ -115,6 +117,9 @@ class JobStates:
         await server.nodes.server.add_reference(model.provider, ua.ObjectIds.HasNotifier)
 
     async def _send(self, job: Job) -> None:
+        service = self._event.isession.subscription_service
+        if not service.subscriptions:
+            return  # nobody listens: the structures would cost for nothing
         event = self._event.event
         event.JobOrder, event.JobState = job_order(job), job_states(job, self._model.types)
         event.JobResponse = job_response(job, self._model.types)
@@ -122,4 +127,4 @@ class JobStates:
         event.emitting_node = self._model.provider.nodeid
         await self._event.trigger(message=f"job {job.id}: {job.state} {job.substate}".rstrip())
         event.emitting_node = self._server.nodes.server.nodeid  # the Server object reports the events of all
-        await self._event.isession.subscription_service.trigger_event(event)
+        await service.trigger_event(event)

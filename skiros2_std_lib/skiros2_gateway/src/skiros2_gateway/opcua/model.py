@@ -20,6 +20,7 @@ NODESET = "opc.ua.isa95-jobcontrol.nodeset2.xml"
 
 RECEIVER, PROVIDER = "JobOrderReceiver", "JobResponseProvider"
 RECEIVER_TYPE, PROVIDER_TYPE = "ISA95JobOrderReceiverSubStatesType", "ISA95JobResponseProviderObjectType"
+PROVIDER_METHODS = ("RequestJobResponseByJobOrderID", "RequestJobResponseByJobOrderState")
 
 #: An argument of a method: name, type (or the name of a structure) and whether it is an array.
 Argument = tuple[str, ua.VariantType | str, bool]
@@ -33,6 +34,7 @@ class JobModel:
 
     :param types, cell: indexes of the namespaces.
     :param children: variables, methods and objects of receiver and provider, by name.
+    :param type_methods: the methods of their types, by name; clients may call an object's method by its type's id.
     :param arguments: input arguments of the methods, by name.
     """
 
@@ -41,6 +43,7 @@ class JobModel:
     receiver: Node
     provider: Node
     children: Mapping[str, Node]
+    type_methods: Mapping[str, Node]
     arguments: Mapping[str, list[Argument]]
 
 
@@ -63,9 +66,10 @@ async def build_model(server: Server, nodesets: Path, cell: str) -> JobModel:
     await server.load_data_type_definitions()
     types = await server.get_namespace_index(NAMESPACE)
     index = await server.register_namespace(cell)
-    made, children = {}, dict[str, Node]()
+    made, children, type_methods = {}, dict[str, Node](), dict[str, Node]()
     for name, kind in ((RECEIVER, RECEIVER_TYPE), (PROVIDER, PROVIDER_TYPE)):
         type_node = await find_type(server, types, kind)
+        type_methods.update(await _methods(server, type_node))
         made[name] = await server.nodes.objects.add_object(ua.NodeId(name, index), f"{index}:{name}", type_node.nodeid)
         for node in await made[name].get_children():
             children[(await node.read_browse_name()).Name] = node
@@ -79,7 +83,17 @@ async def build_model(server: Server, nodesets: Path, cell: str) -> JobModel:
         await children[name].write_value(ua.Variant([], ua.VariantType.String, is_array=True))
     for name in ("JobOrderList", "WorkMaster", "JobOrderResponseList"):
         await children[name].write_value(ua.Variant([], ua.VariantType.ExtensionObject, is_array=True))
-    return JobModel(types, index, made[RECEIVER], made[PROVIDER], children, arguments)
+    return JobModel(types, index, made[RECEIVER], made[PROVIDER], children, type_methods, arguments)
+
+
+async def _methods(server: Server, type_node: Node) -> dict[str, Node]:
+    """Returns the methods of a type and its supertypes, by name."""
+    found: dict[str, Node] = {}
+    while type_node.nodeid != server.nodes.base_object_type.nodeid:
+        for node in await type_node.get_methods():
+            found[(await node.read_browse_name()).Name] = node
+        [type_node] = await type_node.get_referenced_nodes(ua.ObjectIds.HasSubtype, ua.BrowseDirection.Inverse)
+    return found
 
 
 async def find_type(server: Server, index: int, name: str) -> Node:

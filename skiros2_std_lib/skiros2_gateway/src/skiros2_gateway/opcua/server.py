@@ -27,7 +27,7 @@ from skiros2_gateway.opcua.arguments import described, wrong_arguments
 from skiros2_gateway.opcua.identity import cell_name, own_certificate
 from skiros2_gateway.opcua.job_states import JobStates
 from skiros2_gateway.opcua.lists import RESPONSES, JobLists
-from skiros2_gateway.opcua.model import CELL_NAMESPACE, JobModel, build_model
+from skiros2_gateway.opcua.model import CELL_NAMESPACE, PROVIDER_METHODS, JobModel, build_model
 from skiros2_gateway.opcua.orders import job_response, order_data, wanted_states, work_master
 from skiros2_gateway.opcua.return_status import ReturnStatus
 from skiros2_gateway.opcua.trust_list import TrustList
@@ -170,17 +170,20 @@ class OpcuaServer:
         for method in Method:
             takes_order = method in (Method.STORE, Method.STORE_AND_START, Method.UPDATE)
             self._link(method, self._on_order(method) if takes_order else self._on_method(method))
-        self._link("RequestJobResponseByJobOrderID", self._response_by_id)
-        self._link("RequestJobResponseByJobOrderState", self._responses_by_state)
+        for name, call in zip(PROVIDER_METHODS, (self._response_by_id, self._responses_by_state), strict=True):
+            self._link(name, call)
         masters = [work_master(master) for master in self._service.control.masters.all.values()]
         await self._write("WorkMaster", masters)
         self._twin = Twin(self._server, self._service, self._model.cell)
         await self._twin.start()
 
     def _link(self, name: str, call: Callable[..., Coroutine[Any, Any, Any]]) -> None:
-        declared = self._model.arguments[name]
+        method, declared = self._model.children[name], self._model.arguments[name]
+        own = self._model.provider if name in PROVIDER_METHODS else self._model.receiver
 
-        async def linked(_: ua.NodeId, *arguments: ua.Variant) -> Any:
+        async def linked(owner: ua.NodeId, *arguments: ua.Variant) -> Any:
+            if owner != own.nodeid:
+                return ua.StatusCode(ua.StatusCodes.BadMethodInvalid)
             if wrong := wrong_arguments(declared, arguments):
                 return wrong
             try:
@@ -190,7 +193,8 @@ class OpcuaServer:
             except TooMany:
                 return ua.StatusCode(ua.StatusCodes.BadTooManyOperations)
 
-        self._server.link_method(self._model.children[name], linked)
+        for each in (method, self._model.type_methods[name]):
+            self._server.link_method(each, linked)
 
     async def _write(self, name: str, value: list[Any]) -> None:
         await self._model.children[name].write_value(ua.Variant(value, ua.VariantType.ExtensionObject, is_array=True))

@@ -24,10 +24,12 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_contact_skills.arms import provided_arms
+from skiros2_contact_skills.contact_primitive import CONTACT_STIFFNESS
 from skiros2_contact_skills.ros.impedance_arm import arm_state
 from skiros2_learning.local.insertion_study import ARM, BLOCK, BORE, PISTON, SCENE, insertion_skills
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import IDENTITY, Pose, composed
+from skiros2_motion.core.impact import KEPT_STIFFNESS
 from skiros2_perception.camera_skill import CameraSkill
 from skiros2_perception.core.transforms import difference
 from skiros2_perception.core.view import View
@@ -163,6 +165,9 @@ def test_insertion_decides_by_recorded_states_as_it_did(run: Run) -> None:
         arm = RecordedArm(run, space.pose_of(bench.wmi.get_element(ARM)) or IDENTITY)
         # the push on the floor was not recorded: without it, the insertion ends as soon as the part is deep enough
         bench.load(*insertion_skills(parameters={"insert_part": {"SeatForce": 0.0}}))
+        arm_element = bench.wmi.get_element(ARM)
+        arm_element.setProperty(CONTACT_STIFFNESS, KEPT_STIFFNESS)  # the motions had the speeds of this one
+        bench.wmi.update_element_properties(arm_element)
         elements = {key: bench.wmi.get_element(eid) for key, eid in (("Arm", ARM), ("Part", PISTON), ("Bore", BORE))}
         wrenches = iter([message for message in run.messages(WRENCH) if message.time > begin - 1.0])
         with provided_arms(arm):

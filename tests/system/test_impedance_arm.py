@@ -181,6 +181,25 @@ def test_adapter_regulates_the_force_of_a_driver_without_a_loop_at_the_rate_that
     assert arm.take_peak() == pytest.approx(12.0)
 
 
+def test_state_brings_the_peak_of_its_force(driver: Driver, arm: ImpedanceArm) -> None:
+    wait_for(arm, lambda s: not s.stopped)
+    arm.take_peak()
+
+    def hit(message: ImpedanceState) -> None:
+        message.pose.position.x, message.peak_force = 0.6, 55.0
+
+    driver.change = hit
+    wait_for(arm, lambda s: s.pose.position[0] == pytest.approx(0.6))
+    assert arm.take_peak() == 55.0, "with the first state after it"
+    stamp = wait_for(arm, lambda s: True).stamp
+    wait_for(arm, lambda s: s.stamp > stamp)
+    assert arm.take_peak() < 1.0, "once"
+    driver.change = lambda message: None
+    wait_for(arm, lambda s: s.pose.position[0] < 0.55)
+    driver.change = lambda message: setattr(message, "peak_force", 20.0)
+    wait_until(lambda: arm.take_peak() == 20.0, WAIT, "a peak after the limits were set again")
+
+
 def test_force_that_nobody_commands_any_more_is_not_regulated(driver: Driver, arm: ImpedanceArm) -> None:
     driver.state.stiffness.force = Vector3(600.0, 600.0, 2000.0)
     wait_for(arm, lambda s: not s.stopped)

@@ -17,7 +17,7 @@ import rospy
 from genpy import Message
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, Vector3, Wrench, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMessage
-from std_msgs.msg import Float64, Header
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from controller_manager_msgs.srv import SwitchController, SwitchControllerRequest
@@ -92,6 +92,8 @@ class ImpedanceArm(ForceAdapter):
         self._received, self._age = 0, StateAge(rospy.get_time)
         #: Requests that are not answered, and the number of the state that will show the effect of the last answer.
         self._pending, self._effect = 0, 1
+        #: The largest force in the last state (N).
+        self._peak = 0.0
         self._commands: queue.SimpleQueue[tuple[Callable[[], None], bool]] = queue.SimpleQueue()
         self._topics = {
             topic: rospy.Publisher(f"{space}/{topic}", kind, queue_size=10)
@@ -104,7 +106,6 @@ class ImpedanceArm(ForceAdapter):
         }
         self._subscribers = [
             rospy.Subscriber(f"{space}/state", ImpedanceState, self._on_state, queue_size=1),
-            rospy.Subscriber(f"{space}/peak_force", Float64, lambda message: self._note(message.data), queue_size=10),
         ]
         threading.Thread(target=self._work, name=f"commands of {name}", daemon=True).start()
 
@@ -320,6 +321,9 @@ class ImpedanceArm(ForceAdapter):
             self._period.add(message.header.stamp.to_sec())
             self._received += 1
             self._recent.append(message)
+            if message.peak_force > self._peak:  # the driver keeps it until limits are set
+                self._force.note(message.peak_force)
+            self._peak = message.peak_force
             regulated = self._regulated(message)
         if regulated is not None:
             self._publish_reference(composed(self._mount, regulated))
@@ -333,11 +337,6 @@ class ImpedanceArm(ForceAdapter):
             self._force.set_goal(None)
         force = message.stiffness.force
         return self._force.update(state, self._wanted, (force.x, force.y, force.z))
-
-    def _note(self, peak: float) -> None:
-        """Notes the largest force (N) since the driver's last report."""
-        with self._lock:
-            self._force.note(peak)
 
     def _why_stopped(self, message: ImpedanceState) -> str:
         late = self._age.overdue()

@@ -32,9 +32,21 @@ class HandForce:
 
         :param time: simulated (s).
         """
-        self.note(time)
-        peak, self._peak = self._peak, 0.0
+        peak = self.peak(time)
+        self.forget()
         return peak
+
+    def peak(self, time: float) -> float:
+        """Returns the largest force since `take_peak` or `forget` (N).
+
+        :param time: simulated (s).
+        """
+        self.note(time)
+        return self._peak
+
+    def forget(self) -> None:
+        """Forgets the largest force."""
+        self._peak = 0.0
 
     def note(self, time: float) -> None:
         """Notes the force in the last step, if it is known: an impact may end within one.

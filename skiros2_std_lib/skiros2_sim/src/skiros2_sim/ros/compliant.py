@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import rospy
 from genpy import Message
 from geometry_msgs.msg import PoseStamped, Vector3, WrenchStamped
-from std_msgs.msg import Float64, Header
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
@@ -80,7 +80,6 @@ class CompliantArm:
         stiff = names.controller_topics(robot.name, arm.name, arm.position_controller)
         wrist = names.WRIST.format(robot=robot.name, part=arm.name)
         faults = (robot.id, arm.id)
-        self._peak = LateTopic(f"{space}/peak_force", Float64, faults)
         self._state = LateTopic(f"{space}/state", ImpedanceState, faults)
         self._wrist = LateTopic(f"{wrist}/wrench", WrenchStamped, faults)
         self._subscribers = [
@@ -129,7 +128,6 @@ class CompliantArm:
     def _publish(self) -> None:
         controller = self._controllers[self._arm.id]
         for topic, message, is_measured in (
-            (self._peak, lambda one: Float64(one.hand.take_peak(one.world.time)), True),
             (self._state, self._state_message, True),
             (self._wrist, self._wrist_message, controller.sensor_age == 0.0),
         ):
@@ -190,7 +188,11 @@ class CompliantArm:
         return OverlayMotionResponse(ok=True)
 
     def _on_limits(self, request: SetWrenchLimitsRequest) -> SetWrenchLimitsResponse:
-        self._call(lambda controller: controller.set_limits(request.force, request.torque))
+        def put(controller: ArmController) -> None:
+            controller.set_limits(request.force, request.torque)
+            controller.hand.forget()
+
+        self._call(put)
         return SetWrenchLimitsResponse(ok=True)
 
     def _on_force_control(self, request: SetForceControlRequest) -> SetForceControlResponse:
@@ -284,6 +286,7 @@ class CompliantArm:
             stop_value=stop.value if stop is not None else 0.0,
             stop_limit=stop.limit if stop is not None else 0.0,
             stop_stamp=ended,
+            peak_force=controller.hand.peak(controller.world.time),
         )
 
     def _wrist_message(self, controller: ArmController) -> WrenchStamped:

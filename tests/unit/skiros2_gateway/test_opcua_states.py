@@ -10,8 +10,10 @@ import pytest
 
 pytest.importorskip("asyncua")
 
-from asyncua import ua
+from asyncua import Node, ua
 
+from skiros2_gateway.core.job import Method
+from support.opcua import opcua_server
 from unit.skiros2_gateway.opcua_client import NO_COMMENT, PROVIDER, Mes, order
 
 Run = Callable[..., None]
@@ -27,6 +29,12 @@ class Events:
     def event_notification(self, event: Any) -> None:
         states = [state.StateText.Text for state in event.JobState]
         self.values.put_nowait((event.JobOrder.JobOrderID, states, event.JobResponse.JobOrderID))
+
+
+async def event_type(mes: Mes) -> Node:
+    """Returns the type of the events of changed states."""
+    path = [f"{mes.index}:ISA95JobOrderStatusEventType", f"{mes.cell}:JobOrderStatusEventType"]
+    return await mes.nodes.base_event_type.get_child(path)
 
 
 async def text_of(mes: Mes, *path: str) -> tuple[str, str]:
@@ -45,9 +53,7 @@ def test_receiver_shows_states_and_transitions_and_each_change_is_an_event(in_se
     async def test(gateway: Any) -> None:
         async with Mes(gateway.address) as mes:
             await mes.load()
-            kind = await mes.nodes.base_event_type.get_child(
-                [f"{mes.index}:ISA95JobOrderStatusEventType", f"{mes.cell}:JobOrderStatusEventType"]
-            )
+            kind = await event_type(mes)
             seen, subscriptions = (Events(), Events()), []
             for source, events in zip((mes.nodes.server, await mes.object(PROVIDER)), seen, strict=True):
                 subscriptions.append(await mes.create_subscription(20, events))
@@ -84,6 +90,32 @@ def test_receiver_shows_states_and_transitions_and_each_change_is_an_event(in_se
                 await each.delete()
 
     in_server(test)
+
+
+def test_only_changes_of_a_state_are_events_also_after_a_restart(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        await gateway.put("earlier")
+        gateway.cell.run("earlier")
+        server = opcua_server(gateway.service, gateway.path.parent)
+        await server.start()
+        try:
+            async with Mes(server.address, "view") as mes:
+                await mes.load()
+                seen = Events()
+                subscription = await mes.create_subscription(20, seen)
+                await subscription.subscribe_events(mes.nodes.server, await event_type(mes))
+                gateway.cell.run("earlier", "/other")  # progress
+                gateway.cell.end("earlier")
+                assert (await seen.values.get())[1] == ["Ended", "Completed"]
+                await gateway.collected("earlier")
+                assert (await seen.values.get())[1] == ["Ended", "Closed"]
+                gateway.control.apply(Method.CLEAR, "earlier", "test")
+                await gateway.put("later", start=False)
+                assert (await seen.values.get())[0] == "later"
+        finally:
+            await server.stop()
+
+    in_gateway(test)
 
 
 def test_path_of_a_substate_leads_to_its_state_machine(in_server: Run) -> None:

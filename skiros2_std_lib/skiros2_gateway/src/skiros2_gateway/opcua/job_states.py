@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import Node, Server, ua
 
-from skiros2_gateway.core.job import Job, State, Substate
+from skiros2_gateway.core.job import FINAL, Job, State, Substate
 from skiros2_gateway.opcua.model import RECEIVER_TYPE, JobModel, find_type
 from skiros2_gateway.opcua.orders import SUBSTATES, job_order, job_response, job_states
 
@@ -35,8 +36,12 @@ class JobStates:
         self._written: dict[str, Any] = {}  # values, by the path of the variable
         self._event: Any = None
 
-    async def start(self) -> None:
-        """Reads states and transitions from the types; no state is active yet."""
+    async def start(self, jobs: Iterable[Job]) -> None:
+        """Reads states and transitions from the types; no state is active yet.
+
+        :param jobs: those that have not ended; their states are no changes.
+        """
+        self._known = {job.id: (job.state.value, job.substate.value) for job in jobs}
         server, model = self._server, self._model
         machines = {"": (model.receiver, await find_type(server, model.types, RECEIVER_TYPE))}
         for name in SUBSTATES.values():
@@ -60,11 +65,12 @@ class JobStates:
     async def on_job(self, data: dict[str, Any]) -> None:
         """Follows an event of a job (`Job.to_dict`)."""
         before, now = self._known.get(data["id"]), (data["state"], data["substate"])
-        if data["cleared"]:
-            self._known.pop(data["id"], None)
+        is_final = data["state"] in FINAL
+        if is_final and (data["response"]["collected"] or data["cleared"]):
+            self._known.pop(data["id"], None)  # its state does not change any more
         else:
             self._known[data["id"]] = now
-        if before == now:
+        if before == now or (before is None and is_final):
             return
         job = Job.from_dict(data)
         await self._write_state("", job.state)

@@ -134,7 +134,7 @@ class OpcuaServer:
         self._model = await build_model(server, self._nodesets, f"{CELL_NAMESPACE}{cell}")
         self._lists = JobLists(self._service, self._model.types)
         self._states = JobStates(server, self._model)
-        await self._states.start()
+        await self._states.start(self._service.control.open_jobs)
         await self._add_objects()
         await server.start()
         log.info("the gateway serves %s", self.address)

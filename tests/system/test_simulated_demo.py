@@ -10,9 +10,13 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from skiros2_bags.testing.recording import Recording
+from skiros2_bags.testing.rerun import Settings, rerun
 from support.demo_run import DemoRun
 from support.programs import descendants
-from support.ros import wait_until
+from support.ros import ROOT, wait_until
+
+WORKSPACE = ROOT / "skiros2_std_lib/demos/pick_and_place/owl"
 
 #: What is true at the end, in the bag and in the simulated world.
 PROOF = (
@@ -62,6 +66,9 @@ def test_product_is_in_the_other_tray_despite_disturbances(run: DemoRun) -> None
     status, checked = run.check_run(run.bag)
     assert status == 0, checked
     assert run.nothing_left()
+    again = rerun(Recording(run.bag), Settings(WORKSPACE))
+    assert again.is_as_recorded, again
+    assert all(line.endswith("its recorded progress is played") for line in again.not_compared)
 
 
 @pytest.mark.long

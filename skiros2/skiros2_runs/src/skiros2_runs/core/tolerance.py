@@ -35,6 +35,9 @@ class Tolerance:
 #: For runs without physics.
 NARROW = Tolerance(0.001, 0.001)
 
+#: For what is commanded: a re-run has the same inputs, and calculates the same numbers but for rounding.
+COMMANDED = Tolerance(1e-9, 1e-12)
+
 
 def same_text(one: str, other: str, tolerance: Tolerance) -> bool:
     """Whether two texts are equal within the tolerance."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -230,11 +230,16 @@ STAMPS = frozenset({"skiros:TfTimeStamp"})
 
 
 def diff_elements(
-    expected: Element, got: Element, tolerance: Tolerance, ignored: Collection[str] = STAMPS
+    expected: Element,
+    got: Element,
+    tolerance: Tolerance,
+    ignored: Collection[str] = STAMPS,
+    commanded: Tolerance | None = None,
 ) -> list[str]:
     """Returns the differences between two elements, one line each.
 
     :param ignored: keys of properties that are not compared.
+    :param commanded: the tolerance of all values but poses; None: also `tolerance`.
     """
     lines = []
     if (expected.type, expected.label) != (got.type, got.label):
@@ -243,22 +248,51 @@ def diff_elements(
         wanted, found = (e.property_view[key].values if key in e.property_view else [] for e in (expected, got))
         if key == _MANAGER:
             wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
-        if not same_values(wanted, found, tolerance):
+        if not same_values(wanted, found, tolerance if commanded is None or _POSE.fullmatch(key) else commanded):
             lines.append(f"{key} is {_format_values(found)}, expected {_format_values(wanted)}")
     wanted_relations, found_relations = _relations(expected), _relations(got)
     lines += [f"lacks {' '.join(relation)}" for relation in sorted(wanted_relations - found_relations)]
     return lines + [f"has {' '.join(relation)}" for relation in sorted(found_relations - wanted_relations)]
 
 
-def diff_changes(expected: Change, got: Change, tolerance: Tolerance) -> list[str]:
-    """Returns the differences between two changes, one line each."""
+def diff_changes(
+    expected: Change,
+    got: Change,
+    tolerance: Tolerance,
+    unchanged: Mapping[str, Collection[str]] | None = None,
+    commanded: Tolerance | None = None,
+) -> list[str]:
+    """Returns the differences between two changes, one line each.
+
+    :param unchanged: the keys of properties that neither change has written, by element: they are not compared.
+    :param commanded: see `diff_elements`.
+    """
+    ignored = {eid: STAMPS.union(keys) for eid, keys in (unchanged or {}).items()}
     wanted, found = {e.id: e for e in expected.elements}, {e.id: e for e in got.elements}
     if (expected.action, wanted.keys()) != (got.action, found.keys()):
         return [f"{summary(got)}, expected {summary(expected)}"]
-    lines = [f"{eid} {line}" for eid in wanted for line in diff_elements(wanted[eid], found[eid], tolerance)]
+    lines = [
+        f"{eid} {line}"
+        for eid in wanted
+        for line in diff_elements(wanted[eid], found[eid], tolerance, ignored.get(eid, STAMPS), commanded)
+    ]
     if _facts(expected.relations) != _facts(got.relations):
         lines.append(f"{summary(got)}, expected {summary(expected)}")
     return lines
+
+
+def unchanged_keys(change: Change, scene: Scene) -> dict[str, set[str]]:
+    """Returns the keys of properties that a change has not written, by element: a change has whole elements.
+
+    :param scene: the scene before the change.
+    """
+    found = {}
+    for element in change.elements:
+        before = scene.element(element.id)
+        if before is not None:
+            keys = before.property_view.keys() & element.property_view.keys()
+            found[element.id] = {key for key in keys if _values(before, key) == _values(element, key)}
+    return found
 
 
 def summary(change: Change) -> str:

@@ -57,11 +57,14 @@ class RecordedActions:
         """Replaces `actionlib.SimpleActionClient(name, kind)`."""
         return FakeActionClient(self, name if name.startswith("/") else f"/{name}")
 
-    def deliver_answers(self, before: TaskProgress, progress: TaskProgress, states_of: StatesOf) -> None:
+    def deliver_answers(
+        self, before: TaskProgress, progress: TaskProgress, states_of: StatesOf, has_result: bool
+    ) -> None:
         """Delivers the answers that the servers had sent by a tick.
 
         :param before, progress: recorded progress before and after the tick; the same object in the first tick.
         :param states_of: returns the recorded node of a skill in `before` and in `progress`.
+        :param has_result: see `Ordering.results`.
         """
         self._now = progress.time
         then, now = before.frame.nodes, progress.frame.nodes
@@ -69,7 +72,7 @@ class RecordedActions:
         self._messages = {node.message for node in now.values() if node.state == RUNNING}
         self._sends_goal = any(_reports_goal(node) and path not in old for path, node in now.items())
         for client in self._sent.values():
-            client.deliver(progress, states_of)
+            client.deliver(progress, states_of, has_result)
 
     # -- for the clients ---------------------------------------------------------------------------------------------
 
@@ -150,7 +153,7 @@ class FakeActionClient:
         if active_cb is not None:
             active_cb()
 
-    def deliver(self, progress: TaskProgress, states_of: StatesOf) -> None:
+    def deliver(self, progress: TaskProgress, states_of: StatesOf, has_result: bool) -> None:
         """Delivers the answers that the server had sent by a tick.
 
         An answer close to the tick may belong to it or to a later tick. The progress code decides: a primitive counts
@@ -170,6 +173,8 @@ class FakeActionClient:
                 # the result; the primitive then continues with another goal
                 number = 1
                 self._drop_late_feedback(at_most, 0)
+            elif has_result and any(event.part == "result" for event in self.awaited[number : number + 1]):
+                number += 1  # it continues with another goal, with one step for the last feedback and the result
             elif not surely:
                 number = min(number, sum(event.part == "feedback" for event in self.awaited))
         for _ in range(min(max(number, surely), at_most)):

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from skiros2_bags.core.diff import unchanged_keys
 from skiros2_bags.core.world_history import world_at
 from skiros2_bags.testing.recording import Recording
 from skiros2_common.core.discrete_reasoner import reasoners
@@ -94,6 +95,17 @@ def input_operations(recording: Recording) -> dict[int, list[Operation]]:
     found: dict[int, list[Operation]] = {}
     for event in recording.changes:
         found[event.order] = _patches(event.change, scene)
+        apply_change(scene, event.change)
+    return found
+
+
+@functools.cache
+def recorded_unchanged(recording: Recording) -> dict[int, dict[str, set[str]]]:
+    """Returns what each recorded change has not written, see `unchanged_keys`, by the order of the change."""
+    scene = Scene()
+    found = {}
+    for event in recording.changes:
+        found[event.order] = unchanged_keys(event.change, scene)
         apply_change(scene, event.change)
     return found
 

@@ -10,6 +10,7 @@ alternative orders and times of the inputs near it are tried.
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import itertools
 import math
@@ -24,10 +25,16 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.bag_file import BagError
-from skiros2_bags.core.diff import diff_changes, summary
+from skiros2_bags.core.diff import diff_changes, summary, unchanged_keys
 from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.fake_action_clients import RecordedActions
-from skiros2_bags.testing.recorded_world import add_reasoners, input_operations, scene_before, world_model_with
+from skiros2_bags.testing.recorded_world import (
+    add_reasoners,
+    input_operations,
+    recorded_unchanged,
+    scene_before,
+    world_model_with,
+)
 from skiros2_bags.testing.recording import (
     ActionMessage,
     ClockTick,
@@ -45,10 +52,11 @@ from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
 from skiros2_common.core.operations import Change
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
-from skiros2_runs.core.tolerance import NARROW, Tolerance
+from skiros2_runs.core.tolerance import COMMANDED, NARROW, Tolerance
 from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import replaced
+from skiros2_world_model.core.replica import apply_change, scene_of
 
 #: Messages closer than this in the bag may have arrived in another order (s).
 WINDOW = 0.02
@@ -57,9 +65,9 @@ WINDOW = 0.02
 JITTER = 0.005
 
 
-#: The most event orders tried by default. Each takes at most as long as the first pass. The five recorded runs in
-#: tests/bags need 1 each.
-MAX_ORDERS = 20
+#: The most event orders tried by default. Each takes at most as long as the first pass. The recorded runs in
+#: tests/bags need 1 each, those of the simulated demo on a busy machine up to 15.
+MAX_ORDERS = 40
 
 
 @dataclass(frozen=True)
@@ -114,11 +122,13 @@ class Ordering:
     :param time_shifts: (order of a progress message, time shift of its tick in s).
     :param preempting: orders of progress messages in which primitives that are replaced by their recorded progress have
         failed because the tree has preempted them, and not by themselves.
+    :param results: orders of progress messages in which primitives that go on have received a result after a feedback.
     """
 
     orders: tuple[tuple[int, float], ...] = ()
     time_shifts: tuple[tuple[int, float], ...] = ()
     preempting: frozenset[int] = frozenset()
+    results: frozenset[int] = frozenset()
 
 
 def replay(bag: Path, settings: Settings) -> ReplayResult:
@@ -191,6 +201,8 @@ def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterat
     if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
         causes.insert(0, replace(ordering, preempting=ordering.preempting | {at.order}))
         yield causes[0]
+    if at.order not in ordering.results:
+        yield replace(ordering, results=ordering.results | {at.order})
     near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
     near.sort(key=lambda e: abs(e.order - at.order))
     moved = dict(ordering.orders)
@@ -201,7 +213,7 @@ def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterat
                 yield replace(cause, orders=(*ordering.orders, (event.order, order)))
     if at.order not in dict(ordering.time_shifts):
         step = JITTER + _clock_step(e for e in recording.events if isinstance(e, ClockTick))
-        for shift in (step, -step):
+        for shift in (step, -step, 3 * step, -3 * step, 9 * step, -9 * step):  # a busy machine receives the clock late
             yield replace(ordering, time_shifts=(*ordering.time_shifts, (at.order, shift)))
 
 
@@ -228,7 +240,7 @@ class RerunPass:
         self._exit = contextlib.ExitStack()
         self._tolerance = settings.tolerance
         self._time_shifts = dict(ordering.time_shifts)
-        self._preempting = ordering.preempting
+        self._ordering = ordering
         self._begin = recording.events[0].time
         self._runs = {message.order: run for run in runs for message in run.progress}
         self._times = {
@@ -237,16 +249,20 @@ class RerunPass:
             for message, tick in zip(run.progress, tick_times(run.progress), strict=True)
         }
         self._own = {event.order: event for event in task_changes(recording, runs)}
+        self._not_made = list(self._own.values())
         self._first = min(run.begin for run in runs)
         self._inputs = input_operations(recording)
+        self._unchanged = recorded_unchanged(recording)
         scene = scene_before(recording, self._first)
         self.model = world_model_with(scene, settings.workspace)
         add_reasoners(self.model)
-        self.actions = RecordedActions(recording, settings.tolerance)
+        self.actions = RecordedActions(recording, COMMANDED)
         # Starts at 0: the resolution of a float with s since the epoch is too low for the clock's nanosecond steps.
         self.clock = FakeClock(0.0)
-        self._is_simulated = any(isinstance(e, ClockTick) for e in recording.events)
-        self._changes_made: list[Change] = []
+        self._clock_ticks = sorted((e.time, e.now) for e in recording.events if isinstance(e, ClockTick))
+        self._changes_made: list[tuple[Change, dict[str, set[str]]]] = []  # with what they have not written
+        #: The scene as it was before the next change.
+        self._shadow = scene_of([e for node in scene if (e := scene.element(node.id)) is not None])
         names = {run.manager for run in runs}
         self.managers = {
             n: RerunManager(n, self.model, self.actions, settings.played, Declared(recording.declarations.get(n, "")))
@@ -265,7 +281,7 @@ class RerunPass:
         enter(replaced(time, "time", lambda: self._begin + self.clock.now))
         enter(replaced(actionlib, "SimpleActionClient", self.actions.client))
         enter(replaced(ServerWatch, "is_connected", lambda watch: watch._client.is_connected()))
-        if self._is_simulated:
+        if self._clock_ticks:
             enter(replaced(rospy.core, "is_initialized", lambda: True))
             enter(replaced(rospy.rostime, "_rostime_current", rospy.rostime._rostime_current))  # restored at the end
         self.model.add_listener(self._on_change)
@@ -280,10 +296,7 @@ class RerunPass:
 
     def play(self, event: Event) -> Divergence | None:
         """Applies one event. Returns a divergence; None without one."""
-        if isinstance(event, ClockTick):
-            if self._is_simulated:
-                rospy.rostime._set_rostime(rospy.Time.from_sec(event.now))
-        elif event.order < self._first:
+        if event.order < self._first:
             return None
         elif isinstance(event, WorldChange):
             if event.order not in self._own:
@@ -304,7 +317,7 @@ class RerunPass:
         divergence = self._changed_differently()
         if divergence is not None:
             return divergence
-        remaining = [_subject(change) for change in self._changes_made]
+        remaining = [_subject(change) for change, _ in self._changes_made]
         for event in self._own.values():
             if _subject(event.change) not in remaining:
                 what = f"the world model, by {event.change.author}"
@@ -328,16 +341,17 @@ class RerunPass:
     def _tick(self, progress: TaskProgress) -> Divergence | None:
         run = self._runs[progress.order]
         manager = self.managers[run.manager]
-        now = self._times[progress.order] + self._time_shifts.get(progress.order, 0.0) - self._begin
-        self.clock.advance(max(0.0, now - self.clock.now))
+        now = self._times[progress.order] + self._time_shifts.get(progress.order, 0.0)
+        self.clock.advance(max(0.0, now - self._begin - self.clock.now))
+        self._set_simulated_time(now)
         self.actions.sender = run.manager
         task = self._tasks.get(id(run))
         if task is None:
             task = self._tasks[id(run)] = RerunTask(run, manager, self._tolerance)
-        expected = list(self._own.values())[len(self._changes_made) :]
-        due_changes = [event.change for event in expected if event.order < progress.order]
-        self.actions.deliver_answers(task.progress, progress, task.states_between(progress))
-        mismatch = task.tick(progress, due_changes, progress.order in self._preempting)
+        due_changes = [event.change for event in self._not_made if event.order < progress.order]
+        has_result = progress.order in self._ordering.results
+        self.actions.deliver_answers(task.progress, progress, task.states_between(progress), has_result)
+        mismatch = task.tick(progress, due_changes, progress.order in self._ordering.preempting)
         if mismatch is None and not self.actions.mismatches:
             return None
         earlier = self._changed_differently()
@@ -350,6 +364,12 @@ class RerunPass:
         assert mismatch is not None
         return Divergence(where, *mismatch, context)
 
+    def _set_simulated_time(self, now: float) -> None:
+        """Sets it as of a recording time: when the progress arrives, the clock may be ahead of its tick."""
+        number = bisect.bisect(self._clock_ticks, (now, math.inf))
+        if number:
+            rospy.rostime._set_rostime(rospy.Time.from_sec(self._clock_ticks[number - 1][1]))
+
     def _cancel(self, event: ActionMessage) -> None:
         if not event.action.endswith("/execute"):
             return
@@ -359,21 +379,32 @@ class RerunPass:
                 task.preempt()
 
     def _on_change(self, change: Change) -> None:
+        unchanged = unchanged_keys(change, self._shadow)
+        apply_change(self._shadow, change)
         if self.actions.sender and change.author in self.managers and self.managers[change.author].is_ticking:
-            self._changes_made.append(change)
+            self._changes_made.append((change, unchanged))
+            # By content: a change may be recorded after the progress of its tick, and with it after others.
+            subject = _subject(change)
+            made = next((event for event in self._not_made if _subject(event.change) == subject), None)
+            if made is not None:
+                self._not_made.remove(made)
 
     def _changed_differently(self) -> Divergence | None:
         """Returns the first change that differs from its recorded change.
 
         Changes of one element are compared in order; the order between elements within a tick may differ.
         """
-        made: dict[str, list[Change]] = defaultdict(list)
-        for change in self._changes_made:
-            made[_subject(change)].append(change)
+        made: dict[str, list[tuple[Change, dict[str, set[str]]]]] = defaultdict(list)
+        for change, unchanged in self._changes_made:
+            made[_subject(change)].append((change, unchanged))
         for event in self._own.values():
             waiting = made[_subject(event.change)]
-            got = waiting.pop(0) if waiting else None
-            differences = diff_changes(event.change, got, self._tolerance) if got is not None else []
+            if not waiting:
+                continue
+            got, unchanged = waiting.pop(0)
+            recorded = self._unchanged[event.order]
+            neither = {eid: keys & recorded.get(eid, set()) for eid, keys in unchanged.items()}
+            differences = diff_changes(event.change, got, self._tolerance, neither, COMMANDED)
             if differences:
                 what = f"the world model, by {event.change.author}"
                 return Divergence(self._where(event), what, summary(event.change), "\n".join(differences))
